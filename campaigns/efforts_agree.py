@@ -42,9 +42,9 @@ class State:
 
 @dataclass(frozen=True)
 class WrittenMachine:
-    """A machine as it is written: path of a file, or a mechanism in memory; told : how; form : urdf, mjcf or memory."""
+    """A machine as it is written: path of a file, or a mechanism in memory; rewritten : how; form : urdf, mjcf or memory."""
 
-    told: RewrittenMechanism
+    rewritten: RewrittenMechanism
     form: str
     path: Path | None = None
 
@@ -52,15 +52,15 @@ class WrittenMachine:
 def disagreement(one: WrittenMachine, other: WrittenMachine, seed: int) -> float:
     """Return the largest difference of a joint's effort over the largest effort [-], on random states."""
     dice = np.random.default_rng(seed)
-    first = one.told.mechanism
+    first = one.rewritten.mechanism
     worst = 0.0
     for _ in range(SAMPLES):
         state = _drawn(first, dice)
-        ours, theirs = _efforts(one, state), _efforts(other, _carried(first, other.told, state))
+        ours, theirs = _efforts(one, state), _efforts(other, _carried(first, other.rewritten, state))
         largest = max((float(np.abs(x).max()) for x in ours.values()), default=0.0) or 1.0
-        for name, count in other.told.joints.items():
+        for name, count in other.rewritten.joints.items():
             if name in ours:
-                back = _back(first, other.told, name, theirs[count.name])
+                back = _back(first, other.rewritten, name, theirs[count.name])
                 worst = max(worst, float(np.abs(ours[name] - back).max()) / largest)
     return worst
 
@@ -155,7 +155,7 @@ def _of_link(mechanism: Mechanism, link: str, state: State) -> tuple[Placement, 
 def _efforts(written: WrittenMachine, state: State) -> dict[str, Array]:
     if written.form == "mjcf":
         return _by_mujoco(written, state)
-    mechanism = written.told.mechanism
+    mechanism = written.rewritten.mechanism
     if written.form == "memory":
         model = build(mechanism).model
     else:
@@ -228,7 +228,7 @@ def _by_mujoco(written: WrittenMachine, state: State) -> dict[str, Array]:
     model.jnt_stiffness[:] = 0.0
     data = mujoco.MjData(model)
     places: dict[str, slice] = {}
-    for joint in written.told.mechanism.joints:
+    for joint in written.rewritten.mechanism.joints:
         names = [f"{joint.name}.1", f"{joint.name}.2"] if joint.kind == "universal" else [joint.name]
         for k, name in enumerate(names if joint.nv else []):
             own = model.joint(name)
@@ -252,7 +252,7 @@ def _by_mujoco(written: WrittenMachine, state: State) -> dict[str, Array]:
             places[name] = slice(vat, vat + 1)
     mujoco.mj_inverse(model, data)
     found = {name: np.array(data.qfrc_inverse[at]) for name, at in places.items()}
-    for joint in written.told.mechanism.joints:
+    for joint in written.rewritten.mechanism.joints:
         if joint.kind == "universal":
             found[joint.name] = np.concatenate([found.pop(f"{joint.name}.{k}") for k in (1, 2)])
     return found

@@ -66,7 +66,7 @@ class CommandEnd:
 
     code: int | None
     printed: str
-    left: tuple[str, ...]
+    leftover_files: tuple[str, ...]
     seconds: float
 
 
@@ -167,8 +167,8 @@ def judge_file(row: dict[str, str], ended: CommandEnd) -> str:
         return f"it hangs: killed after {ended.seconds:.0f} s"
     if TRACEBACK in ended.printed:
         return "a traceback"
-    if ended.left:
-        return f"it left {ended.left[0]}"
+    if ended.leftover_files:
+        return f"it left {ended.leftover_files[0]}"
     if str(ended.code) != row["code"]:
         return f"exit code {ended.code}, expected {row['code']}: {one_line(ended.printed)[-200:]}"
     if not re.search(row["words"], one_line(ended.printed)):

@@ -65,7 +65,7 @@ class CommandEnd:
 
     code: int | None
     printed: str
-    left: tuple[str, ...]
+    leftover_files: tuple[str, ...]
     seconds: float
 
 
@@ -119,8 +119,8 @@ def judge(ended: CommandEnd) -> str:
         return f"it did not end within {PATIENCE:g} s"
     if TRACEBACK in ended.printed:
         return "a traceback: " + ended.printed.strip().splitlines()[-1][:200]
-    if ended.left:
-        return f"it left {ended.left[0]}"
+    if ended.leftover_files:
+        return f"it left {ended.leftover_files[0]}"
     if ended.code not in (0, 1, 2):
         return f"exit code {ended.code}"
     if ended.code == 2 and "interrupted" not in ended.printed:

@@ -49,7 +49,7 @@ class Trial:
 
     number: int
     entrance: Entrance
-    given: dict[str, Any]
+    arguments: dict[str, Any]
     clean: dict[str, Any] | None
     taken: bool
     words: str
@@ -89,7 +89,7 @@ def trial(number: int, seed: int) -> Trial:
 
 def judged(one: Trial) -> Outcome:
     """Return what becomes of a call and of its clean twin."""
-    found, error = attempt(one.entrance.call, one.given)
+    found, error = attempt(one.entrance.call, one.arguments)
     if error is None:
         if one.clean is None:
             return Outcome("nonsense", f"accepted: {found!r:.200}")
@@ -102,7 +102,7 @@ def judged(one: Trial) -> Outcome:
             else Outcome("nonsense", f"{found!r:.150} is not {expected!r:.150}")
         )
     if not isinstance(error, FlexinvError):
-        own_signature = isinstance(error, TypeError) and "wrong_argument" in one.given
+        own_signature = isinstance(error, TypeError) and "wrong_argument" in one.arguments
         return Outcome("refused", str(error)) if own_signature else Outcome("raw", f"{type(error).__name__}: {error}")
     if len(str(error)) < SHORTEST:
         return Outcome("raw", f"no words: {error}")
@@ -137,7 +137,7 @@ def main(calls: int, seed: int, only: int | None) -> None:
     if only is not None:
         one = trial(only, seed)
         click.echo(f"{one.entrance.name}({one.words}): {judged(one)}")
-        error = attempt(one.entrance.call, one.given)[1]
+        error = attempt(one.entrance.call, one.arguments)[1]
         if error is not None:
             click.echo("".join(traceback.format_exception(error)))
         return

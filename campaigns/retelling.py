@@ -210,8 +210,8 @@ def _split(rewritten: RewrittenMechanism, link: Link, dice: Dice) -> RewrittenMe
     least = max(0.0, float(np.linalg.eigvalsh(body.tensor)[0]))
     way = dice.uniform(-1.0, 1.0, 3) * 0.3 * np.sqrt(least / body.mass)
     parts = [
-        Inertia.stated(share * body.mass, body.com + (1 - share) * way, share * body.tensor),
-        Inertia.stated((1 - share) * body.mass, body.com - share * way, np.zeros((3, 3))),
+        Inertia.build_unchecked(share * body.mass, body.com + (1 - share) * way, share * body.tensor),
+        Inertia.build_unchecked((1 - share) * body.mass, body.com - share * way, np.zeros((3, 3))),
     ]
     steiner = share * (1 - share) * body.mass * (float(way @ way) * np.eye(3) - np.outer(way, way))
     parts[1] = parts[1].replace_unchecked(tensor=(1 - share) * body.tensor - steiner)
@@ -378,7 +378,7 @@ def whole(parts: list[Inertia]) -> Inertia:
     for part in parts:
         arm = part.com - com
         tensor = tensor + part.tensor + part.mass * (float(arm @ arm) * np.eye(3) - np.outer(arm, arm))
-    return Inertia.stated(float(mass), com, tensor)
+    return Inertia.build_unchecked(float(mass), com, tensor)
 
 
 def random_turn(dice: Dice) -> Array:

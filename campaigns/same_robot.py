@@ -65,7 +65,7 @@ class Outcome:
     """What came of a pair: named are the differences that are no conventions; asked : the joints had to be told."""
 
     pair: Pair
-    found: Comparison | None
+    comparison: Comparison | None
     words: str = ""
     apart: float = 0.0
     asked: bool = False
@@ -74,7 +74,9 @@ class Outcome:
     @property
     def same(self) -> bool:
         """Return True where nothing but conventions is named, and efforts agree."""
-        return self.found is not None and not self.named and self.found.judged.after <= self.found.tolerance
+        return (
+            self.comparison is not None and not self.named and self.comparison.judged.after <= self.comparison.tolerance
+        )
 
     @property
     def refused(self) -> bool:
@@ -85,15 +87,17 @@ class Outcome:
     def told(self) -> bool:
         """Return True where the fault that was planted is named."""
         assert self.pair.fault is not None
-        return self.found is not None and any(fits(self.pair.fault, d) for d in self.found.differences)
+        return self.comparison is not None and any(fits(self.pair.fault, d) for d in self.comparison.differences)
 
     @property
     def false(self) -> list[str]:
         """Return what is named beside the fault."""
         assert self.pair.fault is not None
-        if self.found is None:
+        if self.comparison is None:
             return []
-        return [d.words for d in self.found.differences if d.family != "convention" and not fits(self.pair.fault, d)]
+        return [
+            d.words for d in self.comparison.differences if d.family != "convention" and not fits(self.pair.fault, d)
+        ]
 
 
 def pair_of(number: int, folder: Path, faulty: bool = False, seed: int = SEED) -> Pair | None:
@@ -242,11 +246,13 @@ def _say_pair(one: Outcome, whole: bool) -> None:
     say(one.pair.words, "|", "" if one.pair.fault is None else one.pair.fault.words, "|", one.words)
     for words in one.named if one.pair.fault is None else one.false:
         say("    named:", words)
-    if whole and one.found is not None:
+    if whole and one.comparison is not None:
         for group in ("causes", "conventions", "limits", "rounding", "unseen"):
-            for d in getattr(one.found.judged, group):
+            for d in getattr(one.comparison.judged, group):
                 say(f"    {group}: {d.words}")
-        say(f"    engines differ by {one.apart:.1e}; repaired to {one.found.judged.after:.1e}; {one.found.matched}")
+        say(
+            f"    engines differ by {one.apart:.1e}; repaired to {one.comparison.judged.after:.1e}; {one.comparison.matched}"
+        )
 
 
 def main() -> None:
@@ -280,7 +286,7 @@ def _say_pairs(outcomes: Iterable[Outcome], whole: bool, seed: int) -> None:
     asked = sum(one.asked for one in every)
     say(f"the same machine: {sum(one.same for one in every)} of {len(every)}, joints asked for in {asked}")
     say(f"  refused by the engines that judge: {sum(one.refused for one in every)}")
-    repaired = sum(one.found is not None and one.found.judged.after <= REPAIRED for one in every)
+    repaired = sum(one.comparison is not None and one.comparison.judged.after <= REPAIRED for one in every)
     say(f"  efforts agree to {REPAIRED:g} of their range: {repaired}")
     counted = Counter(change for one in every for change in one.pair.changes)
     say("  changes:", ", ".join(f"{count} x {change}" for change, count in counted.items()))

@@ -38,7 +38,7 @@ class DrawnMachine:
     mechanism: Mechanism
     free: tuple[str, ...]
     rates: dict[str, float]
-    words: tuple[str, ...]
+    features: tuple[str, ...]
 
 
 def drawn(seed: int, number: int) -> DrawnMachine:

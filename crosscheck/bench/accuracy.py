@@ -130,11 +130,12 @@ def compute_reference(problem: Problem, least: float) -> tuple[Array, float]:
     before = None
     apart = np.inf
     for mesh, finer in ((5, 32), (6, 64), (7, 128), (7, 192), (7, 256), (7, 384), (7, 512), (7, 768), (7, 1024)):
-        pair = [refinement.level(mesh, n) for n in (finer // 2, finer)]
+        pair = [refinement.run_level(mesh, n) for n in (finer // 2, finer)]
         if any(one is None for one in pair):
             continue
         found = mixed(
-            [one.found.rows(one.kept // KEPT) for one in pair if one is not None], weights((finer // 2, finer))
+            [one.quantities.take_samples(one.samples_per_step // KEPT) for one in pair if one is not None],
+            weights((finer // 2, finer)),
         )
         if before is not None:
             apart = compute_peak_error(before, found.torque)
@@ -167,28 +168,28 @@ class Marches:
     known: Array
     mechanism: Mechanism | None = None
 
-    def first(self, finer: int) -> tuple[Mesh, FirstStep]:
+    def run_first_step(self, finer: int) -> tuple[Mesh, FirstStep]:
         """Return a march at 1/``finer`` of the coarsest step [-], and its samples that are compared [m, rad, s, N]."""
         p = self.problem
         mechanism = self.mechanism or self.problem.mechanism
         whole = bool(mechanism.closures)
-        own = replace(p.settings, step=p.grid.spacing(finer), every=1 if whole else finer // KEPT)
-        mesh, made = p.run(mechanism, p.grid.steps(finer), p.grid.seams(finer), own)
+        own = replace(p.settings, step=p.grid.compute_longest_step(finer), every=1 if whole else finer // KEPT)
+        mesh, made = p.run(mechanism, p.grid.list_steps(finer), p.grid.list_seams(finer), own)
         return mesh, take_every_sample(made, finer // KEPT if whole else 1)
 
-    def plain(self, finer: int) -> Array:
+    def compute_plain_torques(self, finer: int) -> Array:
         """Return the torques [N m], [N] of one march."""
-        mesh, first = self.first(finer)
+        mesh, first = self.run_first_step(finer)
         return np.asarray(run_second_step(mesh, first).tau[:, mesh.mechanism.actuated])
 
     def compute_extrapolated_torques(self, finer: tuple[int, ...]) -> Array:
         """Return the torques [N m], [N] of some marches, extrapolated."""
-        marched = [self.first(n) for n in finer]
+        marched = [self.run_first_step(n) for n in finer]
         mesh, _ = marched[-1]
         first = compute_extrapolated_step(mesh.mechanism, [first for _, first in marched], weights(finer))
         return np.asarray(run_second_step(mesh, first).tau[:, mesh.mechanism.actuated])
 
-    def error(self, torque: Array) -> float:
+    def compute_error(self, torque: Array) -> float:
         """Return the error of torques [N m], [N] over their peaks [-]."""
         return compute_peak_error(torque, self.known)
 
@@ -196,10 +197,11 @@ class Marches:
         """Return the refinement at which a march reaches an error [-]."""
         known = 16 * KEPT
         return _find_least_refinement(
-            lambda finer: self.error(self.plain(finer)) <= asked, known * np.sqrt(self.error(self.plain(known)) / asked)
+            lambda finer: self.compute_error(self.compute_plain_torques(finer)) <= asked,
+            known * np.sqrt(self.compute_error(self.compute_plain_torques(known)) / asked),
         )
 
-    def longest(self, asked: float, apart: tuple[tuple[float, ...], ...]) -> tuple[int, ...] | None:
+    def find_refinements(self, asked: float, apart: tuple[tuple[float, ...], ...]) -> tuple[int, ...] | None:
         """Return the refinements of which marches, extrapolated, reach an error [-] by the fewest steps.
 
         apart : for each choice of marches, how much finer each is than the first
@@ -214,7 +216,7 @@ class Marches:
                 try:
                     return (
                         len({*finer(least)}) == len(finer(least))
-                        and self.error(self.compute_extrapolated_torques(finer(least))) <= asked
+                        and self.compute_error(self.compute_extrapolated_torques(finer(least))) <= asked
                     )
                 except ConvergenceError:
                     return False
@@ -269,12 +271,12 @@ def _list_method_rows(
     told = {"accuracy=": (0, _compute_sampled_error(here, answer.torque))}
     grid = here.problem.grid.total
     if plain is not None:
-        calls["plain"] = Call(lambda: here.plain(plain))
-        told["plain"] = (plain * grid, here.error(here.plain(plain)))
+        calls["plain"] = Call(lambda: here.compute_plain_torques(plain))
+        told["plain"] = (plain * grid, here.compute_error(here.compute_plain_torques(plain)))
     for method, apart in EXTRAPOLATIONS.items():
-        if (some := here.longest(asked, apart)) is not None:
+        if (some := here.find_refinements(asked, apart)) is not None:
             calls[method] = Call(partial(here.compute_extrapolated_torques, some))
-            told[method] = (sum(some) * grid, here.error(here.compute_extrapolated_torques(some)))
+            told[method] = (sum(some) * grid, here.compute_error(here.compute_extrapolated_torques(some)))
     times = run_calls_in_turns(calls, seconds)
     beams = {(link.beam.elements, link.beam.order) for link in answer.mechanism.links if link.beam}
     mesh = ", ".join(f"{count} x {order}" for count, order in sorted(beams))
@@ -284,7 +286,7 @@ def _list_method_rows(
             continue
         steps, error = told[method]
         row = named | {"method": method, "mesh": mesh, "steps": steps or None, "error": error}
-        row |= {"time": times[method].spread().median}
+        row |= {"time": times[method].compute_quartiles().median}
         yield add_verdict(row | _compare_with_plain_steps(arm, asked, method, times))
 
 

@@ -71,14 +71,14 @@ PLOT = {"x": "time", "y": "error", "group": "curve", "log": True}
 class FlexibleCase:
     """A case that is run: its model and case, Exudyn's formulation, finest run of either code for the reference.
 
-    end : [s]; asked : [-] or None; reference, finest : (elements, step [s]) of flexinv (of order 8) and of Exudyn
+    end : [s]; target : [-] or None; reference, finest : (elements, step [s]) of flexinv (of order 8) and of Exudyn
     agreement : largest distance of their tips, over the length, at which the reference counts as converged [-]
     """
 
     model: str
     case: str
     formulation: str
-    asked: float | None
+    target: float | None
     reference: tuple[int, float]
     finest: tuple[int, float]
     agreement: float
@@ -154,7 +154,7 @@ def list_arm_rows(arm: FlexibleCase, models: Path, grid: Grid, seconds: float) -
     errors = [compute_tip_distance(run.tips, reference) / length for run in runs]
     rows = [head | {"verdict": "within", "curve": "the two references apart"}]
     for k, run in enumerate(runs):
-        taken = times[str(k)].spread().median
+        taken = times[str(k)].compute_quartiles().median
         row = _make_row(arm, run) | {"time": taken, "per_step": 1e6 * taken * run.step / arm.end, "error": errors[k]}
         if run.method.startswith("Exudyn"):
             row |= _compare_with_flexinv(arm, run, runs, errors, k, times)
@@ -260,12 +260,12 @@ def _compare_with_flexinv(
     own = runs[n]
     name = f"{arm.model}: times as fast as Exudyn's {run.elements} elements at {run.step:g} s, at its error or less"
     by = f"{own.elements} x order {own.method[-1]}, {own.step:g} s"
-    one = make_metric(name, found.median, "-", lower=arm.asked, spread=f"{found.low:.3g} .. {found.high:.3g}; {by}")
+    one = make_metric(name, found.median, "-", lower=arm.target, spread=f"{found.low:.3g} .. {found.high:.3g}; {by}")
     strictly = None if strict is None else compute_time_ratio(times[str(k)], times[str(strict)]).median
-    return {"faster": found.median, "asked": arm.asked, "by": by, "strictly": strictly, "metric": one}
+    return {"faster": found.median, "asked": arm.target, "by": by, "strictly": strictly, "metric": one}
 
 
 def _find_fastest_run(runs: list[Run], errors: list[float], error: float, times: dict[str, Times]) -> int | None:
     """The number of flexinv's fastest run with at most this error [-]."""
     good = [n for n, run in enumerate(runs) if run.method.startswith("flexinv") and errors[n] <= error]
-    return min(good, key=lambda n: times[str(n)].spread().median, default=None)
+    return min(good, key=lambda n: times[str(n)].compute_quartiles().median, default=None)

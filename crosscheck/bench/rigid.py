@@ -104,7 +104,7 @@ def list_robot_rows(robot: str, mechanism: Mechanism, samples: int, seconds: flo
 
 
 def _make_row(robot: str, samples: int, method: str, threads: int, times: Times, per: int) -> dict[str, Any]:
-    spread = times.spread()
+    spread = times.compute_quartiles()
     return {
         "robot": robot,
         "samples": samples,

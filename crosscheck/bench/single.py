@@ -92,7 +92,7 @@ def _list_single_sample_rows(robot: str, mechanism: Mechanism, seconds: float) -
 
 
 def _make_row(what: str, method: str, times: Times) -> dict[str, Any]:
-    s = times.spread()
+    s = times.compute_quartiles()
     quartiles = f"{1e6 * s.low:.3g} .. {1e6 * s.high:.3g}"
     return {"what": what, "method": method, "time": 1e6 * s.median, "quartiles": quartiles}
 
@@ -154,7 +154,7 @@ def run_chain_study(models: str = "", joints: list[int] | None = None, seconds: 
         }
         times = run_calls_in_turns(calls, seconds)
         for method, own in times.items():
-            value = 1e9 * own.spread().median / CHAIN_SAMPLES
+            value = 1e9 * own.compute_quartiles().median / CHAIN_SAMPLES
             row = {"joints": count, "method": method, "time": value, "per_joint": value / count}
             if method == "flexinv":
                 row["faster"] = compute_time_ratio(times["rneaInParallel"], own).median

@@ -94,7 +94,7 @@ class Times:
             whole=self.whole[which],
         )
 
-    def spread(self) -> Spread:
+    def compute_quartiles(self) -> Spread:
         """Return the quartiles [s]."""
         return _compute_quartiles(self.find_usable_times())
 
@@ -119,8 +119,8 @@ def compute_time_ratio(slow: Times, fast: Times) -> Spread:
         and _has_enough_repetitions(fast.whole)
         and (slow.threads != fast.threads or not _has_enough_repetitions(both))
     ):
-        a = slow.spread()
-        b = fast.spread()
+        a = slow.compute_quartiles()
+        b = fast.compute_quartiles()
         return Spread(a.low / b.high, a.median / b.median, a.high / b.low)
     if _has_enough_repetitions(both):
         slow = slow._take_repetitions(both)
@@ -167,7 +167,7 @@ class _Repetition(NamedTuple):
     """One repetition: seconds of a run on the clock and of the processor, whether clean, the loops [s] before and after."""
 
     wall: float
-    own: float
+    processor: float
     clean: bool
     loops: tuple[float, float]
     long: bool
@@ -180,7 +180,7 @@ def _assemble_times(rows: list[_Repetition], threads: int, others: float) -> Tim
 
 def _find_undisturbed_repetitions(rows: list[_Repetition]) -> NDArray[np.bool_]:
     """Return a mask of the repetitions with whole processors: before and after, and within long ones."""
-    own = np.array([row.own for row in rows])
+    own = np.array([row.processor for row in rows])
     steady = own <= STEADY * own.min() if rows[0].long else np.ones(len(rows), dtype=bool)
     return np.asarray(find_undisturbed_repetitions(np.array([row.loops for row in rows])) & steady)
 
@@ -196,7 +196,7 @@ def _has_enough_common_turns(taken: Mapping[str, list[_Repetition]], calls: Mapp
 
 def _run_repetition(call: Call, times: int, long: bool, settled: float, cores: Cores) -> _Repetition:
     looks = LOOKS if long else 1
-    loop = cores.look(call.threads, looks)
+    loop = cores.compute_loop_time(call.threads, looks)
     begun = clock.perf_counter()
     while not long:
         call.run()
@@ -210,7 +210,7 @@ def _run_repetition(call: Call, times: int, long: bool, settled: float, cores: C
     wall = clock.perf_counter() - start
     own = clock.process_time() - own
     clean = _count_interruptions() == before
-    return _Repetition(wall / times, own / times, clean, (loop, cores.look(call.threads, looks)), long)
+    return _Repetition(wall / times, own / times, clean, (loop, cores.compute_loop_time(call.threads, looks)), long)
 
 
 def _count(call: Call) -> tuple[int, bool]:

@@ -228,8 +228,8 @@ def find_coarsest_mesh(marches: Marches, asked: float) -> tuple[Marches, tuple[i
     """Return the coarsest mesh on which two marches, extrapolated, reach an error [-], and their refinements [-]."""
     for mesh in range(len(MESHES_OF_BEAMS)):
         here = replace(marches, mechanism=apply_mesh(marches.problem.mechanism, mesh))
-        if here.error(here.compute_extrapolated_torques(SHORTEST)) <= asked:
-            pair = here.longest(asked, EXTRAPOLATIONS["one extrapolation"])
+        if here.compute_error(here.compute_extrapolated_torques(SHORTEST)) <= asked:
+            pair = here.find_refinements(asked, EXTRAPOLATIONS["one extrapolation"])
             return None if pair is None else (here, pair)
     return None
 
@@ -254,8 +254,12 @@ def _list_code_rows(
     )
     order = max(link.beam.order for link in here.mechanism.beams if link.beam) if here.mechanism else 0
     setting = f"order {order}, {sum(pair) * here.problem.grid.total} steps"
-    own = {"method": "flexinv", "setting": setting, "error": here.error(here.compute_extrapolated_torques(pair))}
-    yield add_verdict(named | own | {"time": times["flexinv"].spread().median})
+    own = {
+        "method": "flexinv",
+        "setting": setting,
+        "error": here.compute_error(here.compute_extrapolated_torques(pair)),
+    }
+    yield add_verdict(named | own | {"time": times["flexinv"].compute_quartiles().median})
     reaches = fastest_run.error <= asked
     found = compute_time_ratio(times["Exudyn"], times["flexinv"])
     more = "" if reaches else ", at least"
@@ -267,6 +271,6 @@ def _list_code_rows(
         "method": method,
         "setting": str(fastest_run.march),
         "error": fastest_run.error,
-        "time": times["Exudyn"].spread().median,
+        "time": times["Exudyn"].compute_quartiles().median,
     }
     yield add_verdict(named | row | {"faster": found.median, "asked": target, "metric": one})

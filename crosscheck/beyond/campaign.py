@@ -31,14 +31,14 @@ PATIENCE = 900.0  # [s] that one fault may take: a beam in space with three refi
 class Bench:
     """A mechanism with one of its cases, the engines in which faults are planted, and how often it is drawn [-].
 
-    own : a mechanism of this package instead of one of the project's models
+    in_package : a mechanism of this package instead of one of the project's models
     """
 
     mechanism: str
     case: str
     engines: tuple[str, ...]
     weight: float = 1.0
-    own: bool = False
+    in_package: bool = False
 
 
 OWN = Path(__file__).parent / "mechanisms"
@@ -73,8 +73,8 @@ FIRST = Campaign(
         Bench("flex_one_link_damped", "cycloid", BEAMS),
         Bench("four_bar_flexible", "turn", BEAMS, 2.0),
         Bench("spatial_arm", "reach", ("exudyn-ge",), 0.8),
-        Bench("service_arm", "reach", ("pinocchio", "mujoco"), 2.0, own=True),
-        Bench("boom", "slew", ("exudyn-ge",), 0.5, own=True),
+        Bench("service_arm", "reach", ("pinocchio", "mujoco"), 2.0, in_package=True),
+        Bench("boom", "slew", ("exudyn-ge",), 0.5, in_package=True),
     ),
     180,
     20260729,
@@ -94,7 +94,7 @@ SECOND = Campaign(
         Bench("flex_one_link", "bang_bang", ("exudyn-ge",), 1.0),
         Bench("four_bar_flexible", "fast", BEAMS, 1.5),
         Bench("ur5_flexible_forearm", "reach", ("exudyn-ge",), 0.8),
-        Bench("rocker_press", "stroke", LOOPS, 2.0, own=True),
+        Bench("rocker_press", "stroke", LOOPS, 2.0, in_package=True),
     ),
     180,
     7041776,
@@ -117,9 +117,9 @@ class CampaignRequest:
     mechanisms: tuple[str, ...] = ()
     only: tuple[int, ...] = ()
 
-    def place(self, bench: Bench, engine: str, folder: Path) -> TrialLocation:
+    def make_place(self, bench: Bench, engine: str, folder: Path) -> TrialLocation:
         """Return the Place at which faults of an engine are tried; folder : of all files that nobody needs afterwards."""
-        models = OWN if bench.own else self.models
+        models = OWN if bench.in_package else self.models
         return TrialLocation(str(models.resolve()), bench.mechanism, bench.case, engine, str(folder / "unharmed"))
 
 
@@ -160,7 +160,7 @@ def run(request: CampaignRequest, notify: Notify = lambda done, total, row: None
             with open_scratch_folder() as folder:
                 _run_campaign_steps(work, folder)
         except KeyboardInterrupt:
-            work.children.stop()
+            work.children.end_processes()
             _write(
                 request,
                 {**make_results(request, work.rows, clock.monotonic() - start), "met": False, "finished": False},
@@ -182,10 +182,10 @@ def _run_campaign_steps(work: _CampaignProgress, folder: Path) -> None:
     wanted = work.wanted
     chosen = work.wanted.campaign
     scenes = [(bench, engine) for bench in chosen.benches for engine in bench.engines]
-    places = [wanted.place(*one, folder) for one in scenes]
-    _run_unharmed_engines(work, [wanted.place(bench, REFERENCE, folder) for bench in chosen.benches])
+    places = [wanted.make_place(*one, folder) for one in scenes]
+    _run_unharmed_engines(work, [wanted.make_place(bench, REFERENCE, folder) for bench in chosen.benches])
     weights = [bench.weight / len(bench.engines) for bench, _ in scenes]
-    drawn = draw([place.scene() for place in places], weights, chosen.count, chosen.seed)
+    drawn = draw([place.read_setup() for place in places], weights, chosen.count, chosen.seed)
     tried = [d for d in drawn if _is_wanted(wanted, places[d.scene], d)]
     used = sorted({d.scene for d in tried})
     _run_unharmed_engines(work, [places[k] for k in used])
@@ -227,7 +227,7 @@ def _run_side_by_side(work: _CampaignProgress, things: Sequence[Callable[[], Non
     except KeyboardInterrupt:
         for future in futures:
             future.cancel()
-        work.children.stop()
+        work.children.end_processes()
         raise
     for future in futures:
         future.result()
@@ -241,7 +241,7 @@ def _run_faults(
     for k, place in enumerate(places):
         mine = [d for d in drawn if d.scene == k]
         chunks += [(place, mine[i : i + CHUNK]) for i in range(0, len(mine), CHUNK)]
-    chunks.sort(key=lambda chunk: chunk[0].scene().rigid)
+    chunks.sort(key=lambda chunk: chunk[0].read_setup().rigid)
     _run_side_by_side(
         work,
         [functools.partial(_run_fault_group, work, *chunk, folder / f"chunk{n}") for n, chunk in enumerate(chunks)],

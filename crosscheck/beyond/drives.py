@@ -80,7 +80,7 @@ def _make_addition_recipe(
         if (joint := draw_one(rng, scenario.driven)) is None:
             return None
         rate = scenario.rates[joint.name]
-        value = size * scenario.effort(joint.name) / rate**power
+        value = size * scenario.find_largest_effort(joint.name) / rate**power
         return Fault(
             f"{word} of {joint.name} +{value:.4g}",
             ((CorrectAnswer((kind,), list_place_names(scenario, joint)),),),
@@ -107,7 +107,7 @@ def make_rotor_fault(scenario: FaultScenario, rng: np.random.Generator, size: fl
         return None
     qdd = scenario.case.motion.evaluate(scenario.mechanism, scenario.time)[2]
     top = float(np.abs(qdd[:, scenario.mechanism.v_slices[joint.name]]).max())
-    value = size * scenario.effort(joint.name) / top
+    value = size * scenario.find_largest_effort(joint.name) / top
     return Fault(
         f"rotor inertia of {joint.name} +{value:.4g}",
         ((CorrectAnswer(("rotor",), list_place_names(scenario, joint)),),),
@@ -220,7 +220,9 @@ def make_stribeck_fault(scenario: FaultScenario, rng: np.random.Generator, size:
     def evaluate_friction(scenario: FaultScenario, joint: Joint) -> Array:
         rate = _evaluate_rate(scenario, joint)
         slow = SLOW * scenario.rates[joint.name]
-        return np.asarray(size * scenario.effort(joint.name) * np.exp(-((rate / slow) ** 2)) * np.sign(rate))
+        return np.asarray(
+            size * scenario.find_largest_effort(joint.name) * np.exp(-((rate / slow) ** 2)) * np.sign(rate)
+        )
 
     return _make_friction_fault(
         scenario, rng, ("stribeck",), f"Stribeck friction of {size:.3g} of the effort", evaluate_friction
@@ -248,7 +250,7 @@ def make_quadratic_drag_fault(scenario: FaultScenario, rng: np.random.Generator,
 
     def evaluate_friction(scenario: FaultScenario, joint: Joint) -> Array:
         rate = _evaluate_rate(scenario, joint) / scenario.rates[joint.name]
-        return np.asarray(size * scenario.effort(joint.name) * rate * np.abs(rate))
+        return np.asarray(size * scenario.find_largest_effort(joint.name) * rate * np.abs(rate))
 
     return _make_friction_fault(
         scenario, rng, ("quadratic drag",), f"quadratic drag of {size:.3g} of the effort", evaluate_friction
@@ -278,7 +280,7 @@ def make_cogging_fault(scenario: FaultScenario, rng: np.random.Generator, size: 
         return None
     teeth = int(rng.integers(6, 24))
     angle = q[:, scenario.mechanism.q_slices[joint.name].start]
-    more = size * scenario.effort(joint.name) * np.sin(teeth * angle)
+    more = size * scenario.find_largest_effort(joint.name) * np.sin(teeth * angle)
     return Fault(
         f"cogging of {joint.name}, {size:.3g} of its effort",
         ((CorrectAnswer(("ripple",), list_place_names(scenario, joint)),),),

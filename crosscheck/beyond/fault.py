@@ -76,7 +76,7 @@ class FaultScenario:
             if j.nv == 1
         }
 
-    def effort(self, joint: str) -> float:
+    def find_largest_effort(self, joint: str) -> float:
         """Return the largest effort of a joint with one coordinate [N m] or [N], of all where its own is nothing."""
         peaks = {n: float(np.abs(s.values).max()) for n, s in self.reference.series.items() if s.quantity == "torque"}
         return peaks.get(f"torque/{joint}", 0.0) or max(peaks.values())

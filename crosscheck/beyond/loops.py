@@ -198,7 +198,7 @@ def make_joint_spring_fault(scenario: FaultScenario, rng: np.random.Generator, s
     q = scenario.case.motion.evaluate(scenario.mechanism, scenario.time)[0][
         :, scenario.mechanism.q_slices[joint.name].start
     ]
-    value = size * scenario.effort(joint.name) / float(np.abs(q - q[0]).max())
+    value = size * scenario.find_largest_effort(joint.name) / float(np.abs(q - q[0]).max())
     return Fault(
         f"a spring of {value:.4g} in {joint.name}",
         ((CorrectAnswer(("joint spring",), (joint.name,)),),),

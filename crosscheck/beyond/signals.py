@@ -150,7 +150,7 @@ def make_bias_fault(scenario: FaultScenario, rng: np.random.Generator, size: flo
     """A sensor's zero: a constant beside one joint's effort, a part of its largest."""
     if (name := draw_one(rng, _list_effort_names(scenario))) is None:
         return None
-    more = size * scenario.effort(name)
+    more = size * scenario.find_largest_effort(name)
     right = (CorrectAnswer(("effort offset",), (name,)),)
     return Fault(
         f"effort of {name} +{more:.3g}", (right,), (), record=make_effort_change((name,), lambda tau: tau + more)
@@ -162,7 +162,7 @@ def make_drift_fault(scenario: FaultScenario, rng: np.random.Generator, size: fl
     """A sensor drifts: a ramp beside one joint's effort."""
     if (name := draw_one(rng, _list_effort_names(scenario))) is None:
         return None
-    more = size * scenario.effort(name) * scenario.time / scenario.time[-1]
+    more = size * scenario.find_largest_effort(name) * scenario.time / scenario.time[-1]
     right = (CorrectAnswer(("drift", "effort offset"), (name,)),)
     return Fault(f"effort of {name} drifts", (right,), (), record=make_effort_change((name,), lambda tau: tau + more))
 
@@ -325,7 +325,7 @@ def make_resampling_fault(scenario: FaultScenario, rng: np.random.Generator, siz
 @CHAPTER("quantised", 16, 12, 8)
 def make_quantisation_fault(scenario: FaultScenario, rng: np.random.Generator, size: float) -> Fault | None:
     """The efforts went through a converter of some bits."""
-    top = max(scenario.effort(name) for name in _list_effort_names(scenario))
+    top = max(scenario.find_largest_effort(name) for name in _list_effort_names(scenario))
     lsb = 2.0 * top / 2 ** int(size)
     return _make_signal_fault(
         scenario, f"{int(size)} bits", ("quantisation", "noise"), lambda tau: np.round(tau / lsb) * lsb
@@ -337,7 +337,7 @@ def make_saturation_fault(scenario: FaultScenario, rng: np.random.Generator, siz
     """The efforts stop at an actuator's limit."""
     if (name := draw_one(rng, _list_effort_names(scenario))) is None:
         return None
-    top = size * scenario.effort(name)
+    top = size * scenario.find_largest_effort(name)
     right = (CorrectAnswer(("saturation",), (name, *_list_place_names(scenario))),)
     near = (CorrectAnswer(("effort scale",), (name,)),)
     return Fault(
@@ -355,7 +355,7 @@ def make_outlier_fault(scenario: FaultScenario, rng: np.random.Generator, size: 
         return None
     at = rng.choice(scenario.time.size, 3, replace=False)
     more = np.zeros(scenario.time.size)
-    more[at] = size * scenario.effort(name)
+    more[at] = size * scenario.find_largest_effort(name)
     right = (CorrectAnswer(("outliers", "noise"), (name, ALL)),)
     return Fault(f"3 outliers in {name}", (right,), (), record=make_effort_change((name,), lambda tau: tau + more))
 

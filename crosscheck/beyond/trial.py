@@ -47,7 +47,7 @@ class TrialLocation:
     engine: str
     records: str
 
-    def stem(self, engine: str) -> Path:
+    def make_record_path(self, engine: str) -> Path:
         """The files of an unharmed record."""
         return Path(self.records) / f"{self.mechanism}-{self.case}-{engine}"
 
@@ -56,15 +56,15 @@ class TrialLocation:
         """The case as it is run."""
         return discover(Path(self.models), (f"{self.mechanism}/{self.case}",)).tasks[0]
 
-    def job(self, engine: str, out: Path) -> dict[str, Any]:
+    def make_job(self, engine: str, out: Path) -> dict[str, Any]:
         """Return the instructions for the process of an engine."""
         where = {"mechanism": str((Path(self.models) / self.mechanism).resolve()), "case": self.case}
         return {"engine": engine, "module": ENGINES[engine].module, **where, "options": {}, "out": str(out)}
 
-    def scene(self) -> FaultScenario:
+    def read_setup(self) -> FaultScenario:
         """The scene of the unharmed reference.  Raises RecordError where there is none."""
         task = self.task
-        return FaultScenario(task.mechanism, task.case, self.engine, read_record(self.stem(REFERENCE)))
+        return FaultScenario(task.mechanism, task.case, self.engine, read_record(self.make_record_path(REFERENCE)))
 
 
 def prepare(places: Sequence[Mapping[str, str]]) -> list[dict[str, Any]]:
@@ -73,9 +73,9 @@ def prepare(places: Sequence[Mapping[str, str]]) -> list[dict[str, Any]]:
     for words in places:
         place = TrialLocation(**words)
         start = clock.perf_counter()
-        stem = place.stem(place.engine)
+        stem = place.make_record_path(place.engine)
         stem.parent.mkdir(parents=True, exist_ok=True)
-        run_case(place.job(place.engine, stem))
+        run_case(place.make_job(place.engine, stem))
         record = read_record(stem)
         row = {"mechanism": place.mechanism, "case": place.case, "engine": place.engine, "status": record.status}
         rows.append({**row, "message": record.message, "seconds": clock.perf_counter() - start})
@@ -88,7 +88,7 @@ def run_trials(place: Mapping[str, str], drawn: Sequence[Mapping[str, Any]], lin
     A fault of number 0 is none: the unharmed engine, which has to be left alone.
     """
     here = TrialLocation(**place)
-    scene = here.scene()
+    scene = here.read_setup()
     columns = Columns()
     for words in drawn:
         one = DrawnFault(**{**words, "recipes": tuple(words["recipes"]), "sizes": tuple(words["sizes"])})
@@ -139,22 +139,22 @@ def _run_harmed_engine(
     """Run the harmed engine, compare, ask why; return what came out.  The fault is planted meanwhile."""
     task = place.task
     stem.parent.mkdir(parents=True, exist_ok=True)
-    run_case(place.job(place.engine, stem))
+    run_case(place.make_job(place.engine, stem))
     record = _read(stem, task)
     if record.status != "ok":
         return {"outcome": "refused", "effect": "above", "words": f"{record.status}: {record.message}"}
     reference = scenario.reference
-    unharmed = read_record(place.stem(place.engine))
+    unharmed = read_record(place.make_record_path(place.engine))
     records = {REFERENCE: reference, place.engine: record}
     rows, _ = compare_all(task, records)
     lines = list_certificate_lines(task, records)
     deviate = any(row.verdict in TOLD for row in rows)
     rows = judge_by_certificate(rows, lines)
     if any(map(is_doubtful, rows)):  # as a run does: bars that explain a difference are those of an engine that repeats
-        run_case(place.job(place.engine, twice := stem.with_name(f"{stem.name}-again")))
+        run_case(place.make_job(place.engine, twice := stem.with_name(f"{stem.name}-again")))
         again = {REFERENCE: reference, place.engine: _read(twice, task)}
         rows = [judge_by_repetition(row, records, again) if is_doubtful(row) else row for row in rows]
-    series = {REFERENCE: str(place.stem(REFERENCE).resolve()), place.engine: str(stem.resolve())}
+    series = {REFERENCE: str(place.make_record_path(REFERENCE).resolve()), place.engine: str(stem.resolve())}
     results = _make_results(task, records, rows, lines, series)
     answers = [_ask_question(question.job, columns) for question in list_questions(results, Plan((task,)), Path("/"))]
     named = [one for answer in answers for one in answer.get("named", ())]

@@ -28,14 +28,14 @@ def find_other_causes(evidence: Evidence, before: NamedCauses) -> NamedCauses:
     the engines may be apart in it, and has to agree with the certificate as well.
     """
     beside = evidence.quantities
-    if beside is None or not (apart := beside.apart()):
+    if beside is None or not (apart := beside.list_deviating_quantities()):
         return before
-    difference = beside.difference()
+    difference = beside.compute_difference()
     residual_question = ResidualQuestion(evidence.model, difference, np.ones_like(difference))
     rigid = evidence.model.base.mechanism.is_rigid
-    first = sorted(_fit_other_causes(evidence.model, beside), key=lambda one: one.left)
-    likely = [one for one in first if one.left < DISTANT][: REFINED[rigid]]
-    fits = sorted((_fit_closer(beside, one) for one in likely), key=lambda one: one.left)
+    first = sorted(_fit_other_causes(evidence.model, beside), key=lambda one: one.residual)
+    likely = [one for one in first if one.residual < DISTANT][: REFINED[rigid]]
+    fits = sorted((_fit_closer(beside, one) for one in likely), key=lambda one: one.residual)
     heard = tuple(CauseAssessment(one, _list_contradictions(evidence, one, 0.0 if rigid else MARCHED)) for one in fits)
     causes = choose_causes(residual_question, fits, heard, evidence)
     words = causes.words.replace("the efforts", "the efforts and all else") if causes.words else ""
@@ -50,7 +50,7 @@ def _fit_other_causes(model: Model, beside: Quantities) -> Iterator[Fit]:
         for target in cause.targets(model):
             try:
                 if cause.scale(model, target) and _is_visible(model, cause, target):
-                    yield beside.look(cause, target)
+                    yield beside.fit_linearly(cause, target)
             except IMPOSSIBLE:
                 continue
 
@@ -66,10 +66,10 @@ def _fit_closer(beside: Quantities, one: Fit) -> Fit:
     if not one.cause.sized:
         return one
     try:
-        better = beside.judged(beside.fit_size(one))
+        better = beside.evaluate_fit(beside.fit_size(one))
     except IMPOSSIBLE:
         return one
-    return min(one, better, key=lambda fit: fit.left)
+    return min(one, better, key=lambda fit: fit.residual)
 
 
 def _list_contradictions(evidence: Evidence, one: Fit, sure: float) -> tuple[str, ...]:

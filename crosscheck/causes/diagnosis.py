@@ -123,19 +123,22 @@ def check_by_full_runs(found: Answer, engine: str, door: Adapter | None) -> tupl
 def describe_refutation(one: Repair, size: float) -> str:
     """Return the reason against a cause that explains a difference in the model, and not in full runs; size : of it [-]."""
     return (
-        f"the cause is unknown: {one.fit.cause.name} would explain {_format_share(1 - one.fit.left**2)} of the difference, but "
+        f"the cause is unknown: {one.fit.cause.name} would explain "
+        f"{_format_share(1 - one.fit.residual**2)} of the difference, but "
         f"{one.where}, {one.left:.1e} of the range remains of {size:.1e}, more than the error bars"
     )
 
 
-def find_record_causes(folder: str, case: str, ours: str, theirs: str, columns: Columns | None = None) -> Answer:
+def find_record_causes(
+    folder: str, case: str, engine_record: str, reference_record: str, columns: Columns | None = None
+) -> Answer:
     """Return the naming by two saved records (stems of their files) of a case [-]; no engine is run."""
     mechanism = read_mechanism(folder)
     subject = Subject(mechanism, load_cases(folder, mechanism)[case])
-    record = read_record(Path(ours))
-    reference = read_record(Path(theirs))
+    record = read_record(Path(engine_record))
+    reference = read_record(Path(reference_record))
     model = make_model(subject, reference)
-    residual = model.residual(record, reference)
+    residual = model.compute_residual(record, reference)
     evidence = Evidence(
         model,
         residual,
@@ -145,7 +148,7 @@ def find_record_causes(folder: str, case: str, ours: str, theirs: str, columns: 
     )
     bars = compute_noise(model, record, reference)
     limit = find_allowed_difference(model, record, reference)
-    known = None if columns is None else columns.of(model, collect_causes())
+    known = None if columns is None else columns.collect_candidates(model, collect_causes())
     naming = find_causes(model, residual, bars, known, evidence, limit)
     shown = naming.found
     naming = naming if shown else find_other_causes(evidence, naming)
@@ -170,7 +173,13 @@ def find_allowed_difference(model: Model, record: Record, reference: Record) -> 
 def describe_cause(fit: Fit) -> dict[str, Any]:
     """Return one cause for the report: name, target, the sentence with its size [unit], what it leaves [-]."""
     words = fit.cause.words.format(target=fit.target or "all", size=describe_size(fit.size, fit.cause.unit))
-    return {"cause": fit.cause.name, "target": fit.target, "words": words, "left": fit.left, "shows": fit.cause.shows}
+    return {
+        "cause": fit.cause.name,
+        "target": fit.target,
+        "words": words,
+        "left": fit.residual,
+        "shows": fit.cause.shows,
+    }
 
 
 def describe_diagnosis(naming: NamedCauses, repaired: Repair | None = None) -> str:
@@ -181,7 +190,7 @@ def describe_diagnosis(naming: NamedCauses, repaired: Repair | None = None) -> s
         return f"{naming.words}.{fails}"
     best = fits[0]
     text = best.cause.words.format(target=best.target or "all", size=describe_size(best.size, best.cause.unit))
-    text += f": explains {_format_share(1 - best.left**2)} of the difference"
+    text += f": explains {_format_share(1 - best.residual**2)} of the difference"
     if repaired is not None and repaired.left is not None:
         text += f"; {repaired.where}, {repaired.left:.1e} of the range remains of {naming.size:.1e}"
     others = len(fits) - 1

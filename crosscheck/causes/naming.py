@@ -140,7 +140,7 @@ class ResidualQuestion:
         Where they hide half of the difference the right cause may be among those that leave more than HALF, and one that
         leaves more than UNEXPLAINED may be a chance.
         """
-        return NOISE * self.part <= HALF or best.left <= UNEXPLAINED
+        return NOISE * self.part <= HALF or best.residual <= UNEXPLAINED
 
     @cached_property
     def enough(self) -> float:
@@ -158,9 +158,9 @@ class ResidualQuestion:
 
     def can_explain(self, one: Fit) -> bool:
         """Return True if a fit explains the efforts: to the bars at every sample, or to UNEXPLAINED by its amplitude alone."""
-        if one.left > self.most or self.given < NOTHING:
+        if one.residual > self.most or self.given < NOTHING:
             return False
-        if one.cause.linear and one.left <= UNEXPLAINED * min(1.0, self.given):
+        if one.cause.linear and one.residual <= UNEXPLAINED * min(1.0, self.given):
             return True
         return bool((np.abs(self.residual - one.column) <= self.allowed).all())
 
@@ -225,12 +225,14 @@ def list_explaining_causes(
     sure = max(NOISE * question.part, 0.0 if question.model.base.mechanism.is_rigid else MARCHED)
     heard = [evidence.judge_fit(f, question.can_explain, sure) for f in explaining[:TOLD]]
     # What else may know a size of several numbers: where that agrees with the reference, no such size is hidden.
-    elsewhere = evidence.failing or (evidence.quantities is not None and evidence.quantities.apart())
+    elsewhere = evidence.failing or (
+        evidence.quantities is not None and evidence.quantities.list_deviating_quantities()
+    )
     if elsewhere and not list_agreeing_causes(heard):  # the motion led a size of several numbers astray
         turned = [f for f in fits if not question.can_explain(f) and f.cause.parameters > 1]
         again = (evidence.judge_fit(f, question.can_explain, sure) for f in turned[:TOLD])
         heard += [one for one in again if question.can_explain(one.fit)]
-    return tuple(sorted(heard, key=lambda one: one.fit.left))
+    return tuple(sorted(heard, key=lambda one: one.fit.residual))
 
 
 def list_certificate_fits(question: ResidualQuestion, known: list[Candidate], evidence: Evidence) -> list[Fit]:
@@ -246,10 +248,10 @@ def list_ranked_fits(question: ResidualQuestion, known: list[Candidate], look: i
     model = question.model
     quick = is_tree(model.base)
     first = {k: _make_fit_once(question, known, k, "linear") for k in range(len(known))}
-    order = sorted((k for k in first if known[k].cause.sized), key=lambda k: first[k].left)
+    order = sorted((k for k in first if known[k].cause.sized), key=lambda k: first[k].residual)
     refined = order[: SHORTLIST[quick] * (DEEPER[quick] if look == DEEP else 1)]
     # A linear look that explains all is only a look; of an angle whose effect begins with its square it says nothing.
-    refined += [k for k in order if first[k].left <= question.enough and k not in refined]
+    refined += [k for k in order if first[k].residual <= question.enough and k not in refined]
     refined += [k for k in order if look != LOOK and quick and known[k].cause.turns and k not in refined]
     first |= {k: _make_fit_once(question, known, k, "refined") for k in refined}
     if look == DEEP:  # far away
@@ -260,7 +262,7 @@ def list_ranked_fits(question: ResidualQuestion, known: list[Candidate], look: i
             for k in order
             if k not in far
             and known[k].cause.fraction
-            and first[k].left < HOPELESS
+            and first[k].residual < HOPELESS
             and _is_beyond_linear_look(first[k])
         ]
         first |= {k: min(first[k], _make_fit_once(question, known, k, "far"), key=_take_remainder) for k in far}
@@ -290,7 +292,7 @@ def _is_beyond_linear_look(one: Fit) -> bool:
 
 
 def _take_remainder(one: Fit) -> float:
-    return one.left
+    return one.residual
 
 
 def choose_causes(
@@ -325,22 +327,22 @@ def list_similar_fits(question: ResidualQuestion, fits: list[Fit]) -> tuple[Fit,
     """Return the fits that leave about as little as the best: without those that no user means beside ones that one does,
     and without causes of which a special case is among them."""
     known = [f for f in fits if is_sensible(f)]
-    least = min((f.left for f in known), default=np.inf)
+    least = min((f.residual for f in known), default=np.inf)
     if not any(question.can_fully_explain(f) for f in known):
         # A size that no user means is an answer where it leaves nothing, and what users mean leaves more than it may.
         far = [f for f in fits if not is_sensible(f) and not f.cause.linear and question.can_fully_explain(f)]
-        known += [f for f in far if SIMILAR * f.left < least]
-        least = min((f.left for f in known), default=0.0)
+        known += [f for f in far if SIMILAR * f.residual < least]
+        least = min((f.residual for f in known), default=0.0)
     limit = min(max(SIMILAR * least, NOISE * question.part, ROUNDED), HALF)
-    found = _drop_general_causes([f for f in known if f.left <= limit])
-    return tuple(sorted(found, key=lambda f: (f.cause.parameters, f.left)))
+    found = _drop_general_causes([f for f in known if f.residual <= limit])
+    return tuple(sorted(found, key=lambda f: (f.cause.parameters, f.residual)))
 
 
 def describe_hidden_cause(question: ResidualQuestion, best: Fit) -> str:
     """Return the reason for naming nothing where the error bars hide too much of the difference, in words."""
     return (
         f"the cause is unknown: the error bars are {question.part:.0%} of the difference, and the nearest, {best.cause.name}, "
-        f"leaves {_format_share(best.left)}"
+        f"leaves {_format_share(best.residual)}"
     )
 
 
@@ -350,12 +352,12 @@ def describe_unknown_cause(question: ResidualQuestion, best: Fit | None, out: tu
         return "no cause of the dictionary shows in this motion"
     if out:
         # What no mechanism can have explains nothing to a reader: such a fit is told where there is no other.
-        first = min(out, key=lambda one: (NOT_RUNNING in one.against, len(one.against), one.fit.left))
+        first = min(out, key=lambda one: (NOT_RUNNING in one.against, len(one.against), one.fit.residual))
         return (
             f"the cause is unknown: {first.fit.cause.name} would explain the efforts, but is contradicted by "
             f"{', '.join(first.against)}"
         )
-    return f"no single cause explains it, and no two; the nearest, {best.cause.name}, leaves {_format_share(best.left)}"
+    return f"no single cause explains it, and no two; the nearest, {best.cause.name}, leaves {_format_share(best.residual)}"
 
 
 def _format_share(left: float) -> str:

@@ -43,7 +43,7 @@ def find_pairs(
         if explains(one):
             alone = [f for f in _fit_parts(model, residual, one, (a, b), noise) if explains(f)]
             found |= {f.key: f for f in (*alone, _add_words(one, a, b))}
-    return sorted(found.values(), key=lambda f: f.left)
+    return sorted(found.values(), key=lambda f: f.residual)
 
 
 def _fit_parts(
@@ -106,7 +106,7 @@ def _add_words(one: Fit, first: Candidate, second: Candidate) -> Fit:
         for c, size in _split_size(one, first, second)
     ]
     cause = Cause(**{**vars(one.cause), "words": "two at once: " + "; and ".join(words)})
-    return Fit(cause, one.target, one.size, one.left, one.column)
+    return Fit(cause, one.target, one.size, one.residual, one.column)
 
 
 def _list_likely_pairs(usable: list[Candidate], residual: Array) -> list[tuple[Candidate, Candidate]]:
@@ -132,10 +132,10 @@ def _list_sequential_pairs(model: Model, residual: Array, usable: list[Candidate
             break
         one = usable[k]
         base = one.cause.change(model.base, one.target, np.ones(1))
-        harmed = replace(model, base=base, torque=model.torques(base))
+        harmed = replace(model, base=base, torque=model.compute_torques(base))
         causes = {c.cause.name: c.cause for c in usable if c.cause.sized}
         others = [
-            (fit(harmed, residual - one.columns[:, 0], c).left, n, c)
+            (fit(harmed, residual - one.columns[:, 0], c).residual, n, c)
             for n, c in enumerate(list_candidates(harmed, causes))
         ]
         sequential_pairs += [(one, c) for _, _, c in sorted(others, key=lambda x: x[:2])[:NEXT]]

@@ -95,7 +95,7 @@ def take_out(model: Model, fit: Fit, engine: str, reference: Record, door: Adapt
     healed = None if opposite is None else _run(engine, opposite, door)
     if healed is None:
         return Repair(fit)
-    largest = _find_largest(model.residual(healed, reference))
+    largest = _find_largest(model.compute_residual(healed, reference))
     return Repair(fit, largest, f"taken out of {engine}") if np.isfinite(largest) else Repair(fit)
 
 
@@ -105,7 +105,7 @@ def _compute_remainder(model: Model, fit: Fit, record: Record) -> Array | None:
     other = None if harmed is None else _run("flexinv", harmed)
     if other is None:
         return None
-    left = model.residual(record, other)
+    left = model.compute_residual(record, other)
     return left if np.isfinite(left).all() else None
 
 

@@ -90,7 +90,7 @@ def prepare(bench: Bench, models: Path) -> BenchSetup:
     folder = models / bench.mechanism
     mechanism = read_mechanism(folder)
     case = load_cases(folder, mechanism)[bench.case]
-    mechanism, case = bench.made(mechanism, case)
+    mechanism, case = bench.make_bench_case(mechanism, case)
     if mechanism.is_rigid:  # exact at every sample: fewer of them do
         spacing = case.sample * max(1, round(case.end / case.sample / SAMPLES))
         case = replace(case, sample=spacing, step=spacing)
@@ -110,7 +110,7 @@ def prepare(bench: Bench, models: Path) -> BenchSetup:
             float(np.max(s.error)) for s in reference.series.values() if s.error is not None and s.quantity == "torque"
         )
         # Both of second order: the error of the coarse run is 4/3 of what halving does.
-        noise = own / float(model.scale.min()) + 4 / 3 * float(np.abs(model.residual(clean, finer)).max())
+        noise = own / float(model.scale.min()) + 4 / 3 * float(np.abs(model.compute_residual(clean, finer)).max())
         agreed = compute_allowed_differences(reference, clean, finer)
     ours = certify(mechanism, case, "flexinv")
     return BenchSetup(bench, subject, model, reference, clean, ours, list_candidates(model, DICTIONARY), noise, agreed)
@@ -213,7 +213,7 @@ def _run_fault_of_size(
     if harmed.status != "ok":
         return None
     naming = find_fault_causes(setting, harmed, subject)
-    change = float(np.abs(setting.model.residual(harmed, setting.clean)).max())
+    change = float(np.abs(setting.model.compute_residual(harmed, setting.clean)).max())
     told = tuple(f"{f.cause.name}: {f.target}" if f.target else f.cause.name for f in naming.named)
     causes = judge_causes(naming, cause.name, target)
     return PlantedFault(
@@ -231,7 +231,7 @@ def _find_element(setting: BenchSetup, subject: Subject) -> object:
 
 def find_fault_causes(setting: BenchSetup, harmed: Record, subject: Subject) -> NamedCauses:
     """Return the naming of a harmed engine, from its efforts and the certificate of its model of the harmed mechanism."""
-    residual = setting.model.residual(harmed, setting.reference)
+    residual = setting.model.compute_residual(harmed, setting.reference)
     if float(np.abs(residual).max()) <= setting.noise:
         return find_causes(setting.model, residual, setting.noise, setting.known)
     certificate = _compute_certificate(setting.bench.engine, subject.mechanism, setting.subject.case)

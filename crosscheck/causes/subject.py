@@ -73,7 +73,7 @@ class Subject:
         """Return the subject with every link changed."""
         return self.replace_mechanism(links=tuple(map(change, self.mechanism.links)))
 
-    def with_body(self, target: str, change: Callable[[Body], Body]) -> Subject:
+    def replace_body(self, target: str, change: Callable[[Body], Body]) -> Subject:
         """Return the subject with one body changed; target : see ``bodies``."""
         link, body = self.find_body(target)
         return self.replace_link(

@@ -86,7 +86,7 @@ def command(
             if b is not None or stated:
                 raise Failure("--readers compares the readers of one file: leave out B and --match")
             rows = compare_readers(
-                a, readers, ComparisonSettings(tolerance, families, strict, ignored, unproven), guard.call
+                a, readers, ComparisonSettings(tolerance, families, strict, ignored, unproven), guard.run_function
             )
             _write_readers(a, rows, out, "json" if as_json else "markdown" if as_markdown else "")
             sys.exit(_find_worst_code(rows))
@@ -110,10 +110,10 @@ def command(
 def _found(guard: ReadingLimits, a: str, b: str, rest: tuple[Any, ...]) -> Comparison:
     """The comparison, made in a process of its own; where that comes to no end, the words say which file it is."""
     try:
-        return guard.call(compare, a, b, *rest)
+        return guard.run_function(compare, a, b, *rest)
     except UnreadFile:
         for source in (a, b):
-            guard.call(try_reading, source)
+            guard.run_function(try_reading, source)
         raise
 
 
@@ -200,7 +200,7 @@ def _add_summary(words: str) -> None:
 
 def _find_worst_code(rows: list[ReaderRow]) -> int:
     """The worst of all rows: 2 where one cannot be compared or is not proven, 1 where one differs."""
-    return max(2 if row.found is None else row.found.code for row in rows)
+    return max(2 if row.comparison is None else row.comparison.code for row in rows)
 
 
 def _make_reader_table(file: str, rows: list[ReaderRow]) -> Table:
@@ -208,5 +208,5 @@ def _make_reader_table(file: str, rows: list[ReaderRow]) -> Table:
     for name in ("reader", "joints", "mass [kg]", "result", "differences"):
         table.add_column(name, overflow="fold")
     for row in rows:
-        table.add_row(*map(escape, (row.reader, row.joints, row.mass, row.result, row.words)))
+        table.add_row(*map(escape, (row.reader, row.joints, row.mass, row.result, row.refusal)))
     return table

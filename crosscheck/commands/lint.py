@@ -51,7 +51,7 @@ def command(
     Exit codes: 0 nothing found (without --strict: no error), 1 findings, 2 a file cannot be read
     """
     try:
-        found = check_sources(files, strict, meshes, partial(ReadingLimits(timeout, memory).call, lint))
+        found = check_sources(files, strict, meshes, partial(ReadingLimits(timeout, memory).run_function, lint))
         if out is not None:
             write(found, out)
         if junit is not None:

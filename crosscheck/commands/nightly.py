@@ -77,7 +77,7 @@ def command(
     if latest_engines:
         with convert_sigterm():
             sys.exit(fresh.run_in_fresh_environment(reports, fresh.remove_flag(sys.argv[1:]), write_line))
-    work, every = asked.work(write_line)
+    work, every = asked.prepare_work(write_line)
     night = NightSettings(
         work=work,
         reports=reports,

@@ -65,7 +65,7 @@ def command(asked: RunSelection, out: Path, baseline: Path | None, fresh: bool) 
     def write_line(line: str) -> None:
         console.print(escape(line), soft_wrap=True)
 
-    work, every = asked.work(write_line)
+    work, every = asked.prepare_work(write_line)
     whole = not asked.names and every
     try:
         known = blessed.find(baseline) if baseline is not None else None

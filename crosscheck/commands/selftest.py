@@ -138,7 +138,7 @@ def _run_campaign_and_end(
     known = dict.fromkeys(bench.mechanism for bench in chosen.benches)
     if unknown := [name for name in mechanisms if name not in known]:
         raise Failure(f"campaign {chosen.name} has no mechanism {unknown[0]!r}; it has: {', '.join(known)}")
-    models = find_model_folder((bench.mechanism for bench in chosen.benches if not bench.own), path)
+    models = find_model_folder((bench.mechanism for bench in chosen.benches if not bench.in_package), path)
     try:
         only = tuple(int(word) for word in asked["only"].split(",") if word.strip())
     except ValueError:

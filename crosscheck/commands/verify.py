@@ -148,7 +148,7 @@ def _write_certificates(console: Console, results: Results) -> None:
     console.print("\n[bold]certificates: what the engines' own models say[/bold]")
     for case in results.cases:
         for sheet in list_certificates(results, case):
-            text = f"  {case.case} {sheet.engine:<16} {sheet.words}"
+            text = f"  {case.case} {sheet.engine:<16} {sheet.text}"
             console.print(text, markup=False, highlight=False, style=COLOURS[sheet.verdict], soft_wrap=True)
 
 

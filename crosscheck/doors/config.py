@@ -118,15 +118,17 @@ def read_rows(file: Path) -> dict[str, EngineRow]:
         where = Location(file, f"engines.{name}")
         if not NAME.fullmatch(name):
             expected = "letters, digits, ., _ and -, beginning with a letter or digit"
-            raise where.wrong("", f"an engine called {name!r}", expected, "[engines.mine]")
+            raise where.make_error("", f"an engine called {name!r}", expected, "[engines.mine]")
         row = check_table(EngineRow, data, where)
         kinds = [kind for kind in ("command", "fmu", "python") if getattr(row, kind) is not None]
         if len(kinds) != 1 and (kinds or not row.limits):  # limits alone: of an engine that is installed
             given = " and ".join(kinds) or "none of them"
-            raise where.wrong("", given, "one of command, fmu and python", 'command = ["./mine", "{kit}", "{out}"]')
+            raise where.make_error(
+                "", given, "one of command, fmu and python", 'command = ["./mine", "{kit}", "{out}"]'
+            )
         if row.command is not None and not any("{out}" in word for word in row.command):
             write = 'command = ["./mine", "{kit}", "{out}"]'
-            raise where.wrong("command", "no {out}", "the folder that it writes into", write)
+            raise where.make_error("command", "no {out}", "the folder that it writes into", write)
         rows[name] = row
     return rows
 

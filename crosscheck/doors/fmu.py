@@ -187,13 +187,15 @@ class Instance:
             self._fmu.setReal(to, row.tolist())
             values = np.array(self._fmu.getReal(of))
             if self.kind == "co-simulation":
-                values, steps = self._settled(of, values, now, spacing)
+                values, steps = self._evaluate_settled_outputs(of, values, now, spacing)
                 most = max(most, steps[0])
                 now = now + steps[1] * spacing
             rows.append(values)
         return np.array(rows).reshape(len(table), len(of)), most
 
-    def _settled(self, of: list[int], values: Array, now: float, spacing: float) -> tuple[Array, tuple[int, int]]:
+    def _evaluate_settled_outputs(
+        self, of: list[int], values: Array, now: float, spacing: float
+    ) -> tuple[Array, tuple[int, int]]:
         """Return the outputs that stand while the inputs are held, in how many steps they came, and all that were made."""
         steps = 0
         for made in range(1, MOST_STEPS + 1):

@@ -93,7 +93,7 @@ def _integrate_torques(path: Path, mechanism: Mechanism, drive: DriveTorques) ->
         with ForwardInstance(description, folder) as fmu:
             fmu.begin([one.valueReference for one in outputs], drive.q)
             refs = [one.valueReference for one in inputs], [one.valueReference for one in outputs]
-            return np.array(list(fmu.steps(refs, drive.torque, drive.spacing)))
+            return np.array(list(fmu.integrate_steps(refs, drive.torque, drive.spacing)))
     finally:
         shutil.rmtree(folder, ignore_errors=True)
 
@@ -138,7 +138,7 @@ class ForwardInstance:
                 pass
             self._fmu.enterContinuousTimeMode()
 
-    def steps(self, refs: tuple[list[int], list[int]], torque: Array, h: float) -> Iterator[list[float]]:
+    def integrate_steps(self, refs: tuple[list[int], list[int]], torque: Array, h: float) -> Iterator[list[float]]:
         """Yield outputs [rad], [m] at every sample; refs : of inputs, outputs; torque (samples, drives); h : between two [s]."""
         to, of = refs
         yield self._fmu.getReal(of)

@@ -109,7 +109,7 @@ class TreeComparison:
     """Differences of two reduced trees, with the alignment of their members."""
 
     trees: ReducedTrees
-    seats: list[MemberAlignment]
+    alignments: list[MemberAlignment]
     differences: list[Difference]
     motion: Placement
 
@@ -137,17 +137,17 @@ def compare_descriptions(
     pairs = match(one, two, stated)
     beams = _build_beams(flexible, pairs)
     if any(True for _ in beams.both):
-        second = replace(second, mechanism=make_rigid_mechanism(beams.base()))
+        second = replace(second, mechanism=make_rigid_mechanism(beams.build_base_mechanism()))
         two = build_tree(second.mechanism, second.gears)
     bent = compute_beam_effects(beams)
     size = max(_compute_tree_size(one), _compute_tree_size(two))
     printed = PairedDigits(PrintedDigits(one, first.printed), PrintedDigits(two, second.printed))
     least_explanation = _find_least_explanation(one, two, dict(pairs.pairs), size, printed)
     trees = least_explanation.trees
-    seats = {least_explanation.trees.first.members[s.first].joint: s for s in least_explanation.seats}
+    seats = {least_explanation.trees.first.members[s.first].joint: s for s in least_explanation.alignments}
     moving = {joint: seats[joint] for joint in trees.first.moving if trees.first.moving[joint] in dict(trees.pairs)}
     placed = first.root_stated and second.root_stated
-    told = [*rooted.found, *(d for d in least_explanation.differences if placed or d.cause != START)]
+    told = [*rooted.conventions, *(d for d in least_explanation.differences if placed or d.cause != START)]
     rounding = SINGLE * max(first.precision, second.precision)
     every = add_coupling_differences(one, two, pairs.pairs, moving, told, max(SAME, rounding))
     tied = first.mechanism, second.mechanism
@@ -172,7 +172,7 @@ def compare_descriptions(
         )
         judged = add_feature_differences(judged, lifted, ground, ignored, bound)
     sides = ComparedDescriptions(
-        (first, second), (trees.first, trees.second), {s.first: s for s in least_explanation.seats}, rooted.links
+        (first, second), (trees.first, trees.second), {s.first: s for s in least_explanation.alignments}, rooted.links
     )
     return Comparison(
         first=first.label, second=second.label, matched=pairs.words, judged=judged,
@@ -207,7 +207,7 @@ def _remove_loops(mechanism: Mechanism) -> Mechanism:
 
 
 def _compute_tree_size(tree: Tree) -> float:
-    places = np.array([pose.position for pose in tree.poses()] or np.zeros((1, 3)))
+    places = np.array([pose.position for pose in tree.compute_poses()] or np.zeros((1, 3)))
     return float(np.ptp(places, axis=0).max()) or 1.0
 
 
@@ -238,7 +238,7 @@ def _find_explanation(
     trees = build_matched_trees(one, two, joints, links)
     alignment = find_alignment(trees.first, trees.second, trees.pairs, size)
     members = trees.first.members, trees.second.members
-    pairs = [MemberPair(members[0][s.first], members[1][s.second], s, size, printed) for s in alignment.seats]
+    pairs = [MemberPair(members[0][s.first], members[1][s.second], s, size, printed) for s in alignment.alignments]
     found: list[Difference] = []
     for pair in pairs:
         own = [*list_body_differences(pair)]
@@ -250,8 +250,8 @@ def _find_explanation(
         ]
     found = join_exchanged_bodies(trees.first, trees.second, pairs, found)
     base = list_base_differences(trees.first, trees.second, alignment.motion, pairs)
-    found = [*trees.found, *base, *join_equal_differences(join_scaled_differences(trees.first, found))]
-    return TreeComparison(trees, alignment.seats, found, alignment.motion)
+    found = [*trees.differences, *base, *join_equal_differences(join_scaled_differences(trees.first, found))]
+    return TreeComparison(trees, alignment.alignments, found, alignment.motion)
 
 
 def _describe_conventions(one: Tree, two: Tree, pairs: Match, comparison: TreeComparison) -> list[str]:
@@ -265,7 +265,7 @@ def _describe_conventions(one: Tree, two: Tree, pairs: Match, comparison: TreeCo
         notes.append("coordinates in another order: map them by name")
     frames = [
         comparison.trees.first.members[s.first].name
-        for s in comparison.seats
+        for s in comparison.alignments
         if np.abs(s.frame.position).max() > SAME or np.abs(s.frame.rotation - np.eye(3)).max() > SAME
     ]
     if frames:

@@ -31,9 +31,9 @@ FIELDS |= {"rotor inertia": "rotor_inertia", "damping": "damping", "dry friction
 def find_missing_links(pair: MemberPair) -> Difference | None:
     """Return the links whose bodies only one of them has, where that is all that differs of a member [kg]."""
     one = pair.one
-    there = move_inertia(pair.seat.frame, pair.two.inertia)
+    there = move_inertia(pair.alignment.frame, pair.two.inertia)
     ours = dict(one.parts)
-    theirs = {name: move_inertia(pair.seat.frame, body) for name, body in pair.two.parts}
+    theirs = {name: move_inertia(pair.alignment.frame, body) for name, body in pair.two.parts}
     for side, mine, others, target in (("A", ours, theirs, there), ("B", theirs, ours, one.inertia)):
         for lost in _list_missing_candidates(mine, others):
             bodies = join_bodies(body for name, body in mine.items() if name not in lost)
@@ -49,7 +49,7 @@ def find_differing_body(pair: MemberPair) -> list[Difference]:
     however the other merged or split them.
     """
     ours = dict(pair.one.parts)
-    theirs = {n: move_inertia(pair.seat.frame, body) for n, body in pair.two.parts}
+    theirs = {n: move_inertia(pair.alignment.frame, body) for n, body in pair.two.parts}
     if len(ours) == len(pair.one.parts) > 1 and ours.keys() == theirs.keys():
         found = {name: list(_list_part_differences(pair, name, ours[name], theirs[name])) for name in ours}
         # What is no more than rounding of turned frames is put right with it.
@@ -72,7 +72,7 @@ def _one_of_ours(pair: MemberPair, ours: dict[str, Inertia]) -> list[Difference]
     if len(ours) < max(2, len(pair.one.parts)):
         return []
     whole = _list_with_cause(list_body_differences(pair))
-    there = move_inertia(pair.seat.frame, pair.two.inertia)
+    there = move_inertia(pair.alignment.frame, pair.two.inertia)
     tried = []
     for name, body in ours.items():
         rest = join_bodies(other for own, other in ours.items() if own != name)
@@ -108,14 +108,14 @@ def _compute_body_remainder(whole: Inertia, part: Inertia) -> Inertia:
     com = (whole.mass * whole.com - part.mass * part.com) / mass
     arms = [(body.mass, body.com - com) for body in (whole, part)]
     about = [m * (float(d @ d) * np.eye(3) - np.outer(d, d)) for m, d in arms]
-    return Inertia.stated(mass, com, whole.tensor + about[0] - part.tensor - about[1])
+    return Inertia.build_unchecked(mass, com, whole.tensor + about[0] - part.tensor - about[1])
 
 
 def _list_part_differences(pair: MemberPair, name: str, one: Inertia, two: Inertia) -> Iterator[Difference]:
     """Yield the differences of one body of a member, each with a change of that body."""
-    seat = replace(pair.seat, frame=Placement())
+    seat = replace(pair.alignment, frame=Placement())
     for d in list_body_differences(
-        replace(pair, one=_make_body_member(pair, name, one), two=_make_body_member(pair, name, two), seat=seat)
+        replace(pair, one=_make_body_member(pair, name, one), two=_make_body_member(pair, name, two), alignment=seat)
     ):
         changes = tuple((index, f"part {field_name} {name}", value) for index, field_name, value in d.changes)
         yield replace(d, place=f"body {name} (on link {pair.one.name})", changes=changes)
@@ -151,7 +151,9 @@ def _make_missing_difference(
     mass = sum(mine[name].mass for name in lost)
     values = (f"{mass:.9g} kg", "none") if side == "A" else ("none", f"{mass:.9g} kg")
     place = ("link " if len(lost) == 1 else "links ") + ", ".join(lost)
-    changes = tuple(pair.change(n, v) for n, v in (("mass", there.mass), ("com", there.com), ("tensor", there.tensor)))
+    changes = tuple(
+        pair.make_change(n, v) for n, v in (("mass", there.mass), ("com", there.com), ("tensor", there.tensor))
+    )
     return Difference("rigid", f"body that only {side} has", place, mass, "kg", *values, changes)
 
 

@@ -50,15 +50,15 @@ class EffortProblem:
 
     tree: Tree
     states: States
-    wanted: Mapping[str, Array]
+    target_efforts: Mapping[str, Array]
 
-    def efforts(self, differences: Iterable[Difference]) -> dict[str, Array]:
+    def compute_efforts(self, differences: Iterable[Difference]) -> dict[str, Array]:
         """Return the efforts of A with the changes of differences [N m], [N]."""
         return evaluate_tree_efforts(self.tree.replace_fields(c for d in differences for c in d.changes), self.states)
 
-    def share(self, values: Mapping[str, Array], wanted: Mapping[str, Array]) -> Share:
+    def compute_share(self, values: Mapping[str, Array], wanted: Mapping[str, Array]) -> Share:
         """Return the largest difference over the range of B's effort [-], the difference there [N m], [N], and its joint."""
-        return compute_effort_share(values, wanted, self.wanted)
+        return compute_effort_share(values, wanted, self.target_efforts)
 
 
 def compute_effort_share(values: Mapping[str, Array], wanted: Mapping[str, Array], scale: Mapping[str, Array]) -> Share:
@@ -84,9 +84,9 @@ def judge(bench: EffortProblem, differences: Iterable[Difference], tolerance: fl
     silent = [d for d in differences if not d.cause]
     acting = [d for d in differences if d.cause and d.changes and d.family in ("rigid", "drive")]
     stated = [d for d in differences if d.cause and not d.changes and d.family in ("rigid", "drive")]
-    whole = bench.efforts([*silent, *acting])
-    after = bench.share(whole, bench.wanted)
-    before = bench.share(bench.efforts(silent), bench.wanted)
+    whole = bench.compute_efforts([*silent, *acting])
+    after = bench.compute_share(whole, bench.target_efforts)
+    before = bench.compute_share(bench.compute_efforts(silent), bench.target_efforts)
     measured = [_compute_effect(bench, d, [*silent, *acting], whole) for d in acting]
     rounding = [d for d in measured if is_rounding(d)]
     rest = [d for d in measured if not is_rounding(d)]
@@ -97,7 +97,7 @@ def judge(bench: EffortProblem, differences: Iterable[Difference], tolerance: fl
         bench, silent + rounding + placed, [d for d in rest if d not in placed], whole, tolerance
     )
     rest = [*placed, *rest]
-    small = bench.efforts([*silent, *rest, *unseen]) if rounding else whole
+    small = bench.compute_efforts([*silent, *rest, *unseen]) if rounding else whole
     bent = [d for d in differences if d.family == "beam"]  # measured already, with torques of their own
     stated += [d for d in bent if d.share is None or d.share > tolerance]
     unseen += [d for d in bent if d.share is not None and d.share <= tolerance]
@@ -107,7 +107,7 @@ def judge(bench: EffortProblem, differences: Iterable[Difference], tolerance: fl
     return Judgement(
         tuple(causes), (*rounding, *(d for d in [*conventions, *limits] if is_rounding(d))), tuple(unseen),
         tuple(d for d in conventions if not is_rounding(d)), tuple(d for d in limits if not is_rounding(d)),
-        before[0], after[0], before[1], before[2], bench.share(small, whole)[1],
+        before[0], after[0], before[1], before[2], bench.compute_share(small, whole)[1],
     )  # fmt: skip
 
 
@@ -133,8 +133,8 @@ def _find_largest_number(text: str) -> float:
 def _compute_effect(
     bench: EffortProblem, difference: Difference, every: list[Difference], whole: Mapping[str, Array]
 ) -> Difference:
-    without = bench.efforts(d for d in every if d is not difference)
-    share, effort, _ = bench.share(without, whole)
+    without = bench.compute_efforts(d for d in every if d is not difference)
+    share, effort, _ = bench.compute_share(without, whole)
     return replace(difference, effect=effort, share=share)
 
 
@@ -151,7 +151,7 @@ def _find_minimal_differences(
 
     def can_drop(group: list[Difference]) -> bool:
         rest = [d for d in kept if d not in group]
-        return bool(group) and bench.share(bench.efforts([*always, *rest]), whole)[0] <= tolerance
+        return bool(group) and bench.compute_share(bench.compute_efforts([*always, *rest]), whole)[0] <= tolerance
 
     small = [[d] for d in sorted(acting, key=lambda d: d.share or 0.0) if (d.share or 0.0) <= tolerance]
     bodies = [d for d in acting if d.family == "rigid" and d.cause in ("mass", "centre of mass", "inertia tensor")]

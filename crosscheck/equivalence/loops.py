@@ -129,7 +129,7 @@ def _compute_closure_gaps(one: MemberClosure, other: MemberClosure) -> tuple[flo
 
 def _list_closures(side: ComparedMechanism) -> Iterator[MemberClosure]:
     """Closures of one side, each with its ends in A's frames, the joint that comes first in the alphabet first."""
-    poses = side.tree.poses()
+    poses = side.tree.compute_poses()
     number = {member.name: k for k, member in enumerate(side.tree.members)}
     for closure in side.mechanism.closures:
         if closure.kind == "coupling":

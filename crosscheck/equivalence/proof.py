@@ -105,8 +105,8 @@ def prove(description: Description) -> Proof:
     held = SINGLE if max(description.precision, description.dynamics.precision) > 0.0 else HELD
     found = _judge_efforts(reader, efforts, reader_efforts, held)
     if ties.state == UNJUDGED:
-        return replace(found, reason=ties.words)
-    return replace(found, state=LOST, reason=ties.words) if ties.state == TIES_LOST else found
+        return replace(found, reason=ties.reason)
+    return replace(found, state=LOST, reason=ties.reason) if ties.state == TIES_LOST else found
 
 
 def list_feature_names(description: Description) -> frozenset[str]:

@@ -31,8 +31,8 @@ class ReaderRow:
     joints: str
     mass: str
     result: str
-    words: str
-    found: Comparison | None = None
+    refusal: str
+    comparison: Comparison | None = None
     dropped: tuple[str, ...] = ()
 
     @property
@@ -43,10 +43,10 @@ class ReaderRow:
             "joints": self.joints,
             "mass": self.mass,
             "result": self.result,
-            "words": self.words,
+            "words": self.refusal,
             "dropped": list(self.dropped),
         }
-        return own | ({"comparison": self.found.plain} if self.found is not None else {})
+        return own | ({"comparison": self.comparison.plain} if self.comparison is not None else {})
 
 
 @dataclass(frozen=True)

@@ -18,7 +18,7 @@ class ReducedTrees:
     first: Tree
     second: Tree
     pairs: list[tuple[int, int]]
-    found: tuple[Difference, ...] = ()
+    differences: tuple[Difference, ...] = ()
 
 
 def build_matched_trees(first: Tree, second: Tree, joints: dict[str, str], links: bool) -> ReducedTrees:
@@ -107,7 +107,7 @@ def _move_to_matched_parents(
     """
     back = {b: a for a, b in pairs.items()}
     found = []
-    poses = one.poses()
+    poses = one.compute_poses()
     members = []
     for other, index in sorted(back.items()):
         parent = two.members[other].parent

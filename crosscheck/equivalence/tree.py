@@ -74,7 +74,7 @@ class Member:
     @property
     def inertia(self) -> Inertia:
         """Return mass [kg], centre [m] and tensor [kg m^2] as one record."""
-        return Inertia.stated(self.mass, self.com, self.tensor)
+        return Inertia.build_unchecked(self.mass, self.com, self.tensor)
 
 
 @dataclass(frozen=True)
@@ -85,7 +85,7 @@ class Tree:
     gravity: Array
     couplings: Mapping[str, tuple[Mapping[str, float], float]] = field(default_factory=dict)
 
-    def children(self, index: int) -> list[int]:
+    def list_children(self, index: int) -> list[int]:
         """Return the numbers of the members that a member carries."""
         return self._children.get(index, [])
 
@@ -115,7 +115,7 @@ class Tree:
     def _carried(self) -> dict[int, list[int]]:
         found: dict[int, list[int]] = {}
         for index in range(len(self.members) - 1, -2, -1):  # who is carried comes after who carries it
-            own = [found[k] if self.members[k].kind == "fixed" else [k] for k in self.children(index)]
+            own = [found[k] if self.members[k].kind == "fixed" else [k] for k in self.list_children(index)]
             found[index] = [k for some in own for k in some]
         return found
 
@@ -124,7 +124,7 @@ class Tree:
         """Return the numbers of the members that move, by joint."""
         return {member.joint: k for k, member in enumerate(self.members) if member.kind != "fixed"}
 
-    def poses(self) -> list[Placement]:
+    def compute_poses(self) -> list[Placement]:
         """Return the frame of every member in the world, all joints at zero [m]."""
         found: list[Placement] = []
         for member in self.members:
@@ -201,7 +201,7 @@ def join_bodies(parts: Iterable[Inertia]) -> Inertia:
     for part in parts:
         d = part.com - com
         tensor = tensor + part.tensor + part.mass * (float(d @ d) * np.eye(3) - np.outer(d, d))
-    return Inertia.stated(float(mass), com, tensor)
+    return Inertia.build_unchecked(float(mass), com, tensor)
 
 
 def join_into_carriers(tree: Tree, still: Iterable[int]) -> tuple[Tree, dict[int, int]]:

@@ -66,7 +66,7 @@ class Scatter:
     near: float = 0.0
     turn: float = 1.0
 
-    def at(self, rate: Array) -> Array:
+    def evaluate_scatter(self, rate: Array) -> Array:
         """Return s [unit of the channel] at rates (samples,) [rad/s], [m/s]."""
         return np.asarray(np.sqrt(_compute_rate_shapes(rate, self.turn) @ [self.steady, self.near]))
 
@@ -118,10 +118,10 @@ class Margins:
 
 def predict(machine: Machine, fit: Fit, margin: Margins, run: Run) -> Prediction:
     """Return readings with 90 % bands [units of the channels] of a run; margin : of `compute_margins`."""
-    value = compute_readings(machine, run, machine.space.values(fit.z))
+    value = compute_readings(machine, run, machine.space.compute_values(fit.z))
     parameter_scatter = _compute_parameter_scatter(machine, fit, run, value)
     left = np.column_stack(
-        [s.at(v) for s, v in zip(margin.scatters, _compute_channel_rates(machine, run).T, strict=True)]
+        [s.evaluate_scatter(v) for s, v in zip(margin.scatters, _compute_channel_rates(machine, run).T, strict=True)]
     )
     rest = np.sqrt(left**2 + _compute_run_scatter(machine, fit, run) ** 2)
     half = margin.factor * np.sqrt(parameter_scatter**2 + rest**2)
@@ -131,8 +131,8 @@ def predict(machine: Machine, fit: Fit, margin: Margins, run: Run) -> Prediction
 def compute_margins(task: Problem, fit: Fit) -> Margins:
     """Return the scatter of each channel, and q [-] with which `HOLD` of the residuals of blocks left out lie inside."""
     machine = task.machine
-    rates = task.pick([_compute_channel_rates(machine, run) for run in task.runs])
-    extra = task.pick([_compute_run_scatter(machine, fit, run) for run in task.runs])
+    rates = task.collect_counted_samples([_compute_channel_rates(machine, run) for run in task.runs])
+    extra = task.collect_counted_samples([_compute_run_scatter(machine, fit, run) for run in task.runs])
     out = []
     factor = []
     for c, (channel, rate, more) in enumerate(zip(machine.channels, rates, extra, strict=True)):
@@ -142,7 +142,7 @@ def compute_margins(task: Problem, fit: Fit) -> Margins:
         known = channel.sense == "effort" and slowest > 0.0
         law = fit_scatter(rate, held, unsure, float(fit.agree[c]), slowest) if known else None
         out.append(law or Scatter(float(fit.spread[c] ** 2)))
-        sd = np.sqrt(unsure**2 + out[-1].at(rate) ** 2 + more**2)
+        sd = np.sqrt(unsure**2 + out[-1].evaluate_scatter(rate) ** 2 + more**2)
         widest = WIDEST * fit.block[c] / float(np.quantile(sd, USUAL))
         factor.append(min(float(np.quantile(np.abs(held) / sd, HOLD)), widest))
     return Margins(np.array(factor), tuple(out))
@@ -165,7 +165,7 @@ def _compute_parameter_scatter(machine: Machine, fit: Fit, run: Run, value: Arra
     for k in range(len(fit.z)):  # one prediction each; those of sensors and friction solve nothing anew
         ahead = fit.z.copy()
         ahead[k] += STEP
-        slopes.append((compute_readings(machine, run, machine.space.values(ahead)) - value) / STEP)
+        slopes.append((compute_readings(machine, run, machine.space.compute_values(ahead)) - value) / STEP)
     j = np.stack(slopes, axis=-1)
     variance = np.einsum("tcp,pq,tcq->tc", j, fit.covariance, j, optimize=True)
     return np.asarray(np.sqrt(np.maximum(variance, 0.0)))
@@ -173,7 +173,7 @@ def _compute_parameter_scatter(machine: Machine, fit: Fit, run: Run, value: Arra
 
 def _compute_run_scatter(machine: Machine, fit: Fit, run: Run) -> Array:
     """Scatter of friction between runs, and what a joint holds while it stands, (samples, channels)."""
-    values = machine.space.values(fit.z)
+    values = machine.space.compute_values(fit.z)
     spacing = float(run.time[1] - run.time[0])
     columns = []
     for channel in machine.channels:

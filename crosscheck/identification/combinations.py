@@ -35,21 +35,22 @@ class ParameterCombination:
     """A parameter that the logs tell only together with others.
 
     key, unit : what and where; others : kind and place of each, the first takes most
-    alone : its 90 % interval is +- this [unit] were they known; left : part of its effect that is not theirs [-]
+    alone : its 90 % interval is +- this [unit] were they known; distinct_share : part of its effect that is not theirs [-]
     """
 
     key: Key
     unit: str
     others: tuple[Key, ...]
     alone: float
-    left: float
+    distinct_share: float
 
     @property
     def words(self) -> str:
         """The same in a sentence [-]."""
         others = " and ".join(_describe_parameter(key) for key in self.others)
         return (
-            f"{_describe_parameter(self.key)} cannot be told apart from {others}: all but {self.left:.1g} of what it changes "
+            f"{_describe_parameter(self.key)} cannot be told apart from {others}: "
+            f"all but {self.distinct_share:.1g} of what it changes "
             f"in these logs "
             f"could be theirs; were they known, it would be known to ±{self.alone:.2g} {self.unit}"
         )
@@ -113,7 +114,7 @@ def _convert_to_physical(space: ParameterSpace, z: Array) -> tuple[list[Key], li
     keys: list[Key] = [p.key for p in space.parameters]
     units = [p.unit for p in space.parameters]
     slope = np.diag(
-        [p.error * (p.value(float(x)) if p.positive else 1.0) for p, x in zip(space.parameters, z, strict=True)]
+        [p.error * (p.compute_value(float(x)) if p.positive else 1.0) for p, x in zip(space.parameters, z, strict=True)]
     )
     for name, factor in space.factors.items():
         here = [at[MASS, f"{name}.{n}"] for n in NAMES]

@@ -58,7 +58,7 @@ def find_exciting_motion(machine: Machine, fit: Fit, log: Log, seconds: float = 
             least = score
             after = variance
     before = np.sqrt(np.diag(fit.covariance))
-    names = machine.space.names()
+    names = machine.space.describe_parameters()
     news = [k for k in range(len(names)) if np.sqrt(after[k]) < TOLD <= before[k]]
     words = [f"this motion would tell {names[k]}: {before[k]:.2g} of the prior's width is left now, {np.sqrt(after[k]):.2g} then"
              for k in news]  # fmt: skip

@@ -70,10 +70,10 @@ class Problem:
 
     def predict(self, z: Array) -> list[Array]:
         """Return the readings (samples, channels) [units of the channels] of each run at z (parameters,) [-]."""
-        values = self.machine.space.values(z)
+        values = self.machine.space.compute_values(z)
         return [compute_readings(self.machine, run, values) for run in self.runs]
 
-    def pick(self, arrays: list[Array]) -> list[Array]:
+    def collect_counted_samples(self, arrays: list[Array]) -> list[Array]:
         """Return of each channel the samples that count, of all runs one after the other, (counted,) [any unit]."""
         out = []
         for c in range(len(self.machine.channels)):
@@ -91,7 +91,9 @@ def build_problem(
         max(1, int(1.0 / (PER_PERIOD * machine.settings.bandwidth_Hz * (run.time[1] - run.time[0])))) for run in runs
     )
     problem = Problem(machine, runs, counted, every)
-    for channel, values in zip(machine.channels, problem.pick([np.zeros(c.shape) for c in counted]), strict=True):
+    for channel, values in zip(
+        machine.channels, problem.collect_counted_samples([np.zeros(c.shape) for c in counted]), strict=True
+    ):
         if len(values) < 10:
             raise InputError(
                 f"{', '.join(r.name for r in runs)}: {channel.name} has {len(values)} samples that count, expected 10 or more: "
@@ -108,7 +110,7 @@ def fit(task: Problem, start: Array | None = None, prior: tuple[Array, Array] | 
     count = len(task.machine.space.parameters)
     z = np.zeros(count) if start is None else start.copy()
     mean, root = (np.zeros(count), np.eye(count)) if prior is None else prior
-    measured = task.pick([_read_measured(run) for run in task.runs])
+    measured = task.collect_counted_samples([_read_measured(run) for run in task.runs])
     z = _find_start_by_scan(task, measured, z) if start is None else z
     noise = compute_noise(_compute_residuals(task, measured, z), [np.zeros((len(m), count)) for m in measured], root)
     for _ in range(ROUNDS):
@@ -124,7 +126,7 @@ def _find_start_by_scan(task: Problem, measured: list[Array], z: Array) -> Array
     """A start beyond valleys: natural frequencies that pass one of the motion's make the cost of stiffnesses rough."""
 
     def compute_cost(x: Array) -> float:
-        told = task.pick(task.predict(x))
+        told = task.collect_counted_samples(task.predict(x))
         return float(sum(np.log(np.mean((m - p) ** 2)) for m, p in zip(measured, told, strict=True)))
 
     least = compute_cost(z)
@@ -143,7 +145,7 @@ def _find_start_by_scan(task: Problem, measured: list[Array], z: Array) -> Array
 
 
 def _compute_residuals(task: Problem, measured: list[Array], z: Array) -> list[Array]:
-    return [m - p for m, p in zip(measured, task.pick(task.predict(z)), strict=True)]
+    return [m - p for m, p in zip(measured, task.collect_counted_samples(task.predict(z)), strict=True)]
 
 
 def _read_measured(run: Run) -> Array:
@@ -153,13 +155,15 @@ def _read_measured(run: Run) -> Array:
 
 
 def compute_jacobian(task: Problem, z: Array) -> list[Array]:
-    """Return the derivatives of what `Problem.pick` gives by z, (counted, parameters) [units of the channels] per channel."""
-    level = task.pick(task.predict(z))
+    """Return the derivatives by z of what `Problem.collect_counted_samples` gives, (counted, parameters) [units of channels]."""
+    level = task.collect_counted_samples(task.predict(z))
     columns = []
     for k in range(len(z)):
         ahead = z.copy()
         ahead[k] += STEP
-        columns.append([(a - b) / STEP for a, b in zip(task.pick(task.predict(ahead)), level, strict=True)])
+        columns.append(
+            [(a - b) / STEP for a, b in zip(task.collect_counted_samples(task.predict(ahead)), level, strict=True)]
+        )
     return [np.column_stack([c[channel] for c in columns]) for channel in range(len(level))]
 
 
@@ -185,11 +189,11 @@ def _find_minimum(
 
 
 def _compute_posterior(task: Problem, z: Array, slopes: list[Array], noise: Noise, root: Array) -> Fit:
-    residual = _compute_residuals(task, task.pick([_read_measured(r) for r in task.runs]), z)
+    residual = _compute_residuals(task, task.collect_counted_samples([_read_measured(r) for r in task.runs]), z)
     scaled = [w * j for w, j in zip(noise.weight, slopes, strict=True)]
     errors = [w * r for w, r in zip(noise.weight, residual, strict=True)]
     hessian = sum((j.T @ j for j in scaled), root.T @ root)
-    label = task.pick([_list_block_numbers(task, run) for run in task.runs])
+    label = task.collect_counted_samples([_list_block_numbers(task, run) for run in task.runs])
     base = np.linalg.inv(hessian)
     left_out, held, unsure = _solve_without_blocks(scaled, errors, label, hessian)
     scatter = (len(left_out) - 1) * np.var(left_out, axis=0)

@@ -73,7 +73,7 @@ def _fill_link_tables(
         return
     mechanism = identification.machine.mechanism
     space = identification.machine.space
-    ten = compute_link_inertias(space, mechanism, space.values(identification.fit.z))
+    ten = compute_link_inertias(space, mechanism, space.compute_values(identification.fit.z))
     for k, link in enumerate(mechanism.links):
         if link.name not in space.factors:
             continue

@@ -47,7 +47,7 @@ def compute_noise(residuals: Sequence[Array], slopes: Sequence[Array], root: Arr
     behind = [_take_positive_lags(own) for own in seen]
     lasting = np.array([r.mean() for r in residuals])
     noise = _build_noise(behind, lasting)
-    spectra = [_Slopes.of(j) for j in slopes]
+    spectra = [_Slopes.build_for(j) for j in slopes]
     for _ in range(ROUNDS):
         before = noise
         behind = [
@@ -99,11 +99,11 @@ class _Slopes:
     spectrum: Array
 
     @classmethod
-    def of(cls, slopes: Array) -> _Slopes:
+    def build_for(cls, slopes: Array) -> _Slopes:
         size = next_fast_len(2 * len(slopes), real=True)
         return cls(slopes, size, _split_spectrum(np.fft.rfft(slopes, size, axis=0)))
 
-    def spread(self, alike: Array) -> Array:
+    def apply_noise_covariance(self, alike: Array) -> Array:
         """The covariance of the noise times slopes: its lags on both sides of each sample (counted, parameters) [unit^2]."""
         both = np.zeros(self.size)
         both[: len(alike)] = alike
@@ -119,7 +119,7 @@ def _compute_absorbed_part(
 ) -> list[Array]:
     """Return the part of the autocovariance that the parameters take away, (samples,) per channel [unit^2]."""
     square = noise.weight**2
-    spread = [j.spread(own) for own, j in zip(behind, slopes, strict=True)]
+    spread = [j.apply_noise_covariance(own) for own, j in zip(behind, slopes, strict=True)]
     precision = root.T @ root
     hessian = sum((w * j.slopes.T @ j.slopes for w, j in zip(square, slopes, strict=True)), precision)
     covariance = np.linalg.inv(hessian)

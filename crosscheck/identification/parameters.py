@@ -124,7 +124,7 @@ class Parameter:
         """Kind and place [-]."""
         return self.kind, self.place
 
-    def value(self, z: float) -> float:
+    def compute_value(self, z: float) -> float:
         """Return the value [unit] at a coordinate z [-]."""
         return self.known * float(np.exp(self.error * z)) if self.positive else self.known + self.error * z
 
@@ -140,11 +140,11 @@ class ParameterSpace:
     factors: Mapping[str, Array]
     more: Mapping[str, Array] = field(default_factory=dict)
 
-    def values(self, z: Array) -> Values:
+    def compute_values(self, z: Array) -> Values:
         """Return the values [units of the parameters] at coordinates z (parameters,) [-]."""
-        return {p.key: p.value(float(x)) for p, x in zip(self.parameters, z, strict=True)}
+        return {p.key: p.compute_value(float(x)) for p, x in zip(self.parameters, z, strict=True)}
 
-    def names(self) -> list[str]:
+    def describe_parameters(self) -> list[str]:
         """Return the parameters in words [-]."""
         return [f"{p.kind} of {p.place}" for p in self.parameters]
 

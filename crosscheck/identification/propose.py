@@ -78,7 +78,10 @@ def _find_peak_rates(log: Log, columns: Found) -> dict[str, tuple[float, float]]
     """Largest rates [rad/s], [m/s] and accelerations [1/s of these], but for the quickest hundredth of the samples."""
     out = {}
     for name, own in columns.items():
-        angle = low_pass(log.column(own["angle"].name), log.spacing, _choose_bandwidth(log)) * ANGLES[own["angle"].unit]
+        angle = (
+            low_pass(log.read_column(own["angle"].name), log.spacing, _choose_bandwidth(log))
+            * ANGLES[own["angle"].unit]
+        )
         rate = np.gradient(angle, log.spacing)
         both = [float(np.quantile(np.abs(x), 0.99)) for x in (rate, np.gradient(rate, log.spacing))]
         out[name] = (max(both[0], 1e-9), max(both[1], 1e-9))
@@ -115,7 +118,7 @@ def _format_free_tables(mechanism: Mechanism, log: Log, columns: Found) -> Itera
         joint = mechanism.joint_of[name]
         column = own["effort"]
         rate, acceleration = quickest[name]
-        spread = float(np.std(log.column(column.name))) * EFFORTS[column.unit]
+        spread = float(np.std(log.read_column(column.name))) * EFFORTS[column.unit]
         small = SMALL * spread * (joint.drive.ratio if joint.drive is not None and _is_at_motor(column) else 1.0)
         known = {
             "viscous friction": (joint.damping, small / rate),

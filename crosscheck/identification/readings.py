@@ -145,7 +145,7 @@ def compute_measured_motion(machine: Machine, log: Log) -> MeasuredMotion:
     columns = []
     rates = {}
     for k, (name, table) in enumerate(settings.joints.items()):
-        raw = log.column(table.angle.column) * (ANGLES[table.angle.unit] / table.angle.over)
+        raw = log.read_column(table.angle.column) * (ANGLES[table.angle.unit] / table.angle.over)
         _check_angle(machine, log, name, raw)
         columns.append(low_pass(raw, log.spacing, bandwidth))
         if table.rate is not None:
@@ -170,7 +170,7 @@ def _fit_splines(grid: bytes, values: bytes) -> tuple[Array, Array, Array]:
 
 def _read_rate(log: Log, name: str, table: RateTable, angle: Array) -> Array:
     """The rate [rad/s], [m/s] of a joint that a column states; it has to be the slope of the angle (samples,)."""
-    rate = log.column(table.column) * (RATES[table.unit] / table.over)
+    rate = log.read_column(table.column) * (RATES[table.unit] / table.over)
     slope = np.gradient(angle, log.spacing)
     size = float(rate @ slope) / float(slope @ slope)
     if abs(size - 1.0) > SLOPE:
@@ -234,8 +234,8 @@ def compute_wide_responses(machine: Machine, log: Log, only: int | None = None) 
         if table is None:
             out.append(None)
             continue
-        angle = log.column(table.column)[window] * (ANGLES[table.unit] / table.over)
-        effort = log.column(channel.column)[window] * channel.factor
+        angle = log.read_column(table.column)[window] * (ANGLES[table.unit] / table.over)
+        effort = log.read_column(channel.column)[window] * channel.factor
         out.append(compute_wide_response(angle, effort, log.spacing, machine.settings.bandwidth_Hz))
     return tuple(out)
 
@@ -244,7 +244,7 @@ def read_measured_channels(machine: Machine, log: Log) -> Array:
     """Return the efforts and gauges of a log (samples, channels) [units of the channels], low-passed.  Raises InputError."""
     columns = []
     for channel in machine.channels:
-        raw = log.column(channel.column) * channel.factor
+        raw = log.read_column(channel.column) * channel.factor
         if np.ptp(raw) == 0.0:
             raise InputError(
                 f"{log.name}: column {channel.column!r} is constant ({raw[0]:g}), expected what {channel.name} measured; "

@@ -93,7 +93,7 @@ def replace_masses(mechanism: Mechanism, masses: Mapping[str, Array]) -> Mechani
         tensor = np.zeros((3, 3))
         tensor[ROWS, COLUMNS] = tensor[COLUMNS, ROWS] = ten[4:]
         tensor -= mass * (com @ com * np.eye(3) - np.outer(com, com))
-        return (Body(name, Inertia.stated(float(mass), com, tensor)),)
+        return (Body(name, Inertia.build_unchecked(float(mass), com, tensor)),)
 
     links = tuple(
         replace(k, bodies=make_bodies(k.name, masses[k.name])) if k.name in masses else k for k in mechanism.links

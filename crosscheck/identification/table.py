@@ -63,11 +63,13 @@ def list_parameter_rows(space: ParameterSpace, fit: Fit) -> list[Row]:
     for k, one in enumerate(space.parameters):
         if one.kind == MASS:
             continue
-        value = np.array([one.value(float(x)) for x in after[:, k]])
-        known = np.array([one.value(float(x)) for x in before[:, k]])
+        value = np.array([one.compute_value(float(x)) for x in after[:, k]])
+        known = np.array([one.compute_value(float(x)) for x in before[:, k]])
         told = bool(np.sqrt(fit.covariance[k, k]) < TOLD)
         out.append(
-            _make_row((one.kind, one.place, one.unit), one.value(float(fit.z[k])), value, one.known, known, told)
+            _make_row(
+                (one.kind, one.place, one.unit), one.compute_value(float(fit.z[k])), value, one.known, known, told
+            )
         )
     for name, factor in space.factors.items():
         errors = np.array([space.parameters[keys.index((MASS, f"{name}.{n}"))].error for n in NAMES])

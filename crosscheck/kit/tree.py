@@ -75,4 +75,4 @@ def join_bodies(mechanism: Mechanism, carrier: str, seats: dict[str, tuple[str, 
     for m, c, own in parts:
         d = c - com
         tensor += own + m * (float(d @ d) * np.eye(3) - np.outer(d, d))  # Steiner
-    return Inertia.stated(mass, com, tensor)
+    return Inertia.build_unchecked(mass, com, tensor)

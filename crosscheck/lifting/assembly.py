@@ -41,7 +41,7 @@ class BodyJoint:
     """A joint between two bodies, WORLD one of them perhaps.
 
     on_parent, on_child : its frame on each [m]; axis, second_axis : (3,) [-] in that frame
-    own : further fields of a `Joint` (limits, damping [N m s], ...); closes : it is stated to close a loop
+    joint_fields : further fields of a `Joint` (limits, damping [N m s], ...); closes : it is stated to close a loop
     """
 
     name: str
@@ -52,7 +52,7 @@ class BodyJoint:
     on_child: Placement = field(default_factory=Placement)
     axis: Array = field(default_factory=lambda: np.array([0.0, 0.0, 1.0]))
     second_axis: Array = field(default_factory=lambda: np.array([0.0, 1.0, 0.0]))
-    own: Mapping[str, Any] = field(default_factory=dict)
+    joint_fields: Mapping[str, Any] = field(default_factory=dict)
     closes: bool = False
 
     @property
@@ -125,7 +125,7 @@ def _make_free_joint(body: str, pose: Placement, names: set[str]) -> Joint:
 
 def _make_joint(one: BodyJoint, carrier: Placement) -> Joint:
     at = apply_placement(inverse(carrier), one.on_parent)
-    own = dict(one.own)
+    own = dict(one.joint_fields)
     if one.kind not in ("revolute", "prismatic", "continuous", "helical"):
         own.pop("limits", None)
     return Joint(

@@ -70,7 +70,7 @@ def _build_mechanism(data: MechanismData) -> Mechanism:
 
 
 def _build_body(data: BodyData) -> Body:
-    return Body(data.name, Inertia.stated(data.mass, np.array(data.com), np.array(data.inertia)), data.station)
+    return Body(data.name, Inertia.build_unchecked(data.mass, np.array(data.com), np.array(data.inertia)), data.station)
 
 
 def _build_beam(data: BeamData) -> Beam:

@@ -134,7 +134,9 @@ def _read_inertia(inertial: Element) -> Inertia | None:
         return None
     xx, xy, xz, yy, yz, zz = (float(x[0]) for x in numbers if x is not None)
     turn = compute_rpy_rotation(rpy)
-    return Inertia.stated(float(mass[0]), com, turn @ np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]) @ turn.T)
+    return Inertia.build_unchecked(
+        float(mass[0]), com, turn @ np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]) @ turn.T
+    )
 
 
 def _compute_machine_size(robot: Element) -> float:

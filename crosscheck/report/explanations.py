@@ -17,7 +17,7 @@ class CertificateSummary:
 
     engine: str
     verdict: Verdict
-    words: str
+    text: str
     lines: tuple[Check, ...]
 
 
@@ -50,7 +50,7 @@ def describe_failing_lines(results: Results, mechanism: str, case: str, engine: 
 
 def collect_warnings(results: Results, case: CaseRow) -> dict[str, str]:
     """Return the warning beside the dynamics of engines whose certificate is missing or does not hold."""
-    return {sheet.engine: sheet.words for sheet in list_certificates(results, case) if sheet.verdict != "within"}
+    return {sheet.engine: sheet.text for sheet in list_certificates(results, case) if sheet.verdict != "within"}
 
 
 def list_diagnoses(results: Results, case: CaseRow) -> list[Diagnosis]:

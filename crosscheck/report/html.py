@@ -167,7 +167,7 @@ def build_case_view(results: Results, case: CaseRow, out: Path) -> dict[str, Any
         "runs": [one.run for one in cells if one.run is not None],
         "manifest": write_case(results, case, out),
         "neighbours": find_neighbours(results, case),
-        "sheets": reasons.list_certificates(results, case),
+        "summaries": reasons.list_certificates(results, case),
         "uncertified": reasons.collect_warnings(results, case),
         "diagnoses": reasons.list_diagnoses(results, case),
         "trend": f"../trends/{case.slug}.html" if (out / "trends" / f"{case.slug}.html").is_file() else "",

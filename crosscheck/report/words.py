@@ -255,7 +255,7 @@ def list_troubles(results: Results) -> list[tuple[Verdict, CaseRow | StudyRow, s
         rows += [("error", case, r.engine, f"{r.status}: {r.message}") for r in runs]
         failed = {r.engine for r in runs}
         torn = [sheet for sheet in list_certificates(results, case) if sheet.verdict == "deviation"]
-        rows += [("deviation", case, f"{sheet.engine} certificate", sheet.words) for sheet in torn]
+        rows += [("deviation", case, f"{sheet.engine} certificate", sheet.text) for sheet in torn]
         for c in results.comparisons:
             known = c.verdict in ("within", "skipped", "explained") or bool({c.engine, c.reference} & failed)
             known = known or (c.verdict == "deviation" and c.message == c.uncertified)  # said by the row above

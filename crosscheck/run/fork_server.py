@@ -127,7 +127,7 @@ class Server:
             ready, _, _ = select.select([self.requests, ear], [], [])
             if ear in ready:
                 ear.recv(4096)
-                self._reap()
+                self._collect_ended_jobs()
             if self.requests in ready and not self._can_take_request([ear, mouth]):
                 return
 
@@ -160,7 +160,7 @@ class Server:
         self.answers[pid] = answer
         _send_words(answer, f"forked {pid}")
 
-    def _reap(self) -> None:
+    def _collect_ended_jobs(self) -> None:
         """Tell how jobs ended, and end what each of them has started (before its number may be given to another)."""
         for pid in list(self.answers):
             if os.waitid(os.P_PID, pid, os.WEXITED | os.WNOHANG | os.WNOWAIT) is None:

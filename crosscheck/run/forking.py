@@ -155,7 +155,7 @@ class ForkServers:
                 self.known[name] = _begin_prepared(self.common, job)
             return self.known[name]
 
-    def stop(self) -> None:
+    def end_processes(self) -> None:
         """End all of them, and start no more."""
         self.stopped = True
         if self.common is not None:

@@ -1,7 +1,7 @@
 """Reading of strangers' files in a process of its own: what takes too long or too much memory, or crashes, becomes words.
 
-A reader is a compiled parser of somebody else's: it may wait, swell or die.  `ReadingLimits.call` lets it do so where it harms
-nobody.  The process is forked from this one where that may be, which costs nothing; else it is a fresh one
+A reader is a compiled parser of somebody else's: it may wait, swell or die.  `ReadingLimits.run_function` lets it do so where
+it harms nobody.  The process is forked from this one where that may be, which costs nothing; else it is a fresh one
 (`crosscheck.run.isolation`).
 """
 
@@ -66,7 +66,7 @@ class ReadingLimits:
     gigabytes: float = GIGABYTES
     children: ChildProcesses = field(default_factory=ChildProcesses)
 
-    def call(self, function: Callable[..., T], file: str, *arguments: Any) -> T:
+    def run_function(self, function: Callable[..., T], file: str, *arguments: Any) -> T:
         """Return the answer of a function of a module of ours to a file [-].
 
         Raises InputError as it does, and Unread where it takes too long or too much memory, dies, or fails.
@@ -160,17 +160,17 @@ class _ForkedJob:
                 raise subprocess.TimeoutExpired("a copy", limit)
         finally:
             os.close(number)
-        self._reap()
+        self._collect_exit_code()
 
     def end(self) -> None:
         """Kill what is left of it, and of everything that it started."""
         if self.returncode is None:
             end_process_tree(self.pid)
-            self._reap()
+            self._collect_exit_code()
         end_process_group(self.pid)
         end_marked_processes(self.mark)
 
-    def _reap(self) -> None:
+    def _collect_exit_code(self) -> None:
         self.returncode = os.waitstatus_to_exitcode(os.waitpid(self.pid, 0)[1])
 
 

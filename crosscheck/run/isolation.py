@@ -96,9 +96,9 @@ class ChildProcesses:
                     if self.stopped:
                         end_process_tree(process.pid)
                 return process
-        return self.start(build_command(job_file), folder, log)
+        return self.begin_process(build_command(job_file), folder, log)
 
-    def start(self, command: list[str], folder: Path, log: int) -> subprocess.Popen[bytes]:
+    def begin_process(self, command: list[str], folder: Path, log: int) -> subprocess.Popen[bytes]:
         """Start ``build_command`` in ``folder`` as the head of a process group of its own."""
         with self.lock:
             if self.stopped:
@@ -129,14 +129,14 @@ class ChildProcesses:
         process.wait()
         end_marked_processes(self.marks.pop(process.pid, ""))
 
-    def stop(self) -> None:
+    def end_processes(self) -> None:
         """Kill every child and start no more."""
         with self.lock:
             self.stopped = True
             for leader in self.running:
                 end_process_tree(leader)
         if self.servers is not None:
-            self.servers.stop()
+            self.servers.end_processes()
 
 
 def make_mark(folder: Path) -> str:

@@ -107,15 +107,15 @@ def describe_pair_cause(shared: RunContext, task: Task, rows: Iterable[Compariso
     row = next(filter(needs_diagnosis, rows), None)
     if row is None:
         return ""
-    file = shared.kept.stem(task, row.engine).with_suffix(".why")
-    with shared.kept.alone(task, f"why {row.engine}"):
+    file = shared.kept.make_record_path(task, row.engine).with_suffix(".why")
+    with shared.kept.take_lock(task, f"why {row.engine}"):
         if not file.is_file():
             file.write_text(json.dumps(asdict(_find_diagnosis(shared, task, row))), encoding="utf-8")
         return describe_diagnosis(Diagnosis(**json.loads(file.read_text(encoding="utf-8"))))
 
 
 def _find_diagnosis(shared: RunContext, task: Task, row: Comparison) -> Diagnosis:
-    ours, theirs = (shared.kept.stem(task, name) for name in (row.engine, row.reference))
+    ours, theirs = (shared.kept.make_record_path(task, name) for name in (row.engine, row.reference))
     one = make_question(row, task.folder, ours, theirs, shared.engines.get(row.engine))
     answer, ending = ask(one.job, shared.limit, shared.children)
     return read_diagnosis(one, answer, ending.message)
@@ -123,7 +123,7 @@ def _find_diagnosis(shared: RunContext, task: Task, row: Comparison) -> Diagnosi
 
 def _run_attempt(shared: RunContext, task: Task, engine: Engine, options: Mapping[str, Any] = FIRST) -> Attempt:
     what: dict[str, Any] = {"mechanism": str(task.folder.resolve()), "case": task.case.name, "options": dict(options)}
-    with shared.kept.alone(task, engine.name):
+    with shared.kept.take_lock(task, engine.name):
         found = shared.kept.find(task, engine.name, options)
         if found is None:
             if options is AGAIN:  # in a process that shares nothing with the first, not even what it was forked from

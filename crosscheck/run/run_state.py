@@ -71,7 +71,7 @@ class RunState:
     refused: dict[tuple[str, str, str], Attempt] = field(default_factory=dict)
     seconds: dict[str, float] = field(default_factory=dict)
 
-    def jobs(self) -> Iterator[Job]:
+    def list_jobs(self) -> Iterator[Job]:
         """Yield every engine at every case, and every study."""
         for task in self.work.plan.tasks:
             for engine in self.work.engines.values():
@@ -79,7 +79,7 @@ class RunState:
         for study in self.work.studies:
             yield "study", study, None
 
-    def asked(self, left: Iterable[Job]) -> Iterator[Job]:
+    def list_ability_questions(self, left: Iterable[Job]) -> Iterator[Job]:
         """Yield what every adapter is asked before its engines run: what it is, and which of the cases it can do.
 
         left : the jobs that are to be done
@@ -92,7 +92,7 @@ class RunState:
         for key, engine in sorted(adapters.items()):
             yield "abilities", engine, tuple(pairs.get(key, ()))
 
-    def refusal(self, job: Job) -> Attempt | None:
+    def find_refusal(self, job: Job) -> Attempt | None:
         """Return the attempt of an engine that has said that it cannot do a case, None where it can or has not said."""
         kind, what, engine = job
         return self.refused.get((what.folder.name, what.case.name, engine.name)) if kind == "run" else None
@@ -101,7 +101,7 @@ class RunState:
         """Return True for the runs of the engine that others are compared with."""
         return job[0] == "run" and job[2].name == REFERENCE
 
-    def compared(self, jobs: Iterable[Job]) -> Iterator[Job]:
+    def list_compared_jobs(self, jobs: Iterable[Job]) -> Iterator[Job]:
         """Yield the runs of the reference, those that nothing is compared with as refused."""
         answered = {(run.mechanism, run.case) for run in self.results.runs if run.status == "ok"}
         for job in jobs:
@@ -149,7 +149,7 @@ class RunState:
         rows = update_open_rows(self.results.comparisons, judge_by_certificate(fresh, lines))
         self.results = replace(self.results, comparisons=tuple(rows))
 
-    def repeats(self) -> Iterator[Job]:
+    def list_repeats(self) -> Iterator[Job]:
         """Yield the runs whose error bars explain a difference: they have to repeat; and those that seem worse than blessed."""
         rows = self.results.comparisons
         known = self.work.options.baseline
@@ -175,7 +175,7 @@ class RunState:
             rows.append(row)
         self.results = replace(self.results, comparisons=tuple(rows))
 
-    def questions(self) -> Iterator[Job]:
+    def list_cause_questions(self) -> Iterator[Job]:
         """Yield what is asked once everything is compared: why engines deviate."""
         for question in list_questions(
             self._judge_by_baseline(whole=False), self.work.plan, self.out, self.work.engines
@@ -243,7 +243,7 @@ class RunState:
         """Add a row of an error with these words for every engine and study that has none; `finish` writes them."""
         self.pause = math.inf
         have = {(r.mechanism, r.case, r.engine) for r in self.results.runs} | {s.name for s in self.results.studies}
-        for kind, what, engine in self.jobs():
+        for kind, what, engine in self.list_jobs():
             name = (what.folder.name, what.case.name, engine.name) if kind == "run" else what.name
             if name in have:
                 continue
@@ -254,7 +254,7 @@ class RunState:
                 row = StudyRow(what.name, what.title, status="error", message=words)
                 self.results = replace(self.results, studies=(*self.results.studies, row))
 
-    def told(self, trouble: Iterable[str], afresh: Mapping[str, str]) -> None:
+    def add_troubles(self, trouble: Iterable[str], afresh: Mapping[str, str]) -> None:
         """Add what a reader has to know of kept answers, and of engines that are not forked, to the settings."""
         words = {"kept results": "; ".join(trouble)} if trouble else {}
         words |= {f"processes of {name}": f"each started afresh: {why}" for name, why in afresh.items()}
@@ -304,7 +304,7 @@ class RunState:
             self.signals |= {(row.mechanism, row.case, row.engine, name): one for name, one in described.items()}
         self._add_record(task, attempt.record)
         name = make_job_label("run", task, engine)
-        self._note(name, attempt.elapsed, attempt.kept)
+        self._add_job_time(name, attempt.elapsed, attempt.kept)
         kept = f"unchanged since {attempt.kept}" if attempt.kept else ""
         self._send_event(name, row.verdict if row.status != "ok" else "ok", row.message or kept)
 
@@ -368,10 +368,10 @@ class RunState:
     def _add_study(self, study: Study, answer: Any, ending: Any) -> None:
         row = make_study_row(study, answer, ending)
         self.results = replace(self.results, studies=(*self.results.studies, row))
-        self._note(make_job_label("study", study, None), ending.elapsed, ending.kept)
+        self._add_job_time(make_job_label("study", study, None), ending.elapsed, ending.kept)
         self._send_event(f"study {study.name}", row.verdict, row.message)
 
-    def _note(self, name: str, elapsed: float, kept: str) -> None:
+    def _add_job_time(self, name: str, elapsed: float, kept: str) -> None:
         """Note how long a job took [s], where it ran."""
         if elapsed and not kept:
             self.seconds[name] = elapsed

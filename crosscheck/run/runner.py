@@ -59,14 +59,14 @@ def _run(work: Work, out: Path, notify: Notify, command: str, tell: Tell) -> Res
         try:
             _run_stages(state, under_way)
         except KeyboardInterrupt:
-            under_way.stop()
+            under_way.end_processes()
             state.add_interrupted()
         except Exception as error:  # of ours: what has finished is reported all the same
-            under_way.stop()
+            under_way.end_processes()
             state.add_failures(error)
         finally:
             servers.close()
-    state.told(kept.trouble if kept is not None else (), servers.refusals)
+    state.add_troubles(kept.trouble if kept is not None else (), servers.refusals)
     results = state.finish()
     if kept is not None:
         kept.close(state.seconds)
@@ -78,27 +78,31 @@ def _run(work: Work, out: Path, notify: Notify, command: str, tell: Tell) -> Res
 
 def _run_stages(state: RunState, under_way: RunningJobs) -> None:
     """Take what is kept, ask what engines can do, run what they can, then repeat and ask why where that is called for."""
-    left = under_way.unknown(state, state.jobs())
-    under_way.run_jobs(state, under_way.unknown(state, state.asked(left)))
+    left = under_way.take_known_answers(state, state.list_jobs())
+    under_way.run_jobs(state, under_way.take_known_answers(state, state.list_ability_questions(left)))
     able = sorted(
-        under_way.take_refusals(state, left), key=under_way.shelves.expected, reverse=not under_way.options.climbing
+        under_way.take_refusals(state, left),
+        key=under_way.stores.find_expected_time,
+        reverse=not under_way.options.climbing,
     )
     if under_way.options.climbing:
         under_way.run_jobs(state, [job for job in able if not state.is_of_reference(job)])
-        able = under_way.take_refusals(state, state.compared(job for job in able if state.is_of_reference(job)))
+        able = under_way.take_refusals(
+            state, state.list_compared_jobs(job for job in able if state.is_of_reference(job))
+        )
     under_way.run_jobs(state, able)
     if not under_way.options.asking:
         return
     while finer := state.list_refinements():
         under_way.run_jobs(state, finer)
-    under_way.run_jobs(state, state.repeats())
+    under_way.run_jobs(state, state.list_repeats())
     state.judge_repeats()
     _ask_why(state, under_way)
 
 
 def _ask_why(state: RunState, under_way: RunningJobs) -> None:
     """Have what deviates diagnosed, the engines of a case in one process; what that leaves open is asked alone."""
-    left = under_way.unknown(state, state.questions())
+    left = under_way.take_known_answers(state, state.list_cause_questions())
     together = split_by_case(question for _, question, _ in left)
     under_way.run_jobs(state, [("why together", several, None) for several in together])
     answered = {(one.mechanism, one.case, one.engine) for one in state.results.diagnoses}
@@ -113,14 +117,14 @@ class RunningJobs:
     here: Executor
     options: Options
     children: ChildProcesses
-    shelves: AnswerStores
+    stores: AnswerStores
     pending: dict[Future[Any], Job] = field(default_factory=dict)
 
-    def unknown(self, state: RunState, jobs: Iterable[Job]) -> list[Job]:
+    def take_known_answers(self, state: RunState, jobs: Iterable[Job]) -> list[Job]:
         """Take the answers to jobs that are kept, and return the other jobs."""
         left = []
         for job in jobs:
-            if (found := self.shelves.find(job)) is None:
+            if (found := self.stores.find(job)) is None:
                 left.append(job)
             else:
                 state.take_or_fail(job, found)
@@ -130,10 +134,10 @@ class RunningJobs:
         """Take that engines cannot do cases, as they have said, and return the other jobs."""
         refusals = []
         for job in jobs:
-            if (no := state.refusal(job)) is None:
+            if (no := state.find_refusal(job)) is None:
                 refusals.append(job)
             else:
-                self.shelves.add_answer(job, no)
+                self.stores.add_answer(job, no)
                 state.take_or_fail(job, no)
         return refusals
 
@@ -145,7 +149,7 @@ class RunningJobs:
                 job = self.pending[future]
                 answer = _read_answer(future, job)
                 for part, said in _split_answer(job, answer):
-                    self.shelves.add_answer(part, said)  # first, so that a run resumes what an interruption finds told
+                    self.stores.add_answer(part, said)  # first, so that a run resumes what an interruption finds told
                     state.take_or_fail(part, said)
                 del self.pending[future]
 
@@ -156,9 +160,9 @@ class RunningJobs:
         pool = self.here if self.options.scheduler else self.pool
         return pool.submit(_run_job, job, self.options, self.children)
 
-    def stop(self) -> None:
+    def end_processes(self) -> None:
         """End every process, and start no more."""
-        self.children.stop()
+        self.children.end_processes()
         for future in self.pending:
             future.cancel()
 

@@ -31,21 +31,25 @@ class AnswerStores:
     """Answers of a run that was cut short (left), and of all runs before (kept, None: no such)."""
 
     options: Options
-    left: AttemptFolder
-    kept: AnswerCache | None
+    interrupted_run: AttemptFolder
+    cache: AnswerCache | None
 
     def find(self, job: Job) -> Any:
         """Return the answer to a job where it is there and wanted, else None."""
         kind, what, engine = job
-        if kind == "run" and self.options.resume and (found := self.left.find(what, engine.name, self.options.engine)):
+        if (
+            kind == "run"
+            and self.options.resume
+            and (found := self.interrupted_run.find(what, engine.name, self.options.engine))
+        ):
             return found
-        if self.kept is None or self.options.fresh:
+        if self.cache is None or self.options.fresh:
             return None
         if kind == "run":
-            return self.kept.find_attempt(what, engine)
+            return self.cache.find_attempt(what, engine)
         if kind == "abilities" and engine:  # there is something to be asked
             return None
-        if (things := self._list_dependencies(job)) is None or (words := self.kept.find_values(kind, *things)) is None:
+        if (things := self._list_dependencies(job)) is None or (words := self.cache.find_values(kind, *things)) is None:
             return None
         if kind == "abilities":
             return Abilities(words["answer"])
@@ -56,24 +60,24 @@ class AnswerStores:
         kind, what, engine = job
         if kind == "run":
             with contextlib.suppress(OSError):  # a full disk: then there is nothing to resume from
-                self.left.add_answer(what, engine.name, answer, self.options.engine)
-        if self.kept is None:
+                self.interrupted_run.add_answer(what, engine.name, answer, self.options.engine)
+        if self.cache is None:
             return
         if kind == "run":
-            self.kept.add_answer(what, engine, answer)
+            self.cache.add_answer(what, engine, answer)
         elif (told := _convert_answer(kind, answer)) and (things := self._list_dependencies(job)) is not None:
-            self.kept.add_values(told, kind, *things)
+            self.cache.add_values(told, kind, *things)
 
     def _list_dependencies(self, job: Job) -> tuple[object, ...] | None:
         """Return the things that an answer depends on beside those that all answers depend on; None: it is not kept."""
         kind, what, _ = job
-        if self.kept is not None and kind == "study":
-            return self.kept.list_study_dependencies(what)
-        if self.kept is not None and kind == "why":
-            return _list_question_dependencies(what, self.kept)
+        if self.cache is not None and kind == "study":
+            return self.cache.list_study_dependencies(what)
+        if self.cache is not None and kind == "why":
+            return _list_question_dependencies(what, self.cache)
         return (what.adapter_key, what.door) if kind == "abilities" else None
 
-    def expected(self, job: Job) -> float:
+    def find_expected_time(self, job: Job) -> float:
         """Return the time that a job may take [s]: as long as it took last, or an estimate."""
         kind, what, engine = job
         known = self._times.get(make_job_label(kind, what, engine))
@@ -83,7 +87,7 @@ class AnswerStores:
 
     @cached_property
     def _times(self) -> Mapping[str, float]:
-        return {} if self.kept is None else self.kept.read_times()
+        return {} if self.cache is None else self.cache.read_times()
 
 
 def compute_estimated_time(task: Task) -> float:

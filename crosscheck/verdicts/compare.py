@@ -223,7 +223,7 @@ def _judge_quantity(
     known = pair.engine.engine in ENGINES and ENGINES[pair.engine.engine].native
     verdict, message = judge_by_limit(share, limit, pair.today, pair.engine.message if known else "")
     if bars is not None and limit is not None and verdict in ("within", "deviation"):
-        verdict, message = bars.judged(verdict, message, limit.maximum)
+        verdict, message = bars.judge_comparison(verdict, message, limit.maximum)
     if gap:
         verdict = "error" if quantity in WHOLE else verdict
         message = "; ".join(filter(None, [message, gap]))

@@ -136,7 +136,7 @@ def solve_within_accuracy(problem: Problem) -> Solution:
     """Return the solution [N m, N, m, rad, s] with bars within the accuracy asked; raises ConvergenceError out of reach."""
     refinement = Refinement(problem)
     if not problem.marched:
-        if (exact := refinement.level(0, EXACT_SAMPLES)) is None:
+        if (exact := refinement.run_level(0, EXACT_SAMPLES)) is None:
             raise make_accuracy_error(refinement, None)
         solution = assemble_solution(exact.mesh, exact.first, exact.settings)
         last = np.finfo(float).eps * solution.mesh.length
@@ -146,13 +146,13 @@ def solve_within_accuracy(problem: Problem) -> Solution:
         return replace(solution, torque_error=_compute_rounding(solution), tip_error=tips, settings=settings)
     answer = find_cheapest_answer(refinement)
     level = answer.levels[-1]
-    steps = [take_every_sample(one.first, one.kept // answer.kept) for one in answer.levels]
+    steps = [take_every_sample(one.first, one.samples_per_step // answer.samples_per_step) for one in answer.levels]
     first = compute_extrapolated_step(level.mesh.mechanism, steps, answer.weight)
     found = run_second_step(level.mesh, first)
     solution = assemble_solution(level.mesh, first, level.settings, found)
     if not any(closure.active for closure in problem.mechanism.closures):
         jumps = {int(np.abs(first.time - t).argmin()) for t in problem.jumps}
-        work = compute_energy_defect(first, found, problem.grid.seams(answer.kept), jumps)
+        work = compute_energy_defect(first, found, problem.grid.list_seams(answer.samples_per_step), jumps)
         solution = replace(solution, balance=replace(solution.balance, work=work))
     asked = problem.accuracy
     count = solution.torque.shape[1]

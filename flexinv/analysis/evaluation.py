@@ -92,7 +92,7 @@ def assemble_solution(
         deflection={link.name: own for link, own in zip(mechanism.beams, found.deflection, strict=True)},
         wrench=dict(zip(mesh.joint_node, found.wrench, strict=True)),
         internal=internal, internal_stations=stations, balance=balance, loops=loops,
-        iterations=first.trajectory.iterations, settings=settings.words(), notes=mechanism.notes,
+        iterations=first.trajectory.iterations, settings=settings.describe_settings(), notes=mechanism.notes,
     )  # fmt: skip
     if whole and first.ends:
         solution.check_energy()

@@ -84,7 +84,7 @@ class _LimitQuery:
     def size(self) -> float:
         return SMALL_VALUE * abs(self.limit)
 
-    def pick(self, parts: dict[str, Array]) -> Array:
+    def take_columns(self, parts: dict[str, Array]) -> Array:
         """Columns (samples, signs) that are held against the level."""
         own = parts["upper" if self.quantity == "lower" else self.quantity][:, self.column]
         return np.asarray(own[:, None] * np.array(LIMIT_SIDES[self.quantity]))
@@ -123,7 +123,7 @@ def find_limits(solution: Solution, motion: Motion | None = None) -> tuple[Limit
     found |= _check_interpolated_limits(solution, groups[WITHIN_STEPS])
     for one in groups[AT_STEPS]:
         found[one] = _check_sampled_limit(
-            m, one, time, one.pick(_collect_quantities(m, solution.q, solution.qd, solution.torque_all))
+            m, one, time, one.take_columns(_collect_quantities(m, solution.q, solution.qd, solution.torque_all))
         )
     return tuple(found[one] for one in asked)
 
@@ -185,7 +185,7 @@ def _check_exact_limits(solution: Solution, motion: Motion, queries: list[_Limit
 
     def evaluate_columns(times: Array) -> Array:
         parts = evaluate(times)
-        return np.hstack([one.pick(parts) for one in queries])
+        return np.hstack([one.take_columns(parts) for one in queries])
 
     sizes = [one.size for one in queries for _ in LIMIT_SIDES[one.quantity]]
     pieces = fit_pieces(evaluate_columns, [time[0], *inside, time[-1]], sizes)
@@ -247,9 +247,9 @@ def _compare_with_limits(
     for one in queries:
         own = range(first, first + len(LIMIT_SIDES[one.quantity]))
         first = own.stop
-        peak, at = max((pieces.largest(column) for column in own), key=lambda pair: pair[0])
-        reached = [time for column in own if (time := pieces.reach(column, one.level)) is not None]
-        passed = any(pieces.passes(column, one.level) for column in own)
+        peak, at = max((pieces.find_largest(column) for column in own), key=lambda pair: pair[0])
+        reached = [time for column in own if (time := pieces.find_crossing(column, one.level)) is not None]
+        passed = any(pieces.has_value_above(column, one.level) for column in own)
         limits[one] = _make_limit_use(mechanism, one, peak, at, (min(reached, default=None), passed), looked)
     return limits
 

@@ -71,7 +71,7 @@ def solve_rigid_loops(task: Task) -> FirstStep:
     wrenches = compute_local_wrenches(mesh, motion, forces)
     tree = compute_projected_efforts(mesh, motion, forces, wrenches) + compute_internal_efforts(m, q, qd, qdd)
     parts = [
-        _compute_phase_shares(mesh, one, motion.samples(one.span), tree[one.span], g) for one in stretches
+        _compute_phase_shares(mesh, one, motion.take_samples(one.span), tree[one.span], g) for one in stretches
     ]  # phase by phase
     shares = parts[0]
     width = max(part.preload.shape[2] for part in parts)
@@ -132,7 +132,7 @@ def _solve_phased_motion(
             return solve_closed_motion(mesh, history, time, unknown, knots=knots), only, [], None
         given = history(time)
         motion = NodalMotion.unwritten(len(time), mesh.size)
-        return given, only, [], (PrescribedLoops(mesh).jacobian(*given, motion), motion)
+        return given, only, [], (PrescribedLoops(mesh).compute_jacobian(*given, motion), motion)
     whole = history(time)
     begins = np.zeros(len(m.closures), dtype=bool)
     stretches = list[Stretch]()
@@ -146,7 +146,7 @@ def _solve_phased_motion(
             state = compute_rigid_motion(mesh, before[0][None], before[1][None], np.zeros((1, m.nv)))
             stretch, begins = _begin_stretch(mesh, stretches[-1], piece, state, at)
         begun = None if before is None else before[0]
-        rows = stretch.rows.of(piece.active)
+        rows = stretch.rows.take_active(piece.active)
         closed_motion = solve_closed_motion(mesh, history, time[span], unknown, rows, begun, knots)
         if before is not None and _is_plastic(mesh, begins):
             # which the impulses change at once
@@ -191,7 +191,7 @@ def _compute_phase_shares(
     """Shares of the drives in one phase, from its constraint Jacobian; multipliers of closures that do not act are zero."""
     m = mesh.mechanism
     active = stretch.phase.active
-    rows = stretch.rows.of(active)
+    rows = stretch.rows.take_active(active)
     pick = active[stretch.rows.closure]
     g = compute_constraint_jacobian(mesh, motion, rows) if jacobian is None else jacobian
     phase_shares = split_efforts(g, tree, m.actuated, m.weights[m.actuated], rows)
@@ -238,7 +238,9 @@ def _solve_closed_start(
     mesh: Mesh, time: float, unknown: Mask, stated: Mask, active: Mask, q: Array, qd: Array, qdd: Array
 ) -> Triple:
     """The closed state of one sample: other steps, tolerances and motions often begin at the same."""
-    closed_start = solve_closed_start(mesh, (q, qd, qdd), time, unknown, build_constraint_rows(mesh).of(active), stated)
+    closed_start = solve_closed_start(
+        mesh, (q, qd, qdd), time, unknown, build_constraint_rows(mesh).take_active(active), stated
+    )
     for part in closed_start:
         part.flags.writeable = False
     return closed_start[0][None], closed_start[1][None], closed_start[2][None]
@@ -307,7 +309,7 @@ class PhaseHistory:
         mesh = solver.mesh
         s = solver.state
         sample = phase.first
-        one = NodalMotion(*(part.copy() for part in out.rows(sample, sample + 1).motion.parts))
+        one = NodalMotion(*(part.copy() for part in out.take_samples(sample, sample + 1).motion.parts))
         stretch, begins = _begin_stretch(mesh, self.stretches[-1], phase, one, time)
         # the rest, below `reactions.APART`: the next step shall not jerk it away
         rows = move_second_frames(mesh.mechanism, build_constraint_rows(mesh), stretch.rows, one, begins)
@@ -320,7 +322,7 @@ class PhaseHistory:
         solver.solve_instant(ACCELERATIONS, joints, f"at t = {time:g} s")
         write_instant(solver, sample, out)
         if _is_plastic(mesh, begins):
-            two = out.rows(sample, sample + 1).motion
+            two = out.take_samples(sample, sample + 1).motion
             after = _collect_rates(solver, qd)
             sides = ((one, before), (two, after))
             pushed = compute_closure_wrenches(mesh, two, rows, impulses[None])[0]

@@ -73,7 +73,7 @@ def simulate(
         state = start_values.q, start_values.qd, start_values.qdd
         if meshed.closures:
             state = find_consistent_start(
-                mesh, start_values, build_constraint_rows(mesh).of(find_acting_closures(meshed, first)), first
+                mesh, start_values, build_constraint_rows(mesh).take_active(find_acting_closures(meshed, first)), first
             )
         began.append((start_values, state[0], state[1]))
         history = make_rest_history(*state)

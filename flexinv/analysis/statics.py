@@ -60,7 +60,7 @@ class Load(Frozen):
         "follower": rules.check_truth,
     }
 
-    def _name(self) -> str:
+    def _describe_record(self) -> str:
         return f"load on {shown(self.link)}: "
 
 
@@ -97,17 +97,17 @@ def statics(mechanism: Mechanism, loads: Sequence[Load] = (), q: ArrayLike | Non
         with replace_advice(GIVE_Q):
             (first,) = run_first_step(Task(mesh, now, held, held, passive, SETTINGS))
         return assemble_solution(mesh, first, SETTINGS)
-    solver = Solver.of(mesh, passive)
+    solver = Solver.build_for(mesh, passive)
     (phase,) = list_phases(loaded, now)
     switching = PhaseHistory(mesh, phase, solver.border.ties)
     if mechanism.closures:
-        rows = build_constraint_rows(mesh).of(phase.active)
+        rows = build_constraint_rows(mesh).take_active(phase.active)
         with replace_advice(GIVE_Q):
             at = solve_closed_start(mesh, (at, rest[0], rest[0]), 0.0, build_joint_mask(mechanism, passive), rows)[0]
     solver.update_loads(0.0, at, rest[0], rest[0])
     begin_undeformed(solver, at, rest[0], rest[0])
     joints = find_equilibrium(solver, at, "statics")
-    out = Trajectory.empty(1, mesh, solver.instant.multipliers.shape[1])
+    out = Trajectory.make_zero(1, mesh, solver.instant.multipliers.shape[1])
     iterations = solver.solve_instant(STATICS, joints, "statics")
     write_instant(solver, 0, out)
     out.iterations[0] = iterations

@@ -60,7 +60,7 @@ class Settings:
             self.step, self.spectral_radius, EXACT if self.tolerance is None else self.tolerance
         )
 
-    def words(self) -> Words:
+    def describe_settings(self) -> Words:
         """Return the settings as a Solution records them [s], [-]."""
         if self.statics:
             return {"statics": True, "incremental": False}

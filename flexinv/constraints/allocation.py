@@ -76,7 +76,7 @@ def split_efforts(
         fronts = build_fronts(np.ones((rows, nv), dtype=bool), driven)
     else:
         scale = constraints.scale
-        fronts = constraints.fronts(last=driven)
+        fronts = constraints.build_fronts(last=driven)
     most = max(len(drives) - max(nv - rows, 1), 0)  # preloads: at least so many freedoms are left to move
     tau = np.zeros((samples, nv))
     preload = np.zeros((samples, nv, most))
@@ -155,7 +155,7 @@ class PrescribedLoops:
         """Constraints of the closures [m], [-]."""
         return build_constraint_rows(self.mesh)
 
-    def jacobian(self, q: Array, qd: Array, qdd: Array, motion: NodalMotion | None = None) -> Array:
+    def compute_jacobian(self, q: Array, qd: Array, qdd: Array, motion: NodalMotion | None = None) -> Array:
         """Return G (samples, rows, nv) [m/rad], [-] of a consistent motion q (samples, nq), qd, qdd (samples, nv) [rad or m, s].
 
         motion : of the nodes, which is set, where it is wanted [m, rad, s]
@@ -186,7 +186,7 @@ class PrescribedLoops:
         worst = np.zeros((3, 2))
         at = np.zeros((3, 2), dtype=np.int64)
         frames = Frames(*(motion or NodalMotion.unwritten(1, self.mesh.size)).parts)
-        chain = Chain.of(build_nodes(self.mesh), self.rows)
+        chain = Chain.build_for(build_nodes(self.mesh), self.rows)
         given = (make_contiguous(q), make_contiguous(qd), make_contiguous(qdd))
         evaluate_jacobians(chain, self.rows.scale, frames, given, g, worst, at)
         return drop_rounding(self.mesh, self.rows.direction, g), worst, at
@@ -202,22 +202,22 @@ class PrescribedLoops:
                     "of all joints as flexinv.solve returns them, or call flexinv.solve with the independent joints only"
                 )
 
-    def shares(self, q: Array, qd: Array, qdd: Array, tau: Array) -> AllocatedEfforts:
+    def compute_shares(self, q: Array, qd: Array, qdd: Array, tau: Array) -> AllocatedEfforts:
         """Return the drives' efforts and the multipliers [N m], [N] for the cut tree's efforts, tau (samples, nv): "
         "`split_efforts`.
 
         q : (samples, nq), qd, qdd : (samples, nv) of all joints [rad or m, s]
         Raises InputError for a motion that the closures do not allow, or that the drives cannot give.
         """
-        return self._shared(self.jacobian(q, qd, qdd), tau, np.arange(len(tau)))
+        return self._split_samples(self.compute_jacobian(q, qd, qdd), tau, np.arange(len(tau)))
 
     def apply_shares(self, which: Mask, q: Array, qd: Array, qdd: Array, tau: Array) -> None:
         """Put them into ``tau`` at some samples (samples,) of a motion that is known to keep the closures [N m], [N]."""
         samples = np.flatnonzero(which)
         g = self._evaluate_closures(q[samples], qd[samples], qdd[samples])[0]
-        tau[samples] = self._shared(g, tau[samples], samples).tau
+        tau[samples] = self._split_samples(g, tau[samples], samples).tau
 
-    def _shared(self, g: Array, tau: Array, samples: NDArray[np.int64]) -> AllocatedEfforts:
+    def _split_samples(self, g: Array, tau: Array, samples: NDArray[np.int64]) -> AllocatedEfforts:
         m = self.mesh.mechanism
         shares = split_efforts(g, tau, m.actuated, m.weights[m.actuated], self.rows)
         largest = max(np.abs(tau).max(initial=0.0), np.abs(shares.multipliers).max(initial=0.0))

@@ -73,7 +73,7 @@ def make_places(fronts: Fronts, rows: int, drives: NDArray[np.int64], root: Arra
     h = np.zeros((most, most, SAMPLES_OF_BLOCK))
     y, x, turn = (np.zeros((size, SAMPLES_OF_BLOCK)) for size in (rows + nv, nv, 2))
     whole = build_fronts(np.ones((most, most), dtype=bool))
-    closing, driving = (FrontFactors.of(one, SAMPLES_OF_BLOCK) for one in (fronts, whole))
+    closing, driving = (FrontFactors.build_for(one, SAMPLES_OF_BLOCK) for one in (fronts, whole))
     return AllocationWork(drives, root, fronts, closing, whole, driving, motions, h, y, x, turn)
 
 
@@ -84,7 +84,7 @@ def _compute_allowed_motions(place, freedoms):
     fronts = place.fronts
     free = 0
     for f in range(fronts.parent.shape[0]):
-        for at in range(fronts.first[f], fronts.first[f] + fronts.own[f]):
+        for at in range(fronts.first[f], fronts.first[f] + fronts.pivots[f]):
             if place.closing.pivot[at] < 0:
                 place.motions[free] = 0.0
                 place.motions[free, fronts.column[at]] = 1.0

@@ -60,7 +60,7 @@ class StatedStart:
     place: float = TYPED_DIGITS
     rate: float = TYPED_DIGITS
 
-    def missed(self, off: Array) -> tuple[float, float, float]:
+    def compute_deviations(self, off: Array) -> tuple[float, float, float]:
         """Return by how much drives, and all joints, are further off than they may be, and how far they are (nv,) [-]."""
         drives = np.where(self.passive, 0.0, off).max(initial=0.0)
         all_ = off.max(initial=0.0)
@@ -78,10 +78,10 @@ def find_consistent_start(mesh: Mesh, start: StatedStart, rows: Rows, time: floa
     """
     sets = start.list_movable_sets(start.places)
     if (q := _find_configuration(mesh, start, rows, sets)) is None:
-        Follower(mesh, rows, sets[-1]).start(time, start.q)  # says which closure stays open
+        Follower(mesh, rows, sets[-1]).find_start(time, start.q)  # says which closure stays open
         raise AssertionError("the loops close from the start")
     off = compute_start_offset(mesh, start.places, start.q, q)
-    if start.missed(off)[:2] != (0.0, 0.0):
+    if start.compute_deviations(off)[:2] != (0.0, 0.0):
         raise _make_contradiction_error(mesh, "start", start.places, start.q, q, off, time)
     qd = start.qd.copy()
     qdd = start.qdd.copy()
@@ -121,7 +121,7 @@ def _find_configuration(mesh: Mesh, start: StatedStart, rows: Rows, sets: Sequen
         if (q := Follower(mesh, rows, free).solve(held)) is None:
             continue
         q = convert_to_nearest_turn(mesh.mechanism, start.q, q)
-        missed = start.missed(compute_start_offset(mesh, start.places, start.q, q))
+        missed = start.compute_deviations(compute_start_offset(mesh, start.places, start.q, q))
         if best is None or missed < best[0]:
             best = missed, q
         if missed[:2] == (0.0, 0.0):
@@ -166,12 +166,12 @@ def find_picked_start(
 
     passive : (nv,) coordinates that no motion gives, at their start if it is stated; q, qd, qdd : of all joints at a time [s]
     """
-    rows = build_constraint_rows(mesh).of(find_acting_closures(mesh.mechanism, time))
+    rows = build_constraint_rows(mesh).take_active(find_acting_closures(mesh.mechanism, time))
     stated_start = StatedStart(
         q, qd, qdd, places=stated & passive, rates=np.zeros_like(stated), passive=passive, place=SAME_BRANCH
     )
     follower = Follower(mesh, rows, passive)
-    if follower.closed(q, qd, qdd) is None and follower.solve(q) is None:
+    if follower.find_closed_state(q, qd, qdd) is None and follower.solve(q) is None:
         return _find_configuration(mesh, stated_start, rows, [passive])
     plain = solve_closed_start(mesh, (q, qd, qdd), time, passive, rows)[0]
     near = convert_to_nearest_turn(mesh.mechanism, q, plain)
@@ -197,7 +197,7 @@ def find_closed_at(mesh: Mesh, q: Array, drives_move: bool = False) -> Array:
             mesh, stated_start, follower.rows, [passive, every] if drives_move else [passive]
         )
     ) is None:
-        return follower.start(0.0, q) if drives_move else q
+        return follower.find_start(0.0, q) if drives_move else q
     off = compute_start_offset(mesh, ~passive, q, configuration)
     if off.max(initial=0.0) > TYPED_DIGITS:
         raise _make_contradiction_error(mesh, "q", ~passive, q, configuration, off, 0.0)
@@ -228,8 +228,10 @@ def find_closed_anywhere(mesh: Mesh, q: Array) -> Array:
         if len(found) == CLOSED_PLACES:
             break
     if not found:
-        return follower.start(0.0, q)
-    return max(found, key=lambda place: int(count_ranks(np.linalg.svd(follower.closures(place)[1], compute_uv=False))))
+        return follower.find_start(0.0, q)
+    return max(
+        found, key=lambda place: int(count_ranks(np.linalg.svd(follower.evaluate_closures(place)[1], compute_uv=False)))
+    )
 
 
 def list_closed_nearby(mesh: Mesh, q: Array) -> list[Array]:
@@ -238,7 +240,7 @@ def list_closed_nearby(mesh: Mesh, q: Array) -> list[Array]:
     random = np.random.default_rng(1)
     follower = build_start_follower(mesh)
     closed_nearby = []
-    _, values, right = np.linalg.svd(follower.closures(q)[1])
+    _, values, right = np.linalg.svd(follower.evaluate_closures(q)[1])
     allowed = right[int(count_ranks(values)) if len(values) else 0 :]
     for size in AWAY if len(allowed) else ():
         along = allowed.T @ random.normal(size=len(allowed))

@@ -224,9 +224,9 @@ def _find_by_coordinate(
     inside = [knot for knot in branch.knots if span[0] < knot < last]
     ahead = 1.0 if star > float(coordinate(np.array([span[0]]))[0]) else -1.0
     pieces = fit_pieces(lambda at: ahead * coordinate(at)[:, None], [span[0], *inside, last])
-    most, when = pieces.largest(0)
+    most, when = pieces.find_largest(0)
     if most > ahead * star + EXTRAPOLATED:
-        return pieces.reach(0, ahead * star)
+        return pieces.find_crossing(0, ahead * star)
     near = max(abs(slope) / WORST_CONDITION, EXTRAPOLATED)
     goes_on = when == last and most < ahead * star - EXTRAPOLATED  # what follows says more
     return None if goes_on or most < ahead * star - near else when

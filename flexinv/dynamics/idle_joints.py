@@ -30,7 +30,7 @@ def find_idle(mesh: Mesh, passive: frozenset[str]) -> list[list[str]]:
     Joints that move together in such a motion stand in one list.  Empty where everything is resisted, or where an element turns
     too much to be linearised.
     """
-    solver = Solver.of(mesh, set(passive))
+    solver = Solver.build_for(mesh, set(passive))
     topology = solver.topology
     neutral = mesh.mechanism.neutral
     still = np.zeros(mesh.mechanism.nv)

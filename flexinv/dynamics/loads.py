@@ -117,7 +117,7 @@ class SpringRows(NamedTuple):
     row : (springs,) first of its three rows in `dynamics.constraint_rows.Ties`, which hold its nodes and lever arms
     stiffness [N/m], rest [m], damping [N s/m] : (springs,)
     law : (springs,) `LINEAR`, `GAS` or `TABLE` [-]; gas : (springs, 3) force [N], travel [m], exponent [-]
-    first, last : (springs,) rows of ``pieces`` [-]; pieces : (rows, 5) as `attachments.TableLaw.pieces` [m], [N/m^3] ... [N]
+    first, last : (springs,) rows of ``pieces`` [-]; pieces : (rows, 5) as `attachments.TableLaw.list_pieces` [m], [N/m^3] ... [N]
     slope : (springs, 3, 6) dF/dd and dF/dd' side by side [N/m], [N s/m]
     """
 
@@ -148,7 +148,7 @@ def _build_law_tables(
     laws = [spring.law for spring in springs]
     kind = np.array([LINEAR if x is None else GAS if isinstance(x, GasLaw) else TABLE for x in laws], dtype=np.int64)
     gas = [(x.force, x.travel, x.exponent) if isinstance(x, GasLaw) else (0.0, 1.0, 1.0) for x in laws]
-    tables = [x.pieces() if isinstance(x, TableLaw) else np.zeros((0, 5)) for x in laws]
+    tables = [x.list_pieces() if isinstance(x, TableLaw) else np.zeros((0, 5)) for x in laws]
     ends = np.cumsum([0, *(len(table) for table in tables)]).astype(np.int64)
     return kind, np.array(gas).reshape(-1, 3), ends[:-1].copy(), ends[1:].copy(), np.vstack([np.zeros((0, 5)), *tables])
 

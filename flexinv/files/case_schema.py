@@ -62,7 +62,7 @@ class CoordinateForm(NamedTuple):
     """
 
     kind: Any
-    words: str
+    description: str
     unit: str
     read: Callable[[Any], Array]
     rests: str
@@ -129,9 +129,9 @@ def _build_joint_tables(name: str, joint: str, what: str, parts: Parts) -> tuple
     starts: dict[str, Any] = {}
     for unit, way in (both for part in parts for both in part.items()):
         for k, (at, when) in enumerate((("from", "at the start"), ("to", "at the end"), ("at", way.rests))):
-            words = f"{way.words} {when} [{way.unit}]"
+            words = f"{way.description} {when} [{way.unit}]"
             moves[f"{at}_{unit}"] = (way.kind | None, make_optional_key(words, way.examples[k]))
-        starts[unit] = (way.kind | None, make_optional_key(f"{way.words} [{way.unit}]", way.examples[3]))
+        starts[unit] = (way.kind | None, make_optional_key(f"{way.description} [{way.unit}]", way.examples[3]))
     doc = f"{joint[0].upper()}{joint[1:]}."
     moving = create_model(f"{name}Table", __base__=MoveTable, __doc__=doc, **moves)
     return moving, create_model(f"{name}StartTable", __base__=Table, __doc__=f"Start {what} of {joint}.", **starts)

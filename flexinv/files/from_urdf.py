@@ -140,12 +140,12 @@ def find_urdf(table: UrdfTable, where: Location) -> tuple[Path, tuple[Path, ...]
     path = (start / table.path).resolve()
     if Path(table.path).is_absolute() or not path.is_relative_to(limit):
         expected = f"a relative path that stays inside {'the package' if table.package else 'the models folder'}"
-        raise where.wrong("path", f'path = "{table.path}"', expected, f'path = "{Path(table.path).name}"')
+        raise where.make_error("path", f'path = "{table.path}"', expected, f'path = "{Path(table.path).name}"')
     if words := describe_kind(path):
         known = sorted(str(p.relative_to(start)) for p in start.rglob("*.urdf")) if start.is_dir() else []
         near = find_nearest_word(table.path, known)
         write = f'path = "{near}"' if near else "the path of a URDF that exists"
-        raise where.wrong("path", f'path = "{table.path}", {words}', f"a URDF in {start}", write)
+        raise where.make_error("path", f'path = "{table.path}", {words}', f"a URDF in {start}", write)
     return path, packages
 
 
@@ -184,7 +184,7 @@ def _read_inertia(link: Element, path: Path) -> Inertia | None:
     if mass == 0.0 and not tensor.any():
         return None
     origin = _read_origin(inertial, describe_location(path, link, "inertial"))
-    return Inertia.stated(mass, origin.position, origin.rotation @ tensor @ origin.rotation.T)
+    return Inertia.build_unchecked(mass, origin.position, origin.rotation @ tensor @ origin.rotation.T)
 
 
 def _read_origin(element: Element, where: str) -> Placement:

@@ -75,7 +75,7 @@ def _find_zero_length(mesh: Mesh, spring: Spring, given: InterpolatedMotion, tim
 
     inside = [knot for knot in given.knots if time[0] < knot < time[-1]]
     pieces = fit_pieces(evaluate_gap, [time[0], *inside, time[-1]], mesh.length)
-    return pieces.zero(NO_LENGTH * mesh.length)
+    return pieces.find_zero(NO_LENGTH * mesh.length)
 
 
 def find_zero_vector(gap: Triple, time: Array, length: float) -> float | None:

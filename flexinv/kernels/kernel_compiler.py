@@ -132,7 +132,7 @@ PLAIN_TYPES = types.Number, types.Boolean, types.Array, types.UniTuple
 class TypeCache:
     """Numba's table of the types of calls, which remembers what it has found for its own functions and plain arguments."""
 
-    found: ClassVar[dict[Any, Any]] = {}
+    known_types: ClassVar[dict[Any, Any]] = {}
 
     def __init__(self, table: Any) -> None:
         self.table = table
@@ -143,12 +143,12 @@ class TypeCache:
     def resolve_function_type(self, function: Any, arguments: Any, by_name: Any) -> Any:
         """Return the signature [-] of a call with arguments of these types."""
         key = function, arguments
-        if key in self.found and not by_name:
-            return self.found[key]
+        if key in self.known_types and not by_name:
+            return self.known_types[key]
         function_type = self.table.resolve_function_type(function, arguments, by_name)
         plain = isinstance(function, types.Function) and all(isinstance(one, PLAIN_TYPES) for one in arguments)
         if plain and not by_name and function_type is not None:
-            self.found[key] = function_type
+            self.known_types[key] = function_type
         return function_type
 
 

@@ -278,7 +278,7 @@ def _build_basis(motion: SteadyLinearisation, accelerated: Array, modes: int | N
     inner = _build_shapes(rest, motion, modes)
     right = np.hstack([follow, inner.right])
     left = right if inner.left is inner.right else np.hstack([follow, inner.left])
-    return replace(inner, right=right, left=left, given=len(accelerated))
+    return replace(inner, right=right, left=left, prescribed=len(accelerated))
 
 
 def _build_shapes(allowed: Sparse, motion: SteadyLinearisation, modes: int | None) -> Basis:

@@ -202,7 +202,7 @@ def natural_modes(
         limit = check_seconds("accuracy", accuracy, "a part of each frequency above 0 [-], for example 1e-3")
         return _find_accurate_modes(natural_modes(mechanism, q, free, count), limit)
     mesh, at, moving = resolve_setup(mechanism, q, free, count)
-    solver = Solver.of(mesh, set(moving))
+    solver = Solver.build_for(mesh, set(moving))
     mass, damping, stiffness = compute_rest_matrices(solver, find_rest_position(solver, at)[0])
     squared, shapes = _find_modes(stiffness, mass, find_allowed_motions(solver), count)
     last = len(squared) if count is None else count
@@ -303,7 +303,7 @@ def find_rest_position(solver: Solver, q: Array) -> tuple[Joints, Solver]:
     """
     mesh = solver.mesh
     nothing = np.zeros(solver.mesh.mechanism.nv)
-    held = solver if mesh.mechanism.closures else Solver.of(mesh, set())
+    held = solver if mesh.mechanism.closures else Solver.build_for(mesh, set())
     joints = begin_undeformed(solver, q, nothing, nothing)
     solver.update_loads(0.0, q, nothing, nothing)
     if mesh.mechanism.is_rigid:

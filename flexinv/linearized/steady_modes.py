@@ -103,7 +103,7 @@ def build_steady_motion(mesh: Mesh, q: Array, rates: Mapping[str, float], free: 
                 "write its rate as 0, or its stiffness"
             )
         _check_steady(mesh, joint, [other for other in spun if other is not joint])
-    solver = Solver.of(mesh, free)
+    solver = Solver.build_for(mesh, free)
     joints, held = at_rest.find_rest_position(solver, q)
     if any(rates.values()):
         if len(held.topology.scale):

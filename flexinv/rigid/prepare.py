@@ -63,7 +63,7 @@ class _ThreadData(local):
         # What `sample` needs, looked up at once: the data of a thread are slow to come by.
         self.of_sample = self.work, self.counter, memoryview(self.counter)  # type: ignore[arg-type]
 
-    def cells(self, samples: int) -> NDArray[np.uint64]:
+    def prepare_cells(self, samples: int) -> NDArray[np.uint64]:
         """The counter, with a cell for every block."""
         if len(self.counter) < CALL_CELLS + samples // BLOCK + 1:
             self.counter = np.zeros(CALL_CELLS + samples // BLOCK + 1, dtype=np.uint64)
@@ -125,7 +125,9 @@ class TorqueFunction(ByValue):
             copied before.
         Raises InputError: wrong shape, value that is not finite, a motion that the closures do not allow (see `allocation`).
         """
-        mails = self._mails(getattr(qdd, "size", 0))  # first of all: what follows takes as long as waking somebody
+        mails = self._prepare_helpers(
+            getattr(qdd, "size", 0)
+        )  # first of all: what follows takes as long as waking somebody
         given = joint_arrays.convert_to_arrays(self.mechanism, (q, qd, qdd), order)
         tau = joint_arrays.make_output_array(out, given[1])
         if self.loaded and any(np.may_share_memory(a, tau) for a in given):
@@ -181,7 +183,7 @@ class TorqueFunction(ByValue):
         torque = second.torque + compute_spring_efforts(m, q, history=False) if self.passive else second.torque
         reaction: dict[str, Array] = {}
         if self.loops is not None:
-            shares = self.loops.shares(q, qd, qdd, torque)
+            shares = self.loops.compute_shares(q, qd, qdd, torque)
             pushed, reaction = compute_closure_wrenches(mesh, motion, build_constraint_rows(mesh), shares.multipliers)
             second = nodal_dynamics.compute_inverse_dynamics(mesh, motion, qd, qdd, pushed + acting, self.passive)
             torque = shares.tau
@@ -236,7 +238,7 @@ class TorqueFunction(ByValue):
     def _split_loop_efforts(self, loops: PrescribedLoops, counter: NDArray[np.uint64], rows: Sequence[Array]) -> None:
         """Share out what the kernel has left, and look at a motion that it finds in doubt."""
         if not len(self.plan.sizes):
-            rows[3][:] = loops.shares(*rows).tau
+            rows[3][:] = loops.compute_shares(*rows).tau
             return
         if counter[3]:
             loops.check(*rows[:3])
@@ -244,7 +246,7 @@ class TorqueFunction(ByValue):
             blocks = CALL_CELLS + (len(rows[0]) + BLOCK - 1) // BLOCK
             loops.apply_shares(np.repeat(counter[CALL_CELLS:blocks] > 0, BLOCK)[: len(rows[0])], *rows)
 
-    def _mails(self, size: int) -> NDArray[np.uint64]:
+    def _prepare_helpers(self, size: int) -> NDArray[np.uint64]:
         """Mails of those who help with a call of so many efforts."""
         if self.threads == 1 or size < WORTH_HELP or not COMPILED:
             return _NOBODY

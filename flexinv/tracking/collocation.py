@@ -148,7 +148,7 @@ class FreeLayout:
         """Lay out the unknowns of a mesh with every joint free [m], [rad]."""
         m = mesh.mechanism
         zero = np.zeros(mesh.mechanism.nv)
-        self.solver = Solver.of(mesh, {joint.name for joint in m.joints if joint.nv})
+        self.solver = Solver.build_for(mesh, {joint.name for joint in m.joints if joint.nv})
         self.joints, t = compute_joint_motion(mesh, m.neutral, zero, zero), self.solver.topology
         first = t.offset[t.block] + np.where(t.independent, 3, t.column + t.triple)
         self.node = np.flatnonzero(t.independent | (t.triple >= 0))
@@ -181,7 +181,7 @@ class FreeLayout:
         turned = [motion.rotation[:, n] if t.independent[n] else rel.r[:, n] for n in self.node]
         return NodePoses(flat, np.stack(turned, axis=1) if turned else np.zeros((len(q), 0, 3, 3)))
 
-    def nodes(self, at: NodePoses) -> tuple[Array, Array]:
+    def list_node_poses(self, at: NodePoses) -> tuple[Array, Array]:
         """Return x (samples, nodes, 3) [m], r (samples, nodes, 3, 3) as the march's state has them."""
         t = self.solver.topology
         size = len(at.flat)
@@ -197,13 +197,13 @@ class FreeLayout:
         r[:, self.node] = at.turn
         return x, r
 
-    def moved(self, at: NodePoses, y: Array) -> NodePoses:
+    def apply_increments(self, at: NodePoses, y: Array) -> NodePoses:
         """Return the poses after increments y (samples, unknowns) [m], [rad], rotations in the node's own frame."""
         flat = at.flat + y
         flat[:, self.triple] = 0.0
         return NodePoses(flat, at.turn @ exp_so3(y[:, self.triple]), at.last)
 
-    def differences(self, at: NodePoses, h: float) -> tuple[Array, Array, Array]:
+    def compute_differences(self, at: NodePoses, h: float) -> tuple[Array, Array, Array]:
         """Return u, u' (samples, unknowns) [m, rad, s], at rest at the ends, and delta+ (samples - 1, rotations, 3)."""
         ahead = np.diff(at.flat, axis=0)
         delta = log_so3(np.swapaxes(at.turn[:-1], 2, 3) @ at.turn[1:])
@@ -276,14 +276,14 @@ class Horizon:
 
     def evaluate(self, at: NodePoses, stiffness: float = 1.0, want: bool = True) -> LinearisedEquations:
         """Return residuals and derivatives at ``at`` [m, rad], beams ``stiffness`` times as stiff [-].  Raises TurnedTooMuch."""
-        u, du, _ = self.layout.differences(at, self.h)
+        u, du, _ = self.layout.compute_differences(at, self.h)
         rows = len(self.layout.pick)
         mesh = self.layout.solver.mesh
         size = len(self.time)
         tasks = self.reach.within.shape[2] + self.reach.idle.shape[2]
         shapes = (size, rows), (3, size if want else 0, rows, rows), (size, tasks), (size, tasks, rows)
         residual, tangents, missed, derivatives = (np.zeros(shape) for shape in shapes)
-        out = LinearisedEquations(residual, tangents, missed, derivatives, Trajectory.empty(size, mesh))
+        out = LinearisedEquations(residual, tangents, missed, derivatives, Trajectory.make_zero(size, mesh))
         solver = self.layout.solver
         pick = self.layout.pick
         beams = solver.elements._replace(stiffness=make_read_only(stiffness * solver.elements.stiffness))
@@ -291,8 +291,8 @@ class Horizon:
         unknowns = u.shape[1]
         for first in range(0, size, CHUNK):
             part = slice(first, min(first + CHUNK, size))
-            x, r = self.layout.nodes(NodePoses(at.flat[part], at.turn[part]))
-            own = out.trajectory.rows(part.start, part.stop)
+            x, r = self.layout.list_node_poses(NodePoses(at.flat[part], at.turn[part]))
+            own = out.trajectory.take_samples(part.start, part.stop)
             wanted = len(x) if want else 0
             tangent = np.zeros((wanted, 3, unknowns, unknowns))
             reach = np.zeros((wanted, 6, unknowns))
@@ -316,7 +316,7 @@ class Horizon:
         frame = self.way.frame
         drives = self.layout.drives
         length = self.way.mesh.length
-        now = frame.poses(own.motion)
+        now = frame.compute_poses(own.motion)
         node = own.motion.rotation[:, frame.node]
         off = now.x - wanted.x[part]
         by = np.zeros((len(reach), 3, reach.shape[2]))
@@ -335,7 +335,7 @@ class Horizon:
         missed = np.hstack([np.einsum("str,sr->st", across, off), np.einsum("std,sd->st", idle, away)])
         return missed, np.concatenate([across @ by, idle @ drives], axis=1) if len(reach) else by
 
-    def step(self, at: NodePoses, now: LinearisedEquations) -> Array:
+    def solve_increments(self, at: NodePoses, now: LinearisedEquations) -> Array:
         """Return Newton's increments y (samples, unknowns) [m], [rad]."""
         return np.asarray(self.build_linear_solver(at, now)(now.residual, now.missed) @ self.layout.pick)
 
@@ -372,7 +372,7 @@ class Horizon:
             back[ends] = 0.0
         if self.layout.planar or not len(self.layout.triple):
             return back, k - ahead - back, ahead
-        delta = self.layout.differences(at, h)[2]
+        delta = self.layout.compute_differences(at, h)[2]
         none = np.zeros((1, len(self.layout.triple), 3))
         after = np.concatenate([delta, none])
         before = np.concatenate([none, -delta])
@@ -388,7 +388,7 @@ class Horizon:
             out[:, :, own] = block[:, :, own] @ (np.swapaxes(inverse[:, k], 1, 2) if transposed else inverse[:, k])
         return out
 
-    def at(self, sample: int) -> Horizon:
+    def take_instant(self, sample: int) -> Horizon:
         """Return the equations of one instant alone, at rest, number ``sample`` [-]."""
         reach = PathMotion(*(part[[sample]] for part in vars(self.reach).values()))
         return Horizon(self.layout, self.way, reach, self.time[[sample]], self.h)

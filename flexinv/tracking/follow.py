@@ -104,7 +104,7 @@ class Following(ByValue):
         """Return the distance of a solution's frame from its prescribed position, (samples,) [m]."""
         if len(check_kind("solution", solution, Solution).time) != len(self.time):
             raise InputError(f"solution has {len(solution.time)} samples, expected the {len(self.time)} of this path")
-        return np.asarray(np.linalg.norm(self.frame.poses(solution.nodes).x - self.wanted, axis=1))
+        return np.asarray(np.linalg.norm(self.frame.compute_poses(solution.nodes).x - self.wanted, axis=1))
 
     def replay(self, name: str, spectral_radius: float = 0.8) -> Solution:
         """Return the motion that a feed-forward's torques give the flexible mechanism, by `simulate` [m, rad, s]."""
@@ -164,7 +164,7 @@ def follow(
 
     def run(meshed: Mechanism, steps: Array, _: tuple[int, ...], settings: Settings) -> tuple[Mesh, FirstStep]:
         way = way_of(meshed)
-        horizon = Horizon(FreeLayout(way.mesh), way, way.reach(steps), steps, settings.step)
+        horizon = Horizon(FreeLayout(way.mesh), way, way.solve_joint_motion(steps), steps, settings.step)
         first, left = _solve_inversion(horizon)
         runs[:] = [(horizon, left)]
         if asked is None:
@@ -174,7 +174,7 @@ def follow(
     way = way_of(mechanism)
     time = _build_window(way, settings.step, before, after)
     if mechanism.is_rigid and all(j.actuated for j in mechanism.joints if j.nv):
-        return _build_rigid_following(way, way.reach(time), time)
+        return _build_rigid_following(way, way.solve_joint_motion(time), time)
     if asked is None:
         mesh, first = run(mechanism, time, (), settings)
         solution = assemble_solution(mesh, first, settings)
@@ -188,7 +188,9 @@ def follow(
     _check_rest(*runs[-1])
     way = way_of(solution.mechanism)
     return replace(
-        _build_rigid_following(way, way.reach(solution.time), solution.time), solution=solution, unrest=runs[-1][1]
+        _build_rigid_following(way, way.solve_joint_motion(solution.time), solution.time),
+        solution=solution,
+        unrest=runs[-1][1],
     )
 
 
@@ -224,7 +226,7 @@ def _build_window(way: RigidPath, step: float, before: float | None, after: floa
     if step > move / 4:
         raise InputError(f"step = {step:g} s is too long for a path of {move:g} s: write step = {move / 200:g}")
     if before is None or after is None:
-        horizon = Horizon(FreeLayout(way.mesh), way, way.reach(ends), ends, step)
+        horizon = Horizon(FreeLayout(way.mesh), way, way.solve_joint_motion(ends), ends, step)
         waits = [_compute_fading_time(find_internal_rates(horizon, k)) for k in (0, -1)]
     first, last = (given if given is not None else waits[k] for k, given in enumerate((before, after)))
     count = np.ceil(np.array([first, move + last]) / step * (1 - 1e-9))
@@ -329,13 +331,13 @@ def _run_newton(horizon: Horizon, at: NodePoses, stiffness: float, swing: bool) 
             if swings is not None and swings.count:
                 at, y = take_step(horizon, at, now, swings)
             else:
-                y = horizon.step(at, now)
+                y = horizon.solve_increments(at, now)
         except (RotationTooLarge, np.linalg.LinAlgError):
             return None
         size = float(np.abs(y / horizon.layout.solver.topology.scale).max(initial=0.0))
         if not size < LOST:
             return None
-        at = horizon.layout.moved(at, y)
+        at = horizon.layout.apply_increments(at, y)
         if size < INCREMENT:
             trajectory = horizon.evaluate(at, stiffness, want=False).trajectory
             trajectory.iterations[:] = iteration

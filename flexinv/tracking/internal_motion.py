@@ -71,7 +71,7 @@ class Swings:
 
 def find_internal_motions(horizon: Horizon, sample: int, stiffness: float = 1.0) -> InternalMotions:
     """Return the internal motions while the frame rests [1/s], at one instant, beams ``stiffness`` times as stiff [-]."""
-    own = horizon.at(sample)
+    own = horizon.take_instant(sample)
     pick = horizon.layout.pick
     one = own.evaluate(own.rigid, stiffness)
     sizes = np.sqrt(pick**2 @ horizon.layout.solver.topology.scale**2)  # lengths over that of the mechanism
@@ -129,7 +129,7 @@ def take_step(horizon: Horizon, at: NodePoses, now: LinearisedEquations, swings:
     """
     pick = horizon.layout.pick
     h = horizon.h
-    u, du, _ = horizon.layout.differences(at, h)
+    u, du, _ = horizon.layout.compute_differences(at, h)
     first = (h * u[1] - 0.5 * h**2 * du[1]) @ pick.T  # y_1 - y_0
     solve = horizon.build_linear_solver(at, now)
     plain = solve(now.residual, now.missed)

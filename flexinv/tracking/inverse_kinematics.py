@@ -56,7 +56,7 @@ class Frame:
     point: Array
     turn: Array
 
-    def poses(self, motion: NodalMotion) -> Poses:
+    def compute_poses(self, motion: NodalMotion) -> Poses:
         """Return the motion of the frame [m, rad, s]."""
         r = motion.rotation[:, self.node]
         w = motion.omega[:, self.node]
@@ -135,7 +135,7 @@ class RigidPath:
     path: Path
     start: Mapping[str, ArrayLike] | None = None
 
-    def reach(self, time: Array) -> PathMotion:
+    def solve_joint_motion(self, time: Array) -> PathMotion:
         """Return the joint motion with which the frame follows the path at ``time`` (samples,) [s].
         Raises InputError where the path cannot be reached, leads past a limit or through a singular position.
         """
@@ -156,7 +156,7 @@ class RigidPath:
 
     def _find_angles(self, time: Array) -> Array:
         """Angles (samples, nv) at times of the path, by Newton from the spline."""
-        return self._settled(self._knots(time), self.path.evaluate(time), time)
+        return self._find_path_angles(self._knots(time), self.path.evaluate(time), time)
 
     def _check_limits(self) -> None:
         """Raise InputError with joint and instant where a drive passes a limit, at any time of the path."""
@@ -170,10 +170,10 @@ class RigidPath:
         opposite = replace(pieces, coefficients=-pieces.coefficients)
         for column, drive in enumerate(own.tolist()):
             for side, level, part in (("upper", upper[drive], pieces), ("lower", -lower[drive], opposite)):
-                if not np.isfinite(level) or part.largest(column)[0] <= level + AT_LIMIT:
+                if not np.isfinite(level) or part.find_largest(column)[0] <= level + AT_LIMIT:
                     continue
                 m = self.mesh.mechanism
-                instant = part.reach(column, level + AT_LIMIT)
+                instant = part.find_crossing(column, level + AT_LIMIT)
                 raise InputError(
                     f"mechanism '{m.name}': at t = {instant:.10g} s of the path joint {m.velocity_names[self._drives[drive]]!r} "
                     f"passes its {side} limit of {level if side == 'upper' else -level:g}; move the path, or give another "
@@ -259,7 +259,7 @@ class RigidPath:
 
     def _compute_poses(self, angles: Array, rates: Array) -> Poses:
         q = self._convert_angles(angles)
-        return self.frame.poses(compute_rigid_motion(self.mesh, q, rates, np.zeros_like(rates)))
+        return self.frame.compute_poses(compute_rigid_motion(self.mesh, q, rates, np.zeros_like(rates)))
 
     def _assemble_rows(self, linear: Array, angular: Array | None) -> Array:
         """(samples, 3 or 6): a vector and, where orientation is asked for, a rotation times the mechanism's length."""
@@ -333,7 +333,7 @@ class RigidPath:
             "(a stretched arm does not find by itself to which side to bend)"
         )
 
-    def _settled(self, angles: Array, target_poses: Poses, time: Array) -> Array:
+    def _find_path_angles(self, angles: Array, target_poses: Poses, time: Array) -> Array:
         """Angles (samples, nv) on the path, by Newton at all samples at once."""
         drives = self._drives
         for _ in range(ITERATIONS):
@@ -354,7 +354,7 @@ class RigidPath:
 
     def _solve_path_motion(self, guess: list[Array], target_poses: Poses, time: Array) -> PathMotion:
         """Newton at all samples at once from the spline, and the rates that belong to it."""
-        angles = self._settled(guess[0], target_poses, time)
+        angles = self._find_path_angles(guess[0], target_poses, time)
         drives = self._drives
         jacobian = self._compute_jacobian(angles)
         u, s, vt = np.linalg.svd(jacobian)

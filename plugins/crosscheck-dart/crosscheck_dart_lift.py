@@ -129,7 +129,9 @@ def _joint(node: Any, names: dict[str, str]) -> BodyJoint:
         axes = {"axis": np.ravel(joint.getAxis())}
     parent = names[carrier.getName()] if carrier is not None else WORLD
     own = dict(_own(joint, kind))
-    return BodyJoint(joint.getName(), kind, parent, names[node.getName()], frames[0], frames[1], **axes, own=own)
+    return BodyJoint(
+        joint.getName(), kind, parent, names[node.getName()], frames[0], frames[1], **axes, joint_fields=own
+    )
 
 
 def _own(joint: Any, kind: str) -> Iterator[tuple[str, Any]]:

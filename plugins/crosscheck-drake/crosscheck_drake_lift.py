@@ -272,7 +272,7 @@ def _joint(
         axes = {"axis": np.array(getattr(joint, get)())}
     ends = names[int(joint.parent_body().index())], names[int(joint.child_body().index())]
     own = dict(_own(joint, kind, rotors.get(name, 0.0), efforts.get(name, np.inf)))
-    return BodyJoint(name, kind, *ends, _placement(on_parent), _placement(on_child), **axes, own=own)
+    return BodyJoint(name, kind, *ends, _placement(on_parent), _placement(on_child), **axes, joint_fields=own)
 
 
 def _own(joint: Any, kind: str, rotor: float, effort: float) -> Iterator[tuple[str, Any]]:

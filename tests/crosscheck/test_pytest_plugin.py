@@ -237,7 +237,7 @@ def test_answers_are_kept_and_failures_are_not(root: Path, tmp_path: Path) -> No
     (task,) = discover(folder.parent).tasks
     attempt_folder = AttemptFolder(tmp_path / "kept")
     skipped = Attempt(Record(engine="x", status="skipped", message="has no beams"), "printed", 1.5)
-    with attempt_folder.alone(task, "x"):
+    with attempt_folder.take_lock(task, "x"):
         assert attempt_folder.find(task, "x") is None
         attempt_folder.add_answer(task, "x", skipped)
         attempt_folder.add_answer(task, "y", replace(skipped, record=Record(engine="y", status="error")))

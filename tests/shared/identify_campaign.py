@@ -169,7 +169,7 @@ def logged(
     """
     sizes = {} if sizes is None else sizes
     tell = build_response(machine.mechanism, machine.space, machine.settings, motion, once=True)
-    raw_signals = compute_raw_signals(machine, motion, tell, machine.space.values(z))
+    raw_signals = compute_raw_signals(machine, motion, tell, machine.space.compute_values(z))
     columns = {
         t.angle.column: motion.q[:, k] + ENCODER * random.normal(size=len(motion.time))
         for k, t in enumerate(machine.settings.joints.values())
@@ -209,7 +209,7 @@ def trial(kind: str, seed: int, off: bool = False) -> tuple[list[ParameterOutcom
 
 
 def _told(machine: Machine, found: object, z: Array, name: str) -> Iterator[ParameterOutcome]:
-    truth = machine.space.values(z)
+    truth = machine.space.compute_values(z)
     table = {(r.parameter, r.place): r for r in list_parameter_rows(machine.space, found)}  # type: ignore[arg-type]
     for link, factor in machine.space.factors.items():
         com = convert_to_com(move_mass_properties(factor, np.array([truth[MASS, f"{link}.{n}"] for n in NAMES])))

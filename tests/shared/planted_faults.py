@@ -82,7 +82,7 @@ def planted(identification: Identification, log: Log) -> Iterator[PlantedFault]:
 
 def _of_another(identification: Identification, other: Machine, log: Log) -> Log:
     """Return the log with efforts of another mechanism: what it would have needed more is added [N m], [N]."""
-    values, columns = identification.machine.space.values(identification.fit.z), dict(log.columns)
+    values, columns = identification.machine.space.compute_values(identification.fit.z), dict(log.columns)
     run = make_run(identification.machine, log, efforts=False)
     changed = make_run(other, log, efforts=False)
     more = compute_raw_signals(other, run.motion, changed.response, values) - compute_raw_signals(

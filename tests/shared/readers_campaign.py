@@ -33,7 +33,9 @@ class ReaderTrial:
     @property
     def unexplained(self) -> list[str]:
         """Readers that differ by more than what is named: repaired, more than `REPAIRED` of an effort's range is left."""
-        return [row.reader for row in self.rows if row.found is not None and row.found.judged.after > REPAIRED]
+        return [
+            row.reader for row in self.rows if row.comparison is not None and row.comparison.judged.after > REPAIRED
+        ]
 
 
 def tables(files: Iterable[Path]) -> Iterator[ReaderTrial]:
@@ -51,11 +53,13 @@ def tables(files: Iterable[Path]) -> Iterator[ReaderTrial]:
 
 def cell(row: ReaderRow) -> str:
     """A reader's result in few words: equal, the causes that are named, or why it refuses."""
-    if row.found is None:
-        return f"{row.reader}: cannot ({row.words[:160]})"
-    causes = Counter(d.cause for d in row.found.differences)
+    if row.comparison is None:
+        return f"{row.reader}: cannot ({row.refusal[:160]})"
+    causes = Counter(d.cause for d in row.comparison.differences)
     named = ", ".join(f"{count} x {cause}" for cause, count in causes.items())
-    return f"{row.reader}: {row.result}" + (f" ({named}; repaired to {row.found.judged.after:.1e})" if named else "")
+    return f"{row.reader}: {row.result}" + (
+        f" ({named}; repaired to {row.comparison.judged.after:.1e})" if named else ""
+    )
 
 
 def main() -> None:

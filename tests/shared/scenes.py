@@ -146,7 +146,7 @@ class MovingSolver:
 def scene(mechanism: Mechanism) -> MovingSolver:
     rng = np.random.default_rng(11)
     passive = {joint.name for joint in mechanism.joints if not joint.actuated}
-    solver = Solver.of(build(mechanism), passive)
+    solver = Solver.build_for(build(mechanism), passive)
     qd, qdd = rng.normal(size=(2, mechanism.nv))
     begin_undeformed(solver, mechanism.neutral, qd, qdd)
     solver.update_loads(0.0, mechanism.neutral, qd, qdd)

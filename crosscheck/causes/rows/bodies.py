@@ -31,7 +31,7 @@ def _make_inertia_change(change: Callable[[Inertia, Array], Inertia]) -> Change:
     """Return the change of one body's inertia."""
 
     def apply_change(subject: Subject, target: str, size: Array) -> Subject:
-        return subject.with_body(target, lambda body: replace(body, inertia=change(body.inertia, size)))
+        return subject.replace_body(target, lambda body: replace(body, inertia=change(body.inertia, size)))
 
     return apply_change
 
@@ -77,7 +77,7 @@ def _remove_body(subject: Subject, target: str, size: Array) -> Subject:
 def _add_payload(subject: Subject, target: str, size: Array) -> Subject:
     link = subject.mechanism.link_of[target]
     at, station = (link.tip, None) if link.beam is None else (np.zeros(3), 1.0)
-    extra = Body("payload", Inertia.stated(float(size[0]), at), station)
+    extra = Body("payload", Inertia.build_unchecked(float(size[0]), at), station)
     return subject.replace_link(target, lambda one: replace(one, bodies=(*one.bodies, extra)))
 
 

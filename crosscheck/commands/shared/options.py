@@ -78,7 +78,7 @@ class RunSelection:
     engine: tuple[str, ...]
     trust_commands: bool
 
-    def work(self, say: Callable[[str], None]) -> tuple[Work, bool]:
+    def prepare_work(self, say: Callable[[str], None]) -> tuple[Work, bool]:
         """Return the work, and whether all engines take part; say : is told which programs run.
 
         Raises Failure where a name or a pattern leads to nothing, or a program is not trusted.
@@ -90,11 +90,11 @@ class RunSelection:
         # a reader who names mechanisms wants those; the studies belong to the whole
         wanted = ("" if self.names else read_study_patterns(self.models)) if self.studies is None else self.studies
         tables = match_entries(STUDIES, wanted, "study")
-        studies = (replace(study, options=self._told(study, engines)) for study in tables.values())
+        studies = (replace(study, options=self._make_study_options(study, engines)) for study in tables.values())
         plan = add_engine_limits(plan_of(self.models, self.names), engines)
         return Work(plan, engines, tuple(studies), options), len(engines) == len(known.engines)
 
-    def _told(self, study: Study, engines: Mapping[str, Engine]) -> dict[str, Any]:
+    def _make_study_options(self, study: Study, engines: Mapping[str, Engine]) -> dict[str, Any]:
         """Return the options of a study: the folder of models, and to one that asks for them the project's engines."""
         models = self.models.resolve()
         strangers = [engine for name, engine in engines.items() if name not in ENGINES]

@@ -71,8 +71,8 @@ def _read_marker_point(drawing: Drawing, at: Attachment, marker: Any) -> Array:
         if attachment_frame.group
         else np.zeros(3)
     )
-    height = drawing.plane[:, 2] @ drawing.layout.start(find_attachment_frame(drawing.layout, at)).position
-    link = drawing.layout.start(attachment_frame)
+    height = drawing.plane[:, 2] @ drawing.layout.compute_start_pose(find_attachment_frame(drawing.layout, at)).position
+    link = drawing.layout.compute_start_pose(attachment_frame)
     return np.asarray(link.rotation.T @ (drawing.plane @ (local + here + np.array([0.0, 0.0, height])) - link.position))
 
 

@@ -213,7 +213,7 @@ def _run(mechanism: Mechanism, look: ModelView, run: RecordedSolve) -> dict[str,
         if joint.name in look.free:
             effort += [[] for _ in range(joint.nv)]
         elif look.plane is not None:
-            axis = look.layout.start(look.layout.joint[joint.name]).rotation @ joint.axis
+            axis = look.layout.compute_start_pose(look.layout.joint[joint.name]).rotation @ joint.axis
             effort.append([[int(run.reactions["motor", joint.name]), 0, -float(np.sign(look.plane[:, 2] @ axis))]])
         elif joint.kind == "prismatic":
             keys = [key for key in run.reactions if key[:2] == ("force", joint.name)]

@@ -91,7 +91,7 @@ def _read_tree66(tree: Any) -> Iterator[Part]:
         com = np.array([first[2, 1], first[0, 2], first[1, 0]]) / (mass or 1.0)
         tensor = about[:3, :3] - mass * (com @ com * np.eye(3) - np.outer(com, com))
         at = inverse(Placement(back[:3, 3], back[:3, :3]))
-        yield Part(kind, int(tree.parents[k]), at, Inertia.stated(mass, com, tensor))
+        yield Part(kind, int(tree.parents[k]), at, Inertia.build_unchecked(mass, com, tensor))
 
 
 def _read_robot(robot: Any) -> Iterator[Part]:
@@ -99,7 +99,9 @@ def _read_robot(robot: Any) -> Iterator[Part]:
     for k, link in enumerate(robot.links):
         parent = int(robot.GetParentIndex(k)) if robot.HasParent(k) else -1
         carrier = behind[parent] if parent >= 0 else _convert_placement(robot.GetBaseHT())
-        own = Inertia.stated(float(link.mass), np.array(link.COM, dtype=float), np.array(link.inertia, dtype=float))
+        own = Inertia.build_unchecked(
+            float(link.mass), np.array(link.COM, dtype=float), np.array(link.inertia, dtype=float)
+        )
         yield Part(
             link.jointType,
             parent,
@@ -139,7 +141,7 @@ def _read_tree_object(told: dict[str, Any]) -> Iterator[Part]:
             name,
             parent,
             at if parent >= 0 else apply_placement(base, at),
-            Inertia.stated(float(told["linkMasses"][k]), *own),
+            Inertia.build_unchecked(float(told["linkMasses"][k]), *own),
         )
 
 

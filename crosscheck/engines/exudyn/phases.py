@@ -70,7 +70,7 @@ class SwitchingSchedule:
     acting: list[frozenset[str]]
     starts: list[float]
 
-    def at(self, time: float) -> frozenset[str]:
+    def list_active_names(self, time: float) -> frozenset[str]:
         """Return the names that act at a time [s]: at an instant, those of the phase that begins there."""
         now = sum(start <= time + phases.SAME for start in self.starts)
         return self.acting[max(now - 1, 0)]
@@ -125,7 +125,7 @@ def choose_drives(phase: Phase, given: list[Joint], q: Array) -> set[str]:
     """
     m = phase.mechanism
     tree = exudyn_chain.Tree(m, phase.case)
-    g = assembly.assemble_rows(m.closures, tree.pairs(q, np.zeros(m.nv))).g
+    g = assembly.assemble_rows(m.closures, tree.compute_frame_pairs(q, np.zeros(m.nv))).g
     motions = assembly.compute_null_space(g)
     columns = np.array([k for j in given for k in range(m.v_slices[j.name].start, m.v_slices[j.name].stop)])
     _, _, order = scipy.linalg.qr(motions[columns].T, pivoting=True, mode="economic")
@@ -166,10 +166,10 @@ def integrate_phases(mechanism: Mechanism, case: Case, options: Options) -> Time
     """Return torque [N m] or [N], tip [m] and determinate reactions [N], [N m], each with its bar."""
     start = clock.perf_counter()
     run = ClosedRun(mechanism, case, solve_phases(mechanism, case))
-    done = [run.march(plan) for plan in plan_runs(mechanism, case, options)]
-    runs = [run.series(outcome) for outcome, _ in done]
+    done = [run.integrate_with_retries(plan) for plan in plan_runs(mechanism, case, options)]
+    runs = [run.collect_series(outcome) for outcome, _ in done]
     made, budget = add_error_bars(compute_richardson_limit(runs), [Family("step", runs, "limit")])
-    return TimedRun(made, run.settings([plan for _, plan in done]), clock.perf_counter() - start, budget)
+    return TimedRun(made, run.describe_settings([plan for _, plan in done]), clock.perf_counter() - start, budget)
 
 
 def plan_runs(mechanism: Mechanism, case: Case, options: Options) -> list[Plan]:
@@ -207,7 +207,7 @@ class ClosedRun:
         q, qd, _ = (part[0] for part in self.followed[0][1])
         return build_layout(self.mechanism, q, qd)
 
-    def march(self, plan: Plan) -> tuple[Outcome, Plan]:
+    def integrate_with_retries(self, plan: Plan) -> tuple[Outcome, Plan]:
         """Integrate; the plan comes back with the tolerance that held."""
         for tolerance in exudyn_loops.NEWTON[:-1]:
             one = replace(plan, tolerance=tolerance)
@@ -224,7 +224,7 @@ class ClosedRun:
         add_switching(d.model.mbs, connectors, s, plan)
         return exudyn_spatial.run(d, plan, self.case.motion.evaluate(s.mechanism, compute_step_times(plan))[0])
 
-    def series(self, outcome: Outcome) -> dict[str, Series]:
+    def collect_series(self, outcome: Outcome) -> dict[str, Series]:
         """Return the series of one run, efforts and reactions shared out phase by phase."""
         m = self.mechanism
         q, qd, qdd = (np.concatenate(parts) for parts in zip(*(state for _, state in self.followed), strict=True))
@@ -242,7 +242,7 @@ class ClosedRun:
             made |= make_reaction_series(name, wrench)
         return torque_series(m, torque) | made | collect_link_series(m, self.layout, outcome)
 
-    def settings(self, plans: list[Plan]) -> dict[str, Any]:
+    def describe_settings(self, plans: list[Plan]) -> dict[str, Any]:
         """Return the engine's settings, for the reader of the report."""
         drives = [sorted(on & set(self.mechanism.joint_of) - self.switching.free) for on in self.switching.acting]
         return {
@@ -269,11 +269,11 @@ def add_switching(mbs: Any, connectors: dict[str, tuple[Any, ...]], switching: S
     acting = (tuple(n for name in numbers if name in on for n in numbers[name]) for on in switching.acting)
     taken = tuple(n for own in numbers.values() for n in own)
     exudyn_script.add_switch_record(mbs, taken, tuple(zip(switching.starts, acting, strict=True)))
-    state = [switching.at(0.0)]
+    state = [switching.list_active_names(0.0)]
     turn(state[0], None)
 
     def update_connectors(mbs: Any, t: float) -> bool:
-        on = switching.at(t)
+        on = switching.list_active_names(t)
         if on != state[0]:
             turn(on, state[0])
             state[0] = on

@@ -50,7 +50,11 @@ def compute_probe_stiffness(mechanism: Mechanism, case: Case, engine: str) -> di
         beam = link.beam
         if beam is None or beam.curvature.any():
             continue
-        normal = None if isinstance(plane, str) else layout.start(layout.root[link.name]).rotation.T @ plane[:, 2]
+        normal = (
+            None
+            if isinstance(plane, str)
+            else layout.compute_start_pose(layout.root[link.name]).rotation.T @ plane[:, 2]
+        )
         for name in _list_stiffness_names(engine, normal):
             probe_stiffness[f"{link.name}: {name}"] = _compute_stiffness(beam, name, engine, normal)
     return probe_stiffness

@@ -212,7 +212,7 @@ def solve_phases(
         return (
             mujoco_loops.solve_closed_state(tree, assembly.find_unprescribed_joints(now, here), span)
             if now.closures
-            else tree.given(span)
+            else tree.evaluate_motion(span)
         )
 
     return phases.solve_phases(

@@ -162,7 +162,7 @@ def _compute_closure_residual(
         )
     except assembly.AssemblyError:
         closes = False
-    rows = assembly.assemble_rows(mechanism.closures, tree.pairs(place[0], rate[0]))
+    rows = assembly.assemble_rows(mechanism.closures, tree.compute_frame_pairs(place[0], rate[0]))
     native = not mujoco_loops.list_missing_equalities(mechanism)
     g = mujoco_loops.compute_equality_rows(tree) if native else rows.g
     return float(np.abs(rows.phi).max()) if closes else None, assembly.compute_rank(g)

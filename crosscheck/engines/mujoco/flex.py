@@ -200,7 +200,7 @@ def _collect_series(
             made |= vector_series(
                 f"tip/{joint.child}", "m", compute_point_position(raw, body, mechanism.link_of[joint.child].tip)
             )
-    end = built_model.model.body(rod.point(rod.elements)).id
+    end = built_model.model.body(rod.format_point_name(rod.elements)).id
     tip = raw.xpos[:, end]
     root = compute_point_position(raw, built_model.body[rod.link], rod.beam.placement.position)
     seen = np.einsum("sji,sj->si", raw.xmat[:, end], tip - root)  # (sample, xyz of the root section)

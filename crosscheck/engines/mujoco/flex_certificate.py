@@ -29,7 +29,7 @@ def certify(mechanism: Mechanism, case: Case, engine: str) -> Certificate:
     rod = build_rod(mechanism, ELEMENTS)
     flexible_model = build_flexible_model(mechanism, rod, plan_steps(case, rod)[0])
     model = flexible_model.model
-    points = [model.body(rod.point(k)) for k in range(1, rod.elements + 1)]
+    points = [model.body(rod.format_point_name(k)) for k in range(1, rod.elements + 1)]
     masses = np.array([float(body.mass[0]) for body in points])
     masses[-1] -= rod.tip
     places: Array = np.arange(1.0, rod.elements + 1.0) * rod.edge
@@ -71,6 +71,6 @@ def _compute_elastic_force(built_model: BuiltModel, rod: Rod, along: Array, acro
     data = mujoco.MjData(model)
     for k, shift in enumerate(np.stack([along, across], axis=1), 1):
         for name, value in zip(("x", "xyz"[rod.bent]), shift, strict=True):
-            data.qpos[model.joint(f"{rod.point(k)}/{name}").qposadr[0]] = value
+            data.qpos[model.joint(f"{rod.format_point_name(k)}/{name}").qposadr[0]] = value
     mujoco.mj_forward(model, data)
-    return float(data.qfrc_passive[model.joint(f"{rod.point(rod.elements)}/{axis}").dofadr[0]])
+    return float(data.qfrc_passive[model.joint(f"{rod.format_point_name(rod.elements)}/{axis}").dofadr[0]])

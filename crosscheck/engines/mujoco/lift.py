@@ -229,7 +229,7 @@ def _list_bodies(model: Any, body: int, name: str, anchor: Array) -> Iterator[Bo
     com = np.zeros(3) if same == mujoco.mjtSameFrame.mjSAMEFRAME_BODY else np.array(model.body_ipos[body])
     tensor = turn @ np.diag(model.body_inertia[body]) @ turn.T
     if mass or tensor.any():
-        yield Body(name, Inertia.stated(mass, com - anchor, (tensor + tensor.T) / 2))
+        yield Body(name, Inertia.build_unchecked(mass, com - anchor, (tensor + tensor.T) / 2))
 
 
 def _read_joint(model: Any, index: int, parent: str, child: str, at: Placement) -> Joint:

@@ -123,17 +123,17 @@ class Tree:
     data: Any
     motion: Motion
 
-    def given(self, time: Array) -> tuple[Array, Array, Array]:
+    def evaluate_motion(self, time: Array) -> tuple[Array, Array, Array]:
         """Return q, v, a of the motion at times [s], joints that it leaves out at their guess."""
         return self.motion(time)
 
-    def moved(self, q: Array, step: Array) -> Array:
+    def integrate_step(self, q: Array, step: Array) -> Array:
         """Return q after a step (nv,) [rad], [m]."""
         out = q.copy()
         mujoco.mj_integratePos(self.built.model, out, step, 1.0)
         return out
 
-    def pairs(self, q: Array, v: Array) -> list[tuple[FrameMotion, FrameMotion]]:
+    def compute_frame_pairs(self, q: Array, v: Array) -> list[tuple[FrameMotion, FrameMotion]]:
         """Return the two frames of every closure."""
         model = self.built.model
         data = self.data
@@ -142,22 +142,22 @@ class Tree:
         mujoco.mj_kinematics(model, data)
         mujoco.mj_comPos(model, data)
         mujoco.mj_comVel(model, data)
-        return self.seen()
+        return self.collect_frame_pairs()
 
-    def seen(self) -> list[tuple[FrameMotion, FrameMotion]]:
+    def collect_frame_pairs(self) -> list[tuple[FrameMotion, FrameMotion]]:
         """Return the two frames of every closure where the data stands."""
         return [
-            assembly.build_coupling_frames(c, self.number, self.data.qpos, self.data.qvel)
+            assembly.build_coupling_frames(c, self.find_joint_indices, self.data.qpos, self.data.qvel)
             if c.kind == "coupling"
-            else (self.look(c.first), self.look(c.second))
+            else (self.compute_frame(c.first), self.compute_frame(c.second))
             for c in self.mechanism.closures
         ]
 
-    def number(self, joint: str) -> tuple[int, int]:
+    def find_joint_indices(self, joint: str) -> tuple[int, int]:
         """Return the indices of a joint's one number in qpos and in qvel [-]."""
         return self.built.q_at[joint], self.built.v_at[joint]
 
-    def look(self, at: Attachment) -> FrameMotion:
+    def compute_frame(self, at: Attachment) -> FrameMotion:
         """Return a frame where the data stands."""
         model = self.built.model
         data = self.data
@@ -221,10 +221,10 @@ def split_state_efforts(tree: Tree, time: float, driven: NDArray[np.bool_], weig
         + np.where(data.qvel == 0.0, data.qfrc_constraint, 0.0)
         - compute_generalized_forces(tree, time)
     )
-    acting = compute_applied_forces(replace(m, springs=()), time, tree.look)
+    acting = compute_applied_forces(replace(m, springs=()), time, tree.compute_frame)
     if not m.closures:
         return SampleEfforts(effort, acting, np.zeros((0, 6)))
-    pairs = tree.seen()
+    pairs = tree.collect_frame_pairs()
     rows = assembly.assemble_rows(m.closures, pairs)
     own = np.isin(rows.closure, [k for k, c in enumerate(m.closures) if not has_equality(c)])
     drives = assembly.split_efforts(np.vstack([g, rows.g[own]]), effort, driven, weight)
@@ -243,7 +243,7 @@ def compute_generalized_forces(tree: Tree, time: float) -> Array:
     """Return the generalized forces (nv,) [N m] or [N] of given forces at a time [s]."""
     out = np.zeros(tree.built.model.nv)
     for force in tree.mechanism.forces:
-        at = tree.look(force.at)
+        at = tree.compute_frame(force.at)
         wrench = evaluate_wrench(force, time)
         axes = at.r if force.follower else np.eye(3)
         body = 0 if force.at.link == WORLD else tree.built.body[force.at.link]

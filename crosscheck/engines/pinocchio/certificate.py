@@ -60,14 +60,14 @@ def certify(mechanism: Mechanism, case: Case, engine: str) -> Certificate:
 def _read_closure_ends(mechanism: Mechanism, case: Case, built_model: BuiltModel) -> dict[str, Any]:
     """Return points and axes of closures on each link, in its frame: poses of Pinocchio's frames beside those of links."""
     tree = pinocchio_loops.Tree(mechanism, built_model, built_model.model.createData(), case)
-    place, rate, _ = tree.given(np.zeros(1))
-    tree.place(place[0], rate[0])
+    place, rate, _ = tree.evaluate_motion(np.zeros(1))
+    tree.update_kinematics(place[0], rate[0])
     points = {}
     axes = {}
     for closure in (c for c in mechanism.closures if c.kind != "coupling"):
         for end, at in (("first", closure.first), ("second", closure.second)):
-            own = tree.look(replace(at, placement=Placement()))
-            seen = tree.look(at)
+            own = tree.compute_frame(replace(at, placement=Placement()))
+            seen = tree.compute_frame(at)
             points[f"{closure.name}: {end}"] = own.r.T @ (seen.x - own.x)
             if closure.kind in TURNING or (end == "first" and closure.kind in ("universal", "point-on-line")):
                 axes[f"{closure.name}: {end}"] = own.r.T @ seen.r @ closure.axis
@@ -101,7 +101,7 @@ def _compute_closure_residual(
     if not mechanism.closures or any(c.active for c in mechanism.closures):
         return None, None
     tree = pinocchio_loops.Tree(mechanism, built_model, built_model.model.createData(), case)
-    place, rate, _ = tree.given(np.zeros(1))
+    place, rate, _ = tree.evaluate_motion(np.zeros(1))
     closes = True
     try:
         place, rate, _ = convert_to_engine(
@@ -109,5 +109,5 @@ def _compute_closure_residual(
         )
     except assembly.AssemblyError:
         closes = False
-    rows = assembly.assemble_rows(mechanism.closures, tree.pairs(place[0], rate[0]))
+    rows = assembly.assemble_rows(mechanism.closures, tree.compute_frame_pairs(place[0], rate[0]))
     return float(np.abs(rows.phi).max()) if closes else None, assembly.compute_rank(rows.g)

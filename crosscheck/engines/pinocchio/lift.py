@@ -124,7 +124,7 @@ def _apply_unique_names(model: Any) -> Any:
 
 
 def _convert_inertia(found: Any) -> Inertia:
-    return Inertia.stated(float(found.mass), np.array(found.lever), np.array(found.inertia))
+    return Inertia.build_unchecked(float(found.mass), np.array(found.lever), np.array(found.inertia))
 
 
 def _read_joint(model: Any, k: int, parent: str, child: str) -> Joint:

@@ -45,39 +45,39 @@ class Tree:
     data: Any
     case: Case | None = None
 
-    def given(self, time: Array) -> tuple[Array, Array, Array]:
+    def evaluate_motion(self, time: Array) -> tuple[Array, Array, Array]:
         """Return q, v, a of the motion at times [s], joints that it leaves out at their guess."""
         assert self.case is not None
         q, qd, qdd = self.case.motion.evaluate(self.mechanism, time)
         return convert_to_engine(self.built, assembly.apply_guess(self.mechanism, self.case, q), qd, qdd)
 
-    def moved(self, q: Array, step: Array) -> Array:
+    def integrate_step(self, q: Array, step: Array) -> Array:
         """Return q after a step (nv,) [rad], [m]."""
         return np.asarray(pin.integrate(self.built.model, q, step))
 
-    def pairs(self, q: Array, v: Array) -> list[tuple[FrameMotion, FrameMotion]]:
+    def compute_frame_pairs(self, q: Array, v: Array) -> list[tuple[FrameMotion, FrameMotion]]:
         """Return the two frames of every closure."""
-        self.place(q, v)
+        self.update_kinematics(q, v)
         return [
-            assembly.build_coupling_frames(c, self.number, q, v)
+            assembly.build_coupling_frames(c, self.find_joint_indices, q, v)
             if c.kind == "coupling"
-            else (self.look(c.first), self.look(c.second))
+            else (self.compute_frame(c.first), self.compute_frame(c.second))
             for c in self.mechanism.closures
         ]
 
-    def number(self, joint: str) -> tuple[int, int]:
+    def find_joint_indices(self, joint: str) -> tuple[int, int]:
         """Return the indices of a joint's one number in q and in v [-]."""
         m = self.mechanism
         built = self.built
         return int(built.q_order[m.q_slices[joint]][0]), int(built.v_order[m.v_slices[joint]][0])
 
-    def place(self, q: Array, v: Array) -> None:
+    def update_kinematics(self, q: Array, v: Array) -> None:
         """Put the tree where it is, joint accelerations zero [rad], [m], [s]."""
         model = self.built.model
         pin.forwardKinematics(model, self.data, q, v, np.zeros(model.nv))
         pin.computeJointJacobians(model, self.data, q)
 
-    def look(self, at: Attachment) -> FrameMotion:
+    def compute_frame(self, at: Attachment) -> FrameMotion:
         """Return a frame where the tree has been put."""
         model = self.built.model
         data = self.data
@@ -151,8 +151,8 @@ def _collect_external_forces(tree: Tree, time: Array, state: tuple[Array, Array,
     """Return configuration, velocity and what acts from outside, by sample."""
     out = []
     for t, q, v in zip(time, *convert_to_engine(tree.built, *state)[:2], strict=True):
-        tree.place(q, v)
-        out.append((q, v, compute_applied_forces(tree.mechanism, float(t), tree.look)))
+        tree.update_kinematics(q, v)
+        out.append((q, v, compute_applied_forces(tree.mechanism, float(t), tree.compute_frame)))
     return out
 
 
@@ -175,7 +175,7 @@ def _split_loop_efforts(tree: Tree, outside: Outside, torque: Array) -> tuple[Ou
     effort = np.empty_like(torque)
     wrench = np.empty((len(torque), len(m.closures), 6))
     for k, (q, v, acting) in enumerate(outside):
-        pairs = tree.pairs(q, v)
+        pairs = tree.compute_frame_pairs(q, v)
         rows = assembly.assemble_rows(m.closures, pairs)
         g = rows.g[:, tree.built.v_order]
         effort[k] = assembly.split_efforts(g, torque[k], m.actuated, m.weights)

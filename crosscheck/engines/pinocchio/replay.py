@@ -19,7 +19,7 @@ def replay(mechanism: Mechanism, drive: DriveTorques) -> dict[str, Array]:
     model = built.model
     data = built.model.createData()
     efforts = np.empty((len(drive.torque), model.nv))
-    efforts[:, built.v_order] = drive.efforts(mechanism.actuated)
+    efforts[:, built.v_order] = drive.fill_efforts(mechanism.actuated)
     q = np.empty(model.nq)
     v = np.zeros(model.nv)
     q[built.q_order] = drive.q

@@ -84,13 +84,13 @@ class ClosureRows:
 class Tree(Protocol):
     """Interface of an engine's open tree, in its own coordinates."""
 
-    def pairs(self, q: Array, v: Array) -> list[tuple[FrameMotion, FrameMotion]]:
+    def compute_frame_pairs(self, q: Array, v: Array) -> list[tuple[FrameMotion, FrameMotion]]:
         """Return first and second frame of every closure."""
 
-    def moved(self, q: Array, step: Array) -> Array:
+    def integrate_step(self, q: Array, step: Array) -> Array:
         """Return q after a step (nv,) [rad], [m] of velocity coordinates."""
 
-    def given(self, time: Array) -> tuple[Array, Array, Array]:
+    def evaluate_motion(self, time: Array) -> tuple[Array, Array, Array]:
         """Return q, v, a at times [s]; joints that the motion leaves out stand at their guess."""
 
 
@@ -198,7 +198,7 @@ def solve_closed_motion(task: ClosureTask, time: Array) -> tuple[Array, Array, A
 
     Raises AssemblyError where the loops do not close, where the branch is lost, and where they stay movable.
     """
-    given = task.tree.given(time)
+    given = task.tree.evaluate_motion(time)
     q = _solve_newton(task, given[0][0])
     if q is None:
         raise AssemblyError(
@@ -235,14 +235,14 @@ def _solve_newton(task: ClosureTask, guess: Array) -> Array | None:
     q = guess
     rest = np.zeros(len(task.unknown))
     for _ in range(MOST_ITERATIONS):
-        rows = assemble_rows(task.mechanism.closures, task.tree.pairs(q, rest))
+        rows = assemble_rows(task.mechanism.closures, task.tree.compute_frame_pairs(q, rest))
         step = rest.copy()
         scale = _compute_scales(task, rows)
         step[task.unknown] = -np.linalg.lstsq(
             rows.g[:, task.unknown] / scale[:, None], rows.phi / scale, rcond=REDUNDANT
         )[0]
         # The last step is taken, too: soft constraints multiply what it mends by their stiffness, some 1e8.
-        q = task.tree.moved(q, step)
+        q = task.tree.integrate_step(q, step)
         if np.abs(step).max() < STALLED:
             break
     return q if np.abs(rows.phi).max() < CLOSED else None
@@ -254,7 +254,7 @@ def _solve_rates(task: ClosureTask, q: Array, time: float, given: State) -> tupl
     free = task.unknown
     v = np.where(free, 0.0, v)
     a = np.where(free, 0.0, a)
-    rows = assemble_rows(task.mechanism.closures, task.tree.pairs(q, v))
+    rows = assemble_rows(task.mechanism.closures, task.tree.compute_frame_pairs(q, v))
     scale = _compute_scales(task, rows)
     g = rows.g / scale[:, None]
     solved, _, rank, _ = np.linalg.lstsq(g[:, free], -g @ v, rcond=REDUNDANT)
@@ -264,13 +264,13 @@ def _solve_rates(task: ClosureTask, q: Array, time: float, given: State) -> tupl
             "or the motion gives too few coordinates"
         )
     v[free] = solved
-    rows = assemble_rows(task.mechanism.closures, task.tree.pairs(q, v))
+    rows = assemble_rows(task.mechanism.closures, task.tree.compute_frame_pairs(q, v))
     a[free] = np.linalg.lstsq(g[:, free], -(rows.bias / scale + g @ a), rcond=REDUNDANT)[0]
     return v, a
 
 
 def _evaluate_motion(task: ClosureTask, time: float) -> State:
-    q, v, a = task.tree.given(np.array([time]))
+    q, v, a = task.tree.evaluate_motion(np.array([time]))
     return q[0], v[0], a[0]
 
 
@@ -284,7 +284,7 @@ def _integrate_step(
     while done < 1.0:
         target = min(1.0, done + part)
         step = (target - done) * (after - before)
-        guess = task.tree.moved(q, step * rates[0] + step**2 / 2 * rates[1])
+        guess = task.tree.integrate_step(q, step * rates[0] + step**2 / 2 * rates[1])
         time = before + target * (after - before)
         given = end if target == 1.0 else _evaluate_motion(task, time)
         guess = np.where(task.unknown_q, guess, given[0])

@@ -21,7 +21,7 @@ class DriveTorques:
     spacing: float
     torque: Array
 
-    def efforts(self, actuated: NDArray[np.bool_]) -> Array:
+    def fill_efforts(self, actuated: NDArray[np.bool_]) -> Array:
         """Return the efforts of all velocity coordinates (samples, nv) [N m], [N], zero where there is no drive."""
         out = np.zeros((len(self.torque), len(actuated)))
         out[:, actuated] = self.torque

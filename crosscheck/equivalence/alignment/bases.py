@@ -42,7 +42,7 @@ def list_base_differences(
         yield Difference(
             "rigid" if felt else "convention", BASE, "the machine", size, unit, format_placement(Placement()),
             format_placement(back), ((-1, "gravity", there),) if felt else (), (FELT if felt else UNFELT,),
-            printed=max((pair.of_joint(quantity) for pair in standing), default=0.0), structural=True, motion=back,
+            printed=max((pair.compute_joint_rounding(quantity) for pair in standing), default=0.0), structural=True, motion=back,
         )  # fmt: skip
     if felt and other:
         size = float(np.linalg.norm(theirs - ours))

@@ -80,7 +80,7 @@ class DescriptionLengths:
         """Return the length of a frame of B that stands so in A's [m]."""
         return FRAME * compute_code_length(max(compute_norm(frame.position) / self.size, compute_angle(frame.rotation)))
 
-    def of_joint(self, a: int, before: Placement, frame: Placement) -> float:
+    def compute_joint_code_length(self, a: int, before: Placement, frame: Placement) -> float:
         """Return the length of what differs in a joint, where its carrier and its own frame stand so [m]."""
         one = self.first.members[a]
         two = self.second.members[self.partner[a]]
@@ -114,7 +114,7 @@ class DescriptionLengths:
             total += compute_code_length(abs(alignment.sign * two.rest + alignment.offset - one.rest))
         return total
 
-    def of_body(self, a: int, frame: Placement) -> float:
+    def compute_body_code_length(self, a: int, frame: Placement) -> float:
         """Return the length of what differs in where a link's mass is, in a pose of B's frame in A's [m]."""
         one = self.first.members[a]
         two = self.second.members[self.partner[a]]
@@ -156,7 +156,7 @@ class DescriptionLengths:
         return self.known[a]
 
     def _collect_children(self, a: int, ours: Placement, theirs: Placement, found: RigidPartContent) -> None:
-        for c in self.first.children(a):
+        for c in self.first.list_children(a):
             if c not in self.partner:
                 continue
             one = self.first.members[c]

@@ -30,12 +30,12 @@ class MemberPoses:
     lengths: DescriptionLengths
     known: dict[int, list[Placement]] = field(default_factory=dict)
 
-    def still(self, a: int, before: Placement) -> Placement:
+    def compute_unmoved_pose(self, a: int, before: Placement) -> Placement:
         """Return the pose that leaves both machines where they stand at zero; before : of the carrier [m]."""
         one, two = self._find_member_pair(a)
         return self._move_onto_axis(a, compute_relative_pose(one.placement, apply_placement(before, two.placement)))
 
-    def others(self, a: int, still: Placement) -> Iterator[Placement]:
+    def list_other_poses(self, a: int, still: Placement) -> Iterator[Placement]:
         """Yield other poses of a member: the same frame, its axis turned onto A's, turned zeros, and what it shows alone [m]."""
         one, _ = self._find_member_pair(a)
         yield self._move_onto_axis(a, Placement())
@@ -43,7 +43,7 @@ class MemberPoses:
             straight = self._turn_onto_axis(a, still)
             yield straight
             yield from self._list_turned_frames(a, straight)
-        yield from self.alone(a)
+        yield from self.list_poses_by_content(a)
 
     def _find_member_pair(self, a: int) -> tuple[Member, Member]:
         return self.lengths.first.members[a], self.lengths.second.members[self.lengths.partner[a]]
@@ -92,7 +92,7 @@ class MemberPoses:
             turn = _turn_between(axis, theirs, ours)
             if turn is not None:
                 matching_angles.append(turn)
-        for ours, theirs in self._lines(a):
+        for ours, theirs in self._list_direction_pairs(a):
             turn = _turn_between(axis, frame.rotation @ theirs, ours)
             if turn is not None:
                 matching_angles += [turn, turn + np.pi]
@@ -121,7 +121,7 @@ class MemberPoses:
                 elif kind != "prismatic":
                     yield at.position / size, theirs.position / size
 
-    def _lines(self, a: int) -> Iterator[tuple[Array, Array]]:
+    def _list_direction_pairs(self, a: int) -> Iterator[tuple[Array, Array]]:
         """Yield directions of A and B that count in both ways: axes of joints, principal axes."""
         content = self.lengths.collect_rigid_content(a)
         for kind, (at, along), (other, across) in content.hung:
@@ -155,7 +155,7 @@ class MemberPoses:
             elif kind != "prismatic":
                 yield at.position - there.position
 
-    def alone(self, a: int) -> list[Placement]:
+    def list_poses_by_content(self, a: int) -> list[Placement]:
         """Return poses by what a member shows alone, whatever carries it, the best first [m]."""
         if a not in self.known:
             tried: dict[float, Placement] = {}
@@ -168,7 +168,7 @@ class MemberPoses:
     def _list_registered_poses(self, a: int) -> Iterator[Placement]:
         one, two = self._find_member_pair(a)
         own = [(one.axis, two.axis)]
-        primary = own if one.kind in SCALARS else [*self._lines(a), *self._list_arm_pairs(a)][:PRIMARY]
+        primary = own if one.kind in SCALARS else [*self._list_direction_pairs(a), *self._list_arm_pairs(a)][:PRIMARY]
         for ours, theirs in primary:
             for sign in (1.0, -1.0):
                 base = Placement(rotation=_compute_least_rotation(theirs, sign * ours))
@@ -224,7 +224,7 @@ class MemberPoses:
             yield Placement(rotation=_compute_least_rotation(theirs / compute_norm(theirs), ours / compute_norm(ours)))
         for a in roots:
             one, two = self._find_member_pair(a)
-            for pose in (self._move_onto_axis(a, Placement()), *self.alone(a)):
+            for pose in (self._move_onto_axis(a, Placement()), *self.list_poses_by_content(a)):
                 back = apply_placement(pose, inverse(two.placement))
                 yield apply_placement(one.placement, back)
                 if one.kind not in SCALARS:

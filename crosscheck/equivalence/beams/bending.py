@@ -44,17 +44,17 @@ class BeamEffects:
 
 def compute_beam_effects(beams: MatchedBeams) -> BeamEffects:
     """Return the differences of two machines' beams, each with what it alone does to a torque [N m], [N]."""
-    alone = tuple(beams.alone())
-    bent = list(beams.differences())
+    alone = tuple(beams.list_lone_beams())
+    bent = list(beams.list_differences())
     if not any(True for _ in beams.both):
         return BeamEffects(alone)
     mixed = beams.first.modal_damping is None or beams.second.modal_damping is None
     if mixed and (beams.first.modal_damping or beams.second.modal_damping):
         beams = replace(beams, first=apply_stated_ratio(beams.first), second=apply_stated_ratio(beams.second))
         beams = replace(beams, first=_drop_modal_damping(beams.first), second=_drop_modal_damping(beams.second))
-        bent = list(beams.differences())
+        bent = list(beams.list_differences())
     try:
-        base = beams.base()
+        base = beams.build_base_mechanism()
         flexible_torques = compute_flexible_torques(beams.second)
         before, whole = (compute_flexible_torques(_apply_edits(base, some)) for some in ([], bent))
         found = [_compute_beam_effect(base, bent, one, whole, flexible_torques) for one in bent]

@@ -34,7 +34,7 @@ class SampledBeam:
         table[:, columns] = values
         return replace(self, **{name: table})
 
-    def beam(self, like: Beam) -> Beam:
+    def build_beam(self, like: Beam) -> Beam:
         """Return the beam of these numbers [m, N, kg] with the mesh and the root of another one."""
         damping = self.retardation * self.stiffness if self.retardation.any() else None
         section = Section(self.stations, self.stiffness, self.inertia[:, 0], self.inertia[:, 1:], damping)

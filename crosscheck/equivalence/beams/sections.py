@@ -68,9 +68,9 @@ class MatchedBeams:
 
     def _build_matched_beams(self) -> dict[str, Beam]:
         """B's beams with A's numbers at B's root, by link of B."""
-        return {theirs: sample_beam(a, collect_stations(a, b)).beam(b) for _, theirs, a, b in self.both}
+        return {theirs: sample_beam(a, collect_stations(a, b)).build_beam(b) for _, theirs, a, b in self.both}
 
-    def alone(self) -> Iterator[Difference]:
+    def list_lone_beams(self) -> Iterator[Difference]:
         """Yield the links that bend in one of both only; the other holds their shape."""
         for ours, theirs in self.links.items():
             bends = [self.first.link_of[ours].beam is not None, self.second.link_of[theirs].beam is not None]
@@ -88,7 +88,7 @@ class MatchedBeams:
         ]
         return [f"elements of beams, which are no part of the machine: {', '.join(words)}"] if words else []
 
-    def base(self) -> Mechanism:
+    def build_base_mechanism(self) -> Mechanism:
         """Return B with A's beams, stations and stated modal damping, on B's mesh: what differs then is no matter of a beam."""
         shapes = self._build_matched_beams()
         stations = {theirs: self.first.joint_of[ours].station for ours, theirs in self.joints.items()}
@@ -104,7 +104,7 @@ class MatchedBeams:
             modal_damping=_drop_damping_time(self.first.modal_damping),
         )  # fmt: skip
 
-    def differences(self) -> Iterator[BeamDifference]:
+    def list_differences(self) -> Iterator[BeamDifference]:
         """Yield every difference of beams with its edit [unit of each]."""
         for ours, theirs, a, b in self.both:
             stations = collect_stations(a, b)
@@ -254,7 +254,7 @@ def _make_table_edit(link: str, name: str, columns: slice, values: Array) -> Edi
     def replace_table(one: Link) -> Link:
         assert one.beam is not None
         table = sample_beam(one.beam, one.beam.section.stations).replace_table_columns(name, columns, values)
-        return replace(one, beam=table.beam(one.beam))
+        return replace(one, beam=table.build_beam(one.beam))
 
     return lambda mechanism: _apply_to_link(mechanism, link, replace_table)
 

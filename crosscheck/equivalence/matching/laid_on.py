@@ -38,13 +38,13 @@ class OverlaidTrees:
     second: Mapping[int, int]
 
     @classmethod
-    def of(cls, first: Tree, second: Tree) -> OverlaidTrees:
+    def build_for(cls, first: Tree, second: Tree) -> OverlaidTrees:
         """Return two trees that are laid on one another [-]."""
         one, ours = join_fixed_links(first)
         two, theirs = join_fixed_links(second)
         return cls(PairCosts(one, two), ours, theirs)
 
-    def costs(self, before: tuple[int, int], ours: list[int], theirs: list[int]) -> Array:
+    def compute_costs(self, before: tuple[int, int], ours: list[int], theirs: list[int]) -> Array:
         """Return the costs [-] of joints of two members, (ours, theirs): what they show, and where they stand.
 
         before : the moving members that carry them, -1 the world
@@ -53,9 +53,11 @@ class OverlaidTrees:
         mine = [self.first[k] for k in ours]
         yours = [self.second[k] for k in theirs]
         shown = np.array([[compute_subtree_cost(self.plain, above, k, m) for m in yours] for k in mine])
-        return shown + self._apart(above, mine, yours, shown) if shown.size > 1 else shown
+        return shown + self._compute_placement_costs(above, mine, yours, shown) if shown.size > 1 else shown
 
-    def _apart(self, above: tuple[int, int], ours: list[int], theirs: list[int], shown: Array) -> Array:
+    def _compute_placement_costs(
+        self, above: tuple[int, int], ours: list[int], theirs: list[int], shown: Array
+    ) -> Array:
         """Costs of joints by where they stand on carriers that are laid on one another."""
         best = np.full(shown.shape, FAR)
         least = np.inf, np.inf
@@ -66,7 +68,7 @@ class OverlaidTrees:
             if total > least[0] + NEAR:
                 continue
             chosen = [(ours[i], theirs[j]) for i, j in zip(rows, columns, strict=True)]
-            rest = sum(self._told(k, m, frame) for k, m in chosen)
+            rest = sum(self._compute_pose_code_length(k, m, frame) for k, m in chosen)
             if total < least[0] - NEAR or rest < least[1] - NEAR:
                 best = found
                 least = (total, rest)
@@ -74,15 +76,18 @@ class OverlaidTrees:
                 break
         return best
 
-    def _told(self, k: int, m: int, frame: Placement) -> float:
+    def _compute_pose_code_length(self, k: int, m: int, frame: Placement) -> float:
         """The length of what has to be told of a joint and its body in a pose of its carrier: between poses that are as near."""
         lengths = DescriptionLengths(self.plain.first, self.plain.second, {k: m}, self.plain.size)
         poses = MemberPoses(lengths)
-        still = poses.still(k, frame)
+        still = poses.compute_unmoved_pose(k, frame)
         if self.plain.first.members[k].kind != self.plain.second.members[m].kind:
             return 0.0
-        tried = [still, *poses.others(k, still)]
-        frames = [lengths.of_joint(k, frame, pose) + lengths.compute_content_code_length(k, pose) for pose in tried]
+        tried = [still, *poses.list_other_poses(k, still)]
+        frames = [
+            lengths.compute_joint_code_length(k, frame, pose) + lengths.compute_content_code_length(k, pose)
+            for pose in tried
+        ]
         return min(frames)
 
     def _list_trial_frames(self, a: int, b: int, ours: list[int], theirs: list[int]) -> Iterator[Placement]:
@@ -95,9 +100,9 @@ class OverlaidTrees:
             for k, m in trials:
                 yield from MemberPoses(DescriptionLengths(one, two, {k: m}, size)).list_base_motions([k])
             return
-        yield from MemberPoses(DescriptionLengths(one, two, {a: b}, size)).alone(a)
+        yield from MemberPoses(DescriptionLengths(one, two, {a: b}, size)).list_poses_by_content(a)
         for k, m in trials:
-            yield from MemberPoses(DescriptionLengths(one, two, {a: b, k: m}, size)).alone(a)
+            yield from MemberPoses(DescriptionLengths(one, two, {a: b, k: m}, size)).list_poses_by_content(a)
 
     def _compute_joint_gap(self, k: int, m: int, frame: Placement) -> float:
         """Distance of two joints' axes, and of masses along these, over the size of the machines; sine of their angle."""
@@ -121,7 +126,7 @@ class OverlaidTrees:
 
 def compute_subtree_cost(costs: PairCosts, before: tuple[int, int], a: int, b: int) -> float:
     """Return the cost [-] of what two members and all that they carry show; before : the moving pair before, -1 the world."""
-    own = costs.shown(before, a, b)
+    own = costs.compute_invariant_cost(before, a, b)
     if own >= IMPOSSIBLE:
         return IMPOSSIBLE
     moving_children = costs.first.list_moving_children(a)

@@ -3,7 +3,8 @@
 Where one machine has a joint more, numbers in names may count otherwise: `numbers` says where structure is believed instead.
 
 Structure: children of matched members are assigned so that the sum of costs over whole subtrees is least (Kuhn and Munkres).  The
-cost of a pair is what they show wherever zeros and frames stand (`PairCosts.shown`), and how far their axes lie apart on carriers
+cost of a pair is what they show wherever zeros and frames stand (`PairCosts.compute_invariant_cost`), and how far their axes
+lie apart on carriers
 that are laid on one another (`laid_on`).  An assignment whose exchange of two costs about as little is a guess, and none is made.
 """
 
@@ -75,7 +76,7 @@ def match(first: Tree, second: Tree, stated: Mapping[str, str]) -> Match:
         pairs = kept | other
         how = {a: how[a] for a in kept} | dict.fromkeys(other, "numbers")
         certainty = dict.fromkeys(kept, 1.0) | dict.fromkeys(other, 1.0 - doubt)
-    Assignment(first, second, pairs, how, certainty).extend(-1, -1)
+    Assignment(first, second, pairs, how, certainty).match_children(-1, -1)
     return Match(pairs, how, certainty)
 
 
@@ -138,29 +139,29 @@ class Assignment:
     how: dict[str, str]
     certainty: dict[str, float]
 
-    def extend(self, a: int, b: int) -> None:
+    def match_children(self, a: int, b: int) -> None:
         """Assign what two matched members carry to one another, and go on beyond."""
         moving_children = self.first.list_moving_children(a)
         theirs = self.second.list_moving_children(b)
         for k in moving_children:
             joint = self.first.members[k].joint
             if joint in self.pairs:
-                self.extend(k, self.second.moving[self.pairs[joint]])
+                self.match_children(k, self.second.moving[self.pairs[joint]])
         free = [k for k in moving_children if self.first.members[k].joint not in self.pairs]
         taken = set(self.pairs.values())
         open_ = [k for k in theirs if self.second.members[k].joint not in taken]
         if free and open_:
             for k, other in self._solve_assignment((a, b), free, open_):
-                self.extend(k, other)
+                self.match_children(k, other)
 
     @cached_property
     def laid_on(self) -> OverlaidTrees:
         """Return both trees, whose carriers can be laid on one another."""
-        return OverlaidTrees.of(self.first, self.second)
+        return OverlaidTrees.build_for(self.first, self.second)
 
     def _solve_assignment(self, before: tuple[int, int], ours: list[int], theirs: list[int]) -> list[tuple[int, int]]:
         above = _find_moving_member(self.first, before[0]), _find_moving_member(self.second, before[1])
-        costs = self.laid_on.costs(above, ours, theirs)
+        costs = self.laid_on.compute_costs(above, ours, theirs)
         rows, columns = scipy.optimize.linear_sum_assignment(costs)
         assignment = []
         for row, column in zip(rows, columns, strict=True):

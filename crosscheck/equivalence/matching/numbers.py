@@ -1,8 +1,8 @@
 """Numbers in names count joints, they do not name them: where one machine has a joint more, the third of both is two joints.
 
 An arm of six joints and one of seven with a joint more in its upper arm both have a ``joint_3``; the first one's is the other's
-``joint_4``.  Both trees are laid over one another anew: each pair of members costs what `PairCosts.step` says of it after the
-pair before, p, which zeros of coordinates do not change; a member that is left out of either costs one.
+``joint_4``.  Both trees are laid over one another anew: each pair of members costs what `PairCosts.compute_step_cost` says of
+it after the pair before, p, which zeros of coordinates do not change; a member that is left out of either costs one.
 With  F  the least cost of what two members carry, over all assignments,
 
     C(p; a, b) = min( step(p; a, b) + F(a, b),  1 + C(p; next of a, b),  1 + C(p; a, next of b),  joints from a and from b on )
@@ -58,7 +58,7 @@ def _compute_naming_cost(costs: PairCosts, named: Mapping[int, int]) -> float:
     for a, b in named.items():
         before = _find_ancestor(costs.first, a, set(named)), _find_ancestor(costs.second, b, set(named.values()))
         alike = named.get(before[0], -1) == before[1]
-        total += costs.step(before, a, b) if alike else LEFT_OUT
+        total += costs.compute_step_cost(before, a, b) if alike else LEFT_OUT
     return total
 
 
@@ -91,7 +91,7 @@ class Overlay:
 
     def _list_overlays(self, before: tuple[int, int], a: int, b: int) -> Iterator[Laid]:
         yield LEFT_OUT * (self.costs.first.count_moving(a) + self.costs.second.count_moving(b)), ()
-        own = self.costs.step(before, a, b)
+        own = self.costs.compute_step_cost(before, a, b)
         if own < IMPOSSIBLE:
             beyond, pairs = self.find_best_forest((a, b), a, b)
             yield own + beyond, ((a, b), *pairs)

@@ -30,11 +30,11 @@ TURNED = (
 
 @dataclass(frozen=True)
 class RerootedMechanism:
-    """B as told from A's root; links : those whose frames stand elsewhere for it; found : the convention that differs."""
+    """B as told from A's root; links : those whose frames stand elsewhere for it; conventions : the convention that differs."""
 
     mechanism: Mechanism
     links: frozenset[str] = frozenset()
-    found: tuple[Difference, ...] = ()
+    conventions: tuple[Difference, ...] = ()
 
 
 def match_roots(first: Mechanism, second: Mechanism, stated: Mapping[str, str]) -> RerootedMechanism:

@@ -142,15 +142,15 @@ class ComparedDescriptions:
 
     descriptions: tuple[Description, Description]
     trees: tuple[Tree, Tree]
-    seats: Mapping[int, MemberAlignment]
+    alignments: Mapping[int, MemberAlignment]
     rehung: frozenset[str] = frozenset()
 
-    def members(self, difference: Difference) -> tuple[Member, Member, MemberAlignment] | None:
+    def find_member_pair(self, difference: Difference) -> tuple[Member, Member, MemberAlignment] | None:
         """Return the members of both that a difference is about, and their alignment; None for one of several or of none."""
-        k = self._number(difference)
-        if k is None or k not in self.seats:
+        k = self._find_member_number(difference)
+        if k is None or k not in self.alignments:
             return None
-        seat = self.seats[k]
+        seat = self.alignments[k]
         one = self.trees[0].members[k]
         two = self.trees[1].members[seat.second]
         part = difference.place.partition(" ")[2].partition(" (on link ")
@@ -162,15 +162,15 @@ class ComparedDescriptions:
 
     def find_merged_alignment(self, difference: Difference) -> MemberAlignment | None:
         """Return the seat of two members where a difference is about one of their bodies, and one file alone states it apart."""
-        k = self._number(difference)
-        if not difference.place.startswith("body ") or k is None or k not in self.seats:
+        k = self._find_member_number(difference)
+        if not difference.place.startswith("body ") or k is None or k not in self.alignments:
             return None
-        seat = self.seats[k]
+        seat = self.alignments[k]
         one = self.trees[0].members[seat.first]
         two = self.trees[1].members[seat.second]
         return seat if dict(one.parts).keys() != dict(two.parts).keys() else None
 
-    def _number(self, difference: Difference) -> int | None:
+    def _find_member_number(self, difference: Difference) -> int | None:
         numbers = {index for index, _, _ in difference.changes}
         if len(numbers) == 1:
             return numbers.pop()
@@ -194,7 +194,7 @@ def collect_advice(judgement: Judgement, sides: ComparedDescriptions) -> tuple[t
     found = []
     for difference in (*judgement.causes, *judgement.conventions, *judgement.limits):
         merged = sides.find_merged_alignment(difference)
-        both = sides.members(difference) if difference.cause != BASE and merged is None else None
+        both = sides.find_member_pair(difference) if difference.cause != BASE and merged is None else None
         if difference.cause == BASE:
             lines = list(_describe_base_change(difference, sides))
         elif merged is not None:
@@ -246,7 +246,7 @@ def _describe_common_change(difference: Difference, sides: ComparedDescriptions)
     """Yield the lines for one factor on all numbers of a kind, or for the same number in several joints."""
     if difference.place.startswith("joints ") and difference.changes:
         members = [sides.trees[0].members[k] for k, _, _ in difference.changes]
-        others = [sides.trees[1].members[sides.seats[k].second] for k, _, _ in difference.changes]
+        others = [sides.trees[1].members[sides.alignments[k].second] for k, _, _ in difference.changes]
         for n, (side, other, own, value) in enumerate(
             (("A", "B", members, difference.second), ("B", "A", others, difference.first))
         ):
@@ -342,7 +342,7 @@ def _describe_member_change(
 
 def _has_moved_frame(sides: ComparedDescriptions, both: tuple[Member, Member, MemberAlignment]) -> bool:
     """Return True if a frame of the member or of its carrier stands elsewhere in B."""
-    carrier = sides.seats.get(both[0].parent)
+    carrier = sides.alignments.get(both[0].parent)
     return any(not _is_same_frame(seat) for seat in (both[2], carrier) if seat is not None)
 
 

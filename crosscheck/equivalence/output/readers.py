@@ -62,7 +62,7 @@ def _list_markdown_lines(file: str, rows: Sequence[ReaderRow]) -> Iterator[str]:
     yield "| reader | joints | mass [kg] | result | differences |"
     yield "|---|--:|--:|---|---|"
     for row in rows:
-        yield "| " + " | ".join(map(format_cell, (row.reader, row.joints, row.mass, row.result, row.words))) + " |"
+        yield "| " + " | ".join(map(format_cell, (row.reader, row.joints, row.mass, row.result, row.refusal))) + " |"
     for row in rows:
         if row.dropped:
             yield f"\n<details><summary>what {format_cell(row.reader)} leaves out or takes for granted</summary>\n"
@@ -79,7 +79,7 @@ def _render_junit(file: str, rows: Sequence[ReaderRow]) -> bytes:
         case = ET.SubElement(suite, "testcase", classname="readers", name=row.reader)
         if row.result != "equal":
             ET.SubElement(
-                case, "failure" if row.result == "different" else "error", message=_replace_forbidden(row.words)
+                case, "failure" if row.result == "different" else "error", message=_replace_forbidden(row.refusal)
             )
     ET.indent(root)
     text: bytes = ET.tostring(root, encoding="utf-8", xml_declaration=True)

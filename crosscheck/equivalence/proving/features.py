@@ -45,7 +45,7 @@ class CommonGround:
 
     tree: Tree
     states: States
-    seats: Mapping[str, MemberAlignment]
+    alignments: Mapping[str, MemberAlignment]
     names: Mapping[str, str]
     starts: Mapping[str, Placement] = field(default_factory=dict)
     common: bool = True
@@ -105,7 +105,7 @@ def _compute_added_efforts(
     """Efforts that a side's reader adds to its mechanism; zero where that is the source, None where it cannot be asked."""
     states = ground.states if number else _apply_start_poses(ground.states, ground.starts)
     if number:
-        states = map_states(states, ground.tree, ground.seats)
+        states = map_states(states, ground.tree, ground.alignments)
     joints = dict(ground.names) if number else {name: name for name in ground.states.qd}
     bare = evaluate_efforts(remove_ties(make_rigid_mechanism(side.mechanism)), states, joints)
     if side.dynamics is None:
@@ -131,7 +131,7 @@ def _map_to_first(added: FeatureEfforts, ground: CommonGround, number: int) -> F
         return added
 
     def map_back(found: Efforts) -> Efforts:
-        return map_efforts_back(found, ground.tree, ground.seats)
+        return map_efforts_back(found, ground.tree, ground.alignments)
 
     return FeatureEfforts(
         map_back(added.whole), {name: map_back(own) for name, own in added.by_name.items()}, map_back(added.scale)

@@ -33,10 +33,10 @@ UNJUDGED = "not judged"
 
 @dataclass(frozen=True)
 class ClosureProof:
-    """The result: ``HELD``, ``LOST`` or ``UNJUDGED``; words : in what they differ, or why nothing could be said."""
+    """The result: ``HELD``, ``LOST`` or ``UNJUDGED``; reason : in what they differ, or why nothing could be said."""
 
     state: str
-    words: str = ""
+    reason: str = ""
 
 
 def check_ties(mechanism: Mechanism, dynamics: ReaderDynamics, without: Collection[str]) -> ClosureProof:
@@ -86,7 +86,7 @@ def _describe_closure_gap(mechanism: Mechanism, place: Array, residual: Array, j
     left = float(np.abs(residual).max(initial=0.0))
     if not left <= OPEN * max(1.0, mesh.length):
         return f"where the mechanism is closed, its own equations are open by {left:.3g} m or rad"
-    ours = build_start_follower(mesh).closures(place)[1]
+    ours = build_start_follower(mesh).evaluate_closures(place)[1]
     one = _compute_row_space(ours)
     two = _compute_row_space(jacobian * list_velocity_scales(mesh))
     if len(one) != len(two):

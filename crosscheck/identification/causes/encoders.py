@@ -37,10 +37,10 @@ def compare_encoders(machine: Machine, fit: Fit, log: Log) -> list[NamedCause]:
     if not tables:
         return []
     run = make_run(machine, log, efforts=False, once=True)
-    effort = run.response(machine.space.values(fit.z))[0]
+    effort = run.response(machine.space.compute_values(fit.z))[0]
     out: list[NamedCause] = []
     for name, table in tables.items():
-        link = log.column(table.column) * (ANGLES[table.unit] / table.over)
+        link = log.read_column(table.column) * (ANGLES[table.unit] / table.over)
         out += _compare_joint_encoders(machine, run, name, link, effort[:, run.motion.names.index(name)])
     return sorted(out, key=lambda one: -one.drop)
 

@@ -44,7 +44,7 @@ def find_least_sizes(here: CauseRound, at: Array, evidence: float) -> list[Detec
     at : sizes of the causes that were named
     """
     out = []
-    level = here.rest(at)
+    level = here.compute_weighed_residual(at)
     for k, cause in enumerate(here.causes):
         if at[k] or (cause.moves and cause.tries):
             continue
@@ -68,14 +68,14 @@ def describe_least_sizes(some: list[DetectionLimit]) -> Iterator[str]:
 def _find_size_by_trial(here: CauseRound, at: Array, k: int, level: Array, evidence: float) -> float:
     one = np.eye(len(at))[k]
     for size in TIMES:
-        if here.drop(here.rest(at - size * one), level) > evidence:
+        if here.drop(here.compute_weighed_residual(at - size * one), level) > evidence:
             return float(size)
     return float("inf")
 
 
 def _find_size_by_slope(here: CauseRound, at: Array, k: int, level: Array, evidence: float) -> float:
     cause = here.causes[k]
-    slope = (here.rest(at + cause.step * np.eye(len(at))[k]) - level) / cause.step
+    slope = (here.compute_weighed_residual(at + cause.step * np.eye(len(at))[k]) - level) / cause.step
     slope = slope - level * float(slope @ level) / max(float(level @ level), 1e-300)
 
     def drop(log_size: float) -> float:

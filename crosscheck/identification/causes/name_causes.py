@@ -93,7 +93,7 @@ Linear = tuple[list[Array], list[Array]]  # readings, and their slopes by the pa
 
 def _find_gross_fault(search: CauseSearch, log: Log) -> tuple[GrossFault, NamedCause] | None:
     mechanism = search.machine.mechanism
-    level = search.task(log, mechanism)
+    level = search.build_task(log, mechanism)
     linear_readings = _compute_linear_readings(search, level)
     base = _compute_fault_score(search, level, linear_readings)
     best: tuple[GrossFault, Score] | None = None
@@ -101,7 +101,7 @@ def _find_gross_fault(search: CauseSearch, log: Log) -> tuple[GrossFault, NamedC
         at = _list_spoiled_channels(search, fault)
         if not at or base.unexplained[at].max() < LITTLE / 2.0:
             continue
-        task = search.task(fault.undone(log, mechanism, fault.size)[0], mechanism, level, fault.moves)
+        task = search.build_task(fault.undone(log, mechanism, fault.size)[0], mechanism, level, fault.moves)
         try:
             one = _compute_fault_score(
                 search, task, _compute_linear_readings(search, task) if fault.moves else linear_readings
@@ -124,13 +124,13 @@ def _list_spoiled_channels(search: CauseSearch, fault: GrossFault) -> list[int]:
 
 
 def _compute_linear_readings(search: CauseSearch, task: Problem) -> Linear:
-    z = np.zeros(len(search.found.z)) if search.seen else search.found.z
-    return task.pick(task.predict(z)), compute_jacobian(task, z)
+    z = np.zeros(len(search.fit.z)) if search.seen else search.fit.z
+    return task.collect_counted_samples(task.predict(z)), compute_jacobian(task, z)
 
 
 def _compute_fault_score(search: CauseSearch, task: Problem, linear: Linear) -> Score:
-    measured = task.pick([run.measured for run in task.runs if run.measured is not None])
-    return compute_score(measured, *linear, search.found.agree, search.root)
+    measured = task.collect_counted_samples([run.measured for run in task.runs if run.measured is not None])
+    return compute_score(measured, *linear, search.fit.agree, search.root)
 
 
 # ---------------------------------------------------------------------------------------------- what may be small
@@ -154,7 +154,7 @@ def _find_small_causes(search: CauseSearch, log: Log) -> tuple[list[NamedCause],
 
 
 def _find_strongest_cause(here: CauseRound, at: Array, known: set[str]) -> tuple[int, NamedCause] | None:
-    level = here.rest(at)
+    level = here.compute_weighed_residual(at)
     first: list[tuple[float, int, float]] = []
     for k, cause in enumerate(here.causes):
         if cause.name + cause.place not in known:
@@ -189,15 +189,15 @@ def _list_start_sizes(here: CauseRound, at: Array, k: int, level: Array) -> list
     """Sizes of a cause at which the way to the best one may start, each with about how much the cost falls."""
     cause = here.causes[k]
     one = np.eye(len(at))[k]
-    slope = (here.rest(at + cause.step * one) - level) / cause.step
+    slope = (here.compute_weighed_residual(at + cause.step * one) - level) / cause.step
     square = float(slope @ slope)
     out = []
     if square > 0.0:
         out.append((float(slope @ level) ** 2 / square, -float(slope @ level) / square))
     if here.wide and cause.tries:
-        costs = [here.above(at + size * one) for size in cause.tries]
+        costs = [here.compute_cost_above(at + size * one) for size in cause.tries]
         best = int(np.argmin(costs))
-        left = here.rest(at + cause.tries[best] * one)
+        left = here.compute_weighed_residual(at + cause.tries[best] * one)
         out.append((float(level @ level - left @ left), cause.tries[best]))
     return out
 
@@ -208,11 +208,11 @@ def _fit_cause_size(here: CauseRound, at: Array, k: int, size: float, before: Ar
     one = np.eye(len(at))[k]
     square = 1.0
     for _ in range(FOLLOWED):
-        level = here.rest(at + size * one)
-        slope = (here.rest(at + (size + cause.step) * one) - level) / cause.step
+        level = here.compute_weighed_residual(at + size * one)
+        slope = (here.compute_weighed_residual(at + (size + cause.step) * one) - level) / cause.step
         square = float(slope @ slope)
         size -= float(slope @ level) / square
-    left = here.rest(at + size * one)
+    left = here.compute_weighed_residual(at + size * one)
     error = np.sqrt(float(left @ left) / float(here.news.sum()) / square)
     drop = here.drop(before, left)
     words = f"the cost falls by {drop:.0f}, to {left @ left / (before @ before):.0%} of what remained"

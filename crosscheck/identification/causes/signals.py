@@ -68,7 +68,7 @@ def list_quantised_columns(machine: Machine, fit: Fit, log: Log) -> Iterator[Nam
             )
     as_it_is: Array | None = None
     for name, table in machine.settings.joints.items():
-        column = log.column(table.angle.column)
+        column = log.read_column(table.angle.column)
         factor = abs(ANGLES[table.angle.unit] / table.angle.over)
         if step := find_quantisation_step(column):
             if as_it_is is None:
@@ -82,7 +82,9 @@ def list_quantised_columns(machine: Machine, fit: Fit, log: Log) -> Iterator[Nam
 
 
 def _compute_readings(machine: Machine, fit: Fit, log: Log) -> Array:
-    return compute_readings(machine, make_run(machine, log, efforts=False, once=True), machine.space.values(fit.z))
+    return compute_readings(
+        machine, make_run(machine, log, efforts=False, once=True), machine.space.compute_values(fit.z)
+    )
 
 
 def _compute_step_share(machine: Machine, fit: Fit, log: Log, column: str, step: float, one: Array) -> float:

@@ -36,15 +36,17 @@ class WideRows:
     """A channel above the bandwidth: what is expected of it, weights (frequencies,), and how many of its rows are news [-]."""
 
     channel: int
-    told: ExpectedResponse
+    expected_response: ExpectedResponse
     weights: Array
     news: float
 
-    def rows(self, run: Run) -> Array:
+    def compute_rows(self, run: Run) -> Array:
         """Return the difference between the channel of a run and its expectation (rows,) [-]."""
         seen = run.wide[self.channel]
         return (
-            np.zeros(2 * len(self.weights)) if seen is None else compute_response_error(seen, self.told, self.weights)
+            np.zeros(2 * len(self.weights))
+            if seen is None
+            else compute_response_error(seen, self.expected_response, self.weights)
         )
 
 

@@ -56,11 +56,12 @@ def describe_log_failures(machine: Machine, logs: list[Log], rows: list[ChannelJ
         if not failed:
             continue
         far = [
-            f'{log.name}: column {t.angle.column!r} goes over {np.ptp(log.column(t.angle.column)):.3g} rad: write unit = "deg" '
+            f"{log.name}: column {t.angle.column!r} goes over {np.ptp(log.read_column(t.angle.column)):.3g} rad: "
+            'write unit = "deg" '
             f"in [joints.{name}] angle if it is in degrees"
             for name, t in machine.settings.joints.items()
             if t.angle.unit == "rad" and machine.mechanism.joint_of[name].kind == "revolute"
-            if np.ptp(log.column(t.angle.column)) / t.angle.over > TURN
+            if np.ptp(log.read_column(t.angle.column)) / t.angle.over > TURN
         ]
         rest = [] if far else ["; --causes looks for wrong signs, units, gears and swapped columns"]
         out += [f"{log.name}: the model explains {', '.join(failed)} worse than a constant does{''.join(rest)}", *far]
@@ -97,7 +98,12 @@ def _describe_shared_samples(machine: Machine, one: Log, other: Log, consequence
     if len(common) < 20:
         return ""
     same = all(
-        np.allclose(one.column(n)[a], other.column(n)[b], rtol=0, atol=SAME * max(float(np.ptp(one.column(n))), 1e-300))
+        np.allclose(
+            one.read_column(n)[a],
+            other.read_column(n)[b],
+            rtol=0,
+            atol=SAME * max(float(np.ptp(one.read_column(n))), 1e-300),
+        )
         for n in names
     )
     if not same:

@@ -61,14 +61,14 @@ def test_repetitions_that_were_interrupted_do_not_count() -> None:
     clean = np.arange(10) >= 5
     all_of_them = np.full(10, True)
     slow, fast = Times(long, long, clean, all_of_them), Times(short, short, all_of_them, all_of_them)
-    assert slow.spread().median == 4.0
+    assert slow.compute_quartiles().median == 4.0
     assert compute_time_ratio(slow, fast).median == 2.0
     assert compute_time_ratio(replace(slow, clean=all_of_them), fast).median > 2.0
 
 
 def test_on_a_busy_machine_the_processors_time_counts_and_several_threads_are_not_judged() -> None:
-    assert times([3.0] * 9, clean=False).spread().median == 1.5  # the processor's
-    assert times([3.0] * 9, clean=True).spread().median == 3.0
+    assert times([3.0] * 9, clean=False).compute_quartiles().median == 1.5  # the processor's
+    assert times([3.0] * 9, clean=True).compute_quartiles().median == 3.0
     assert describe_disturbance(times([3.0] * 9, clean=False, threads=2)) == BUSY
     assert not describe_disturbance(times([3.0] * 9, clean=True, threads=2), times([3.0] * 9, clean=False))
 
@@ -76,7 +76,7 @@ def test_on_a_busy_machine_the_processors_time_counts_and_several_threads_are_no
 def test_threads_that_interrupt_each_other_are_judged_where_others_hardly_use_the_machine() -> None:
     mine = replace(times([3.0] * 9, clean=False, threads=2), others=0.01)
     assert not describe_disturbance(mine)
-    assert mine.spread().median == 3.0
+    assert mine.compute_quartiles().median == 3.0
     assert compute_time_ratio(times([6.0] * 9, clean=True), mine).median == 2.0
     assert describe_disturbance(replace(mine, others=0.5)) == BUSY
 
@@ -87,7 +87,7 @@ def test_repetitions_on_halves_of_cores_do_not_count() -> None:
     halves = np.arange(20) >= 12
     assert compute_time_ratio(slow, fast).low == 5.0
     fast = replace(fast, whole=~halves)
-    assert (compute_time_ratio(slow, fast).low, fast.spread().high) == (10.0, 1.0)
+    assert (compute_time_ratio(slow, fast).low, fast.compute_quartiles().high) == (10.0, 1.0)
     assert not describe_disturbance(slow, fast)
     assert describe_disturbance(slow, replace(fast, whole=np.arange(20) < 3)) == HALVES
     assert not describe_disturbance(replace(slow, threads=1), replace(fast, whole=np.arange(20) < 3, threads=1))
@@ -109,7 +109,7 @@ def test_a_long_look_sees_episodes_and_what_is_next_to_the_call(monkeypatch: pyt
     for slow, seen in ((range(20, 21), 1.0), (range(20, 25), 1.5), (range(1), 1.5), (range(39, 40), 1.5)):
         taken = iter([1.5 if k in slow else 1.0 for k in range(40)])
         monkeypatch.setattr(Cores, "run_loop", lambda self, threads, taken=taken: next(taken))
-        assert Cores().look(2, 40) == seen
+        assert Cores().compute_loop_time(2, 40) == seen
 
 
 def test_a_long_call_that_takes_more_of_the_processor_than_before_had_no_whole_cores() -> None:
@@ -222,7 +222,7 @@ def test_flexible_arms_have_error_beside_time(arm: flexible.FlexibleCase) -> Non
     assert all(row["error"] > 0.0 and row["time"] > 0.0 for row in rows)
     theirs = next(row for row in rows if row["method"].startswith("Exudyn"))
     assert theirs["faster"] > 0.0
-    assert theirs["metric"]["lower"] == arm.asked
+    assert theirs["metric"]["lower"] == arm.target
     (alone,) = flexible.list_arm_rows(replace(small, agreement=1e-12), MODELS, grid, SHORT)
     assert alone["verdict"] == "deviation"
     assert "no reference" in alone["by"]
@@ -389,4 +389,4 @@ def test_steps_that_are_all_equal_meet_the_breaks_of_a_motion() -> None:
     assert len(problem.grid.counts) == 2  # steps of two lengths
     even = torque_errors.make_equal_steps(problem).grid
     assert even.counts == (42,)
-    assert np.abs(even.steps(1) - 1.0).min() < 1e-12
+    assert np.abs(even.list_steps(1) - 1.0).min() < 1e-12

@@ -143,7 +143,7 @@ def scenes() -> Iterator[FaultScenario]:
     for chosen in CAMPAIGNS.values():
         for bench in chosen.benches:
             for engine in bench.engines:
-                yield scene(bench.mechanism, bench.case, engine, OWN if bench.own else MODELS)
+                yield scene(bench.mechanism, bench.case, engine, OWN if bench.in_package else MODELS)
 
 
 @pytest.fixture(scope="module")

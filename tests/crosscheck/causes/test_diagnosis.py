@@ -181,7 +181,7 @@ def test_a_diagnosis_that_fails_says_so() -> None:
 def test_dynamics_without_a_certificate_are_labelled(line: Check, verdict: str, words: str) -> None:
     results = Results("now", certificates=(line,))
     case = CaseRow("m", "c")
-    assert [(sheet.verdict, sheet.words) for sheet in list_certificates(results, case)] == [(verdict, words)]
+    assert [(sheet.verdict, sheet.text) for sheet in list_certificates(results, case)] == [(verdict, words)]
     assert collect_warnings(results, case) == ({} if verdict == "within" else {"e": words})
 
 

@@ -189,7 +189,7 @@ def test_every_cause_can_sit_on_some_bench() -> None:
     for bench in BENCHES:
         folder = MODELS / bench.mechanism
         mechanism = read_mechanism(folder)
-        mechanism, case = bench.made(mechanism, load_cases(folder, mechanism)[bench.case])
+        mechanism, case = bench.make_bench_case(mechanism, load_cases(folder, mechanism)[bench.case])
         model = make_model(Subject(mechanism, case))
         known = {name: cause for name, cause in left.items() if name in bench.planted}
         for name, cause in known.items():

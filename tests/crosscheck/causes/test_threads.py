@@ -48,7 +48,7 @@ def told(subject: Subject, harmed: Subject, engine: str) -> NamedCauses:
     reference = adapter(ENGINES["flexinv"]).run(subject.mechanism, subject.case, "flexinv", {"error": False})
     model = make_model(subject, reference)
     record = ask(Bench("thread", "thread", engine), harmed)
-    return find_causes(model, model.residual(record, reference), ROUNDING)
+    return find_causes(model, model.compute_residual(record, reference), ROUNDING)
 
 
 def planted(subject: Subject, cause: str, target: str, size: object, engine: str) -> NamedCauses:

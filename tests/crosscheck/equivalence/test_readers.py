@@ -38,7 +38,7 @@ def test_a_reader_that_breaks_is_its_row_alone(monkeypatch: pytest.MonkeyPatch) 
     monkeypatch.setattr(readers, "describe", broken)
     rows = compare_readers(str(CASES / LOOP), "mujoco,pinocchio")
     assert [row.result for row in rows] == ["equal", "cannot"]
-    assert rows[1].words.endswith("the reader pinocchio fails: KeyError: 3")
+    assert rows[1].refusal.endswith("the reader pinocchio fails: KeyError: 3")
 
 
 def test_where_the_reference_refuses_the_next_reader_takes_its_place(monkeypatch: pytest.MonkeyPatch) -> None:

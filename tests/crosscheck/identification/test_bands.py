@@ -26,12 +26,12 @@ def test_the_law_of_what_remains_is_told_by_residuals() -> None:
     random = np.random.default_rng(2)
     rate = random.uniform(0.0, 1.0, 2000)
     unsure = np.full_like(rate, 0.05)
-    held = random.normal(size=len(rate)) * np.sqrt(true.at(rate) ** 2 + unsure**2)
+    held = random.normal(size=len(rate)) * np.sqrt(true.evaluate_scatter(rate) ** 2 + unsure**2)
     scatter = fit_scatter(rate, held, unsure, 1.0, 0.01)
     assert scatter is not None
     for v in (0.02, 0.1, 0.5, 0.9):
         at = np.array([v])
-        assert scatter.at(at)[0] == pytest.approx(true.at(at)[0], rel=0.25)
+        assert scatter.evaluate_scatter(at)[0] == pytest.approx(true.evaluate_scatter(at)[0], rel=0.25)
 
 
 def test_what_chance_makes_of_one_scatter_is_no_law_of_rates() -> None:

@@ -190,7 +190,7 @@ def test_a_parquet_file_is_read_or_says_what_it_needs(folder: Path, tmp_path: Pa
         with pytest.raises(InputError, match="pip install pyarrow"):
             read_log(tmp_path / "one.parquet")
         return
-    assert np.array_equal(read_log(tmp_path / "one.parquet").column("t1"), table["t1"])
+    assert np.array_equal(read_log(tmp_path / "one.parquet").read_column("t1"), table["t1"])
 
 
 def test_a_mat_file_is_read(folder: Path, tmp_path: Path) -> None:
@@ -199,7 +199,7 @@ def test_a_mat_file_is_read(folder: Path, tmp_path: Path) -> None:
     table = pd.read_csv(folder / "one.csv")
     savemat(tmp_path / "one.mat", {name: table[name].to_numpy() for name in table.columns})
     log = read_log(tmp_path / "one.mat")
-    assert np.array_equal(log.column("t1"), table["t1"])
+    assert np.array_equal(log.read_column("t1"), table["t1"])
 
 
 @pytest.mark.parametrize("damaged", [b"hello", bytes(range(256)) * 8])

@@ -217,7 +217,7 @@ def test_the_certificate_rules_out_what_it_contradicts() -> None:
     certificate of an effort that is scaled says that the model is right."""
     model = model_at("rigid_one_link/cycloid")
     scaled = DICTIONARY["effort scale"].change(model.base, "hub", np.array([0.05]))
-    assert find_causes(model, model.difference(scaled), 1e-9).words.endswith(
+    assert find_causes(model, model.compute_difference(scaled), 1e-9).words.endswith(
         "nothing that the engine gave tells them apart"
     )
     heard = with_evidence(model, scaled)
@@ -238,7 +238,7 @@ def test_a_plane_motion_and_the_certificate_tell_inertias_apart(cause: str) -> N
     target = row.targets(model)[0]
     size = 0.1 * row.scale(model, target) * np.array([0.78, -0.55, 0.31])[: row.parameters]
     harmed = row.change(model.base, target, size)
-    assert not find_causes(model, model.difference(harmed), 1e-9).named  # more than three explain it
+    assert not find_causes(model, model.compute_difference(harmed), 1e-9).named  # more than three explain it
     heard = with_evidence(model, harmed)
     # A rod's tensor is a multiple of what Steiner adds to it: taken about another point it is a shorter rod's.
     assert set(heard.names) <= {cause, "inertia about the wrong point"}
@@ -264,7 +264,7 @@ def model_at(place: str) -> Model:
 
 def with_evidence(model: Model, harmed: Subject, asked: Subject | None = None) -> NamedCauses:
     """What is named when Pinocchio's model of the harmed subject is asked, too (or of another one)."""
-    base, residual = model.base, model.difference(harmed)
+    base, residual = model.base, model.compute_difference(harmed)
     theirs = says((asked or harmed).mechanism, base.case, "pinocchio")
     evidence = Evidence(model, residual, theirs, says(base.mechanism, base.case, "flexinv"))
     return find_causes(model, residual, 1e-9, evidence=evidence)

@@ -186,7 +186,7 @@ def test_stopping_ends_forked_jobs_and_prepared_processes(task: Task, children: 
     )
     worker.start()
     wait_for(lambda: list(tmp_path.iterdir()))
-    children.stop()
+    children.end_processes()
     worker.join(10.0)
     assert done[0].record.message == "interrupted"
     (server,) = servers_of(children).known.values()

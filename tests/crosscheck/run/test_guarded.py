@@ -114,23 +114,23 @@ def test_an_answer_comes_back_and_a_refusal_stays_one(
     guard: ReadingLimits, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    assert guard.call(answer, "arm.urdf", 2) == (f"arm.urdf in {tmp_path}", 3)
+    assert guard.run_function(answer, "arm.urdf", 2) == (f"arm.urdf in {tmp_path}", 3)
     with pytest.raises(InputError, match=r"arm\.urdf: no machine") as caught:
-        guard.call(refuse, "arm.urdf")
+        guard.run_function(refuse, "arm.urdf")
     assert not isinstance(caught.value, UnreadFile)
-    assert guard.call(wait_for_input, "arm.urdf") == ""
+    assert guard.run_function(wait_for_input, "arm.urdf") == ""
 
 
 @pytest.mark.parametrize("end", ENDS)
 def test_whatever_a_reader_does_becomes_words(end: object, guard: ReadingLimits) -> None:
     words = ENDS[end].replace("of 5 s", f"of {guard.seconds:g} s")
     with pytest.raises(UnreadFile, match=rf"^arm.urdf\n  given:    {words}.*\n  expected: .*\n  write:    .*"):
-        guard.call(end, "arm.urdf")
+        guard.run_function(end, "arm.urdf")
     assert sleepers() == []
 
 
 def test_what_a_reader_started_ends_with_it(guard: ReadingLimits) -> None:
-    guard.call(start_others, "arm.urdf")
+    guard.run_function(start_others, "arm.urdf")
     assert sleepers() == []
 
 

@@ -204,7 +204,7 @@ def test_stop_ends_all_children_and_starts_no_more(attempt: Callable[..., Attemp
     worker = threading.Thread(target=lambda: done.append(attempt("hanging", children=children)))
     worker.start()
     (pid,) = wait_for(lambda: pids(tmp_path))
-    children.stop()
+    children.end_processes()
     worker.join(10.0)
     assert not worker.is_alive()
     assert done[0].record.message == "interrupted"

@@ -319,9 +319,9 @@ def test_a_folder_that_cannot_be_made_is_one_error(plan: Plan, tmp_path: Path) -
 
 def test_stopped_children_do_not_start(plan: Plan) -> None:
     children = ChildProcesses()
-    children.stop()
+    children.end_processes()
     with pytest.raises(InterruptedError):
-        children.start(["true"], Path("."), 1)
+        children.begin_process(["true"], Path("."), 1)
 
 
 # --- what there is to run ---------------------------------------------------------------------------------------------

@@ -44,7 +44,7 @@ def test_bars_hold_whatever_power_is_left(power: float) -> None:
         ladder = [compute_refinement(index + k) for k in range(3)]
         three = [level(n, 0.3 / n**2 + 0.1 / n**power) for n in ladder]
         answer = make_extrapolated_answer((three[0], three[1], three[2]), before)
-        own = [one.found.torque for one in answer.levels]
+        own = [one.quantities.torque for one in answer.levels]
         error = np.abs(answer.weight[0] * own[0] + answer.weight[1] * own[1] - WAVE[:, None]).max() / np.ptp(WAVE)
         if before is not None:
             assert error <= answer.bar <= 10 * error

@@ -160,7 +160,7 @@ def test_what_a_march_leaves_to_the_next_changes_nothing(name: str, monkeypatch:
     """Arrays that hold the end of another motion give, bit for bit, what new ones give."""
     mechanism, motion, options = (CLOSED_CASES | PAPER_CASES)[name]()
     with monkeypatch.context() as new:
-        new.setattr(PlanarMarch, "acquire", PlanarMarch.of)
+        new.setattr(PlanarMarch, "take_reusable", PlanarMarch.build_for)
         fresh = flexinv.solve(mechanism, motion, STEP, **options)
     flexinv.solve(mechanism, motion, STEP / 3, end=motion.duration / 2, **options)
     passive = {joint.name for joint in mechanism.joints if joint.nv} - set(motion.joints(mechanism))

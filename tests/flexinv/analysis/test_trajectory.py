@@ -141,7 +141,9 @@ def test_a_missing_force_breaks_the_balances() -> None:
     """The checks can fail: with nodal forces that leave gravity out, both balances are off by what gravity does."""
     s = flexinv.solve(spatial_tree(), TREE_MOTION, step=2e-3, initial="static")
     weightless = build(replace(s.mechanism, gravity=np.zeros(3)))
-    elastic = Trajectory.empty(len(s.time), s.mesh)  # the reaction of the base as it was, on the node that hangs on it
+    elastic = Trajectory.make_zero(
+        len(s.time), s.mesh
+    )  # the reaction of the base as it was, on the node that hangs on it
     push, turn = s.forces.force.sum(axis=1), (np.cross(s.nodes.x, s.forces.force) + s.forces.moment).sum(axis=1)
     (root,) = np.flatnonzero(s.mesh.parent < 0)
     push, turn = push + s.momentum_residual[:, :3], turn + s.momentum_residual[:, 3:]

@@ -156,7 +156,8 @@ def problem(a: Array, y: Array) -> Continuation:
     (rows, columns), fronts = a.shape, build_fronts(a != 0.0)
     none, x, sign = np.zeros(columns), *np.zeros((2, columns, 1))
     return Continuation(
-        np.zeros(columns, dtype=np.int64), np.zeros(1, dtype=bool), np.ones(rows), none, a, fronts, FrontFactors.of(fronts),
+        np.zeros(columns, dtype=np.int64), np.zeros(1, dtype=bool), np.ones(rows), none, a, fronts,
+        FrontFactors.build_for(fronts),
         y[:, None].copy(), x, sign, none.copy(), none, none,
     )  # fmt: skip
 

@@ -46,7 +46,7 @@ def moving(order: int, damping: float = 1.0) -> MovingElement:
 
 def seen(case: MovingElement) -> DampedForces:
     count = len(case.v)
-    z, y, tangent = Scratch.of(count), Rates.of(count), np.zeros((6 * count, 6 * count + 6))
+    z, y, tangent = Scratch.build_for(count), Rates.build_for(count), np.zeros((6 * count, 6 * count + 6))
     z.x[:], z.r[:], y.v[:], y.w[:] = case.at.x, case.at.r, case.v, case.w
     at_rest = Variation(*(np.zeros((count, 6, 3)) for _ in range(6)))  # velocities do not follow the poses
     stored, gone = damped_element(

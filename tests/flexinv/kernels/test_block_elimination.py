@@ -28,7 +28,7 @@ def solved(m, blocks, pivots, right, x):
 
 def solution(m: Array, blocks: Blocks, *rights: Array) -> list[Array]:
     """Return the solutions for some right sides with one factorisation."""
-    room, pivots, found = m.copy(), Pivots.of(len(m)), []
+    room, pivots, found = m.copy(), Pivots.build_for(len(m)), []
     factored(room, blocks, LEAST, pivots)
     for right in rights:
         found.append(np.empty(len(m)))

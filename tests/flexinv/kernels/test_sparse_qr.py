@@ -104,7 +104,7 @@ MATRICES = {
 
 def of(matrix: Array, last: NDArray[np.bool_] | None = None) -> tuple[Fronts, FrontFactors]:
     fronts = build_fronts(matrix.any(axis=0), last)
-    return fronts, FrontFactors.of(fronts, len(matrix))
+    return fronts, FrontFactors.build_for(fronts, len(matrix))
 
 
 @pytest.mark.parametrize("lanes", [1, 16])
@@ -137,7 +137,9 @@ def test_free_columns_are_the_last_ones_that_can_be(last: list[int]) -> None:
     fronts, qr = of(a, mask)
     rank = factored(fronts, qr, a)
     assert rank == np.linalg.matrix_rank(a[0])
-    own = np.concatenate([np.arange(fronts.first[f], fronts.first[f] + fronts.own[f]) for f in range(len(fronts.own))])
+    own = np.concatenate(
+        [np.arange(fronts.first[f], fronts.first[f] + fronts.pivots[f]) for f in range(len(fronts.pivots))]
+    )
     free = fronts.column[own[qr.pivot[own] < 0]]
     assert len(free) == 24 - rank
     before = np.linalg.matrix_rank(a[0][:, ~mask])  # all the rank that the others have is theirs

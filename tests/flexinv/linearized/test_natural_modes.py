@@ -198,7 +198,7 @@ def test_damping_leaves_what_solvers_share_alone(monkeypatch: pytest.MonkeyPatch
     """A mechanism's topology is kept for all solvers: friction is no damping here, and stays in it all the while."""
     dry = pendulum(2)
     dry = replace(dry, joints=tuple(replace(joint, friction=0.3) for joint in dry.joints))
-    solver = Solver.of(build(dry), {"q0", "q1"})
+    solver = Solver.build_for(build(dry), {"q0", "q1"})
     shared, seen, tied = solver.topology.drives[2], [], module.compute_tied_matrices
 
     def watched(own: Solver, joints: module.Joints) -> module.Matrices:

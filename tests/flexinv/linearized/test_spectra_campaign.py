@@ -40,7 +40,7 @@ def test_a_share_of_the_mechanisms_is_right(number: int) -> None:
 
 
 def test_the_share_has_what_it_is_to_have() -> None:
-    has = {word for number in SHARE for word in drawn(SEED, number).words}
+    has = {word for number in SHARE for word in drawn(SEED, number).features}
     assert {
         "beams",
         "closures",

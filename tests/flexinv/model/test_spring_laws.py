@@ -24,7 +24,7 @@ def test_the_slope_is_that_of_the_pull(law: SpringLaw) -> None:
     """Central differences of 1e-6 m: 1e-12 of third derivatives, and rounding of 1e-16 over 1e-6; rows of the table left out."""
     length = np.linspace(0.26, 0.95, 29)
     found = (law.evaluate_pull(length + 1e-6, 0.5) - law.evaluate_pull(length - 1e-6, 0.5)) / 2e-6
-    assert np.allclose(law.slope(length, 0.5), found, rtol=1e-6, atol=1e-6)
+    assert np.allclose(law.evaluate_slope(length, 0.5), found, rtol=1e-6, atol=1e-6)
 
 
 def test_a_gas_does_the_work_of_its_expansion() -> None:

@@ -293,7 +293,7 @@ def test_a_fixed_beam_finds_its_plane_by_gravity() -> None:
 
 def test_what_the_march_works_on_begins_with_lines_of_the_cache() -> None:
     """Where its arrays began 16 bytes off, a step took a tenth longer: vectors of eight numbers lay in two lines each."""
-    own = PlanarMarch.of(build(arm(3)), ())
+    own = PlanarMarch.build_for(build(arm(3)), ())
     s = own.system
     parts = [*s.state, *s.frames, *s.work, s.elements.constants, s.factors.inverse, s.factors.x]
     assert all(part.ctypes.data % 64 == 0 for part in parts if part.size and part.dtype == float)

@@ -79,7 +79,7 @@ def test_a_helper_that_begins_leaves_the_collector_of_garbage_alone() -> None:
     end = time.monotonic() + PATIENCE
     while len(seen) < 2 and time.monotonic() < end:
         time.sleep(1e-3)
-    helpers.dismiss()
+    helpers.end_helpers()
     assert seen
     assert all(seen)
 

@@ -207,7 +207,7 @@ def test_a_dead_point_is_left_to_singular_values() -> None:
     mechanism, (q, qd, qdd) = solved(four_bar(), 500)
     f = prepare(mechanism, threads=1)
     assert f.loops is not None
-    g = f.loops.jacobian(q, qd, qdd)[:, :, 1:]
+    g = f.loops.compute_jacobian(q, qd, qdd)[:, :, 1:]
     worst = int(np.argmin(np.linalg.svd(g, compute_uv=False)[:, 1]))
     joints = tuple(
         replace(j, actuated=j.name == "B") for j in mechanism.joints

@@ -46,7 +46,7 @@ def two_links(root: Folder) -> tuple[Mechanism, Path, dict[str, float]]:
 def horizon_of(m: Mechanism, path: Path, link: str, time: np.ndarray, start: dict[str, float]) -> Horizon:
     mesh = build(m)
     way = RigidPath(mesh, resolve_frame(mesh, link), path, start)
-    return Horizon(FreeLayout(mesh), way, way.reach(time), time, float(time[1] - time[0]))
+    return Horizon(FreeLayout(mesh), way, way.solve_joint_motion(time), time, float(time[1] - time[0]))
 
 
 # -------------------------------------------------------------------------------------------------------- the equations
@@ -63,12 +63,12 @@ def tangent_error(horizon: Horizon, wrong: float = 0.0) -> float:
     rng = np.random.default_rng(1)
     layout = horizon.layout
     at = layout.compute_undeformed_poses(horizon.reach.q)
-    at = layout.moved(at, 1e-2 * rng.normal(size=at.flat.shape) * layout.solver.topology.scale)
+    at = layout.apply_increments(at, 1e-2 * rng.normal(size=at.flat.shape) * layout.solver.topology.scale)
     below, own, above = horizon._compute_blocks(at, horizon.evaluate(at))
     own = own * (1 + wrong)
     y = rng.normal(size=at.flat.shape) @ layout.pick.T @ layout.pick
     step = 1e-6
-    ahead, back = (horizon.evaluate(layout.moved(at, s * step * y), want=False).residual for s in (1, -1))
+    ahead, back = (horizon.evaluate(layout.apply_increments(at, s * step * y), want=False).residual for s in (1, -1))
     picked = y @ layout.pick.T
     felt = np.einsum("sij,sj->si", own, picked)
     felt[1:] += np.einsum("sij,sj->si", below[1:], picked[:-1])
@@ -194,7 +194,7 @@ def test_in_space_with_a_payload_and_gravity(root: Folder) -> None:
     m = flexinv.load_mechanism(root / "models" / "spatial_arm")
     path = Path.arc([0.87766824456, 0, 0.15223989667], [0, 0, 0.15223989667], 0.6, 0.5)
     f = follow(m, path, "forearm", 4e-3, start={"pitch": 0.3})
-    missed = f.frame.poses(f.solution.nodes).x - f.wanted
+    missed = f.frame.compute_poses(f.solution.nodes).x - f.wanted
     off = np.einsum("srt,sr->st", f.reach.within, missed)
     assert np.abs(off).max() < 1e-10
     assert f.distance(f.solution).max() < 2e-3 * path.length  # the forearm, bent, is a little shorter

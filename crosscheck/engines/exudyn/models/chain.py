@@ -46,12 +46,12 @@ class Tree:
     case: Case
     history: Given | None = None
 
-    def given(self, time: Array) -> tuple[Array, Array, Array]:
+    def evaluate_motion(self, time: Array) -> tuple[Array, Array, Array]:
         """Return q, qd, qdd of the motion at times [s], joints that it leaves out at their guess."""
         q, qd, qdd = self.history(time) if self.history else self.case.motion.evaluate(self.mechanism, time)
         return assembly.apply_guess(self.mechanism, self.case, q), qd, qdd
 
-    def moved(self, q: Array, step: Array) -> Array:
+    def integrate_step(self, q: Array, step: Array) -> Array:
         """Return q after a step (nv,) [rad], [m]."""
         out = q.copy()
         for joint in self.mechanism.joints:
@@ -59,7 +59,7 @@ class Tree:
             out[own] = _integrate_joint_step(joint, q[own], step[self.mechanism.v_slices[joint.name]])
         return out
 
-    def pairs(self, q: Array, v: Array) -> list[tuple[FrameMotion, FrameMotion]]:
+    def compute_frame_pairs(self, q: Array, v: Array) -> list[tuple[FrameMotion, FrameMotion]]:
         """Return the two frames of every closure."""
         links = compute_link_frames(self.mechanism, q, v)
         seen = partial(_compute_attachment_frame, self.mechanism, links)
@@ -222,5 +222,5 @@ def _list_closure_rows(
 ) -> list[tuple[list[tuple[FrameMotion, FrameMotion]], ClosureRows]]:
     tree = Tree(mechanism, case)
     rest = np.zeros(mechanism.nv)
-    pairs = [tree.pairs(position, rest) for position in np.frombuffer(q).reshape(-1, mechanism.nq)]
+    pairs = [tree.compute_frame_pairs(position, rest) for position in np.frombuffer(q).reshape(-1, mechanism.nq)]
     return [(one, assembly.assemble_rows(mechanism.closures, one)) for one in pairs]

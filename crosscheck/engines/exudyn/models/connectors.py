@@ -101,7 +101,7 @@ def find_independent_axes_at(mechanism: Mechanism, case: Case, q: Array) -> dict
 
     Closure by closure, of all choices with the rank that the closure adds the best conditioned one.
     """
-    pairs = exudyn_chain.Tree(mechanism, case).pairs(q, np.zeros(mechanism.nv))
+    pairs = exudyn_chain.Tree(mechanism, case).compute_frame_pairs(q, np.zeros(mechanism.nv))
     kept = np.zeros((0, mechanism.nv))
     chosen = {}
     for closure, pair in zip(mechanism.closures, pairs, strict=True):
@@ -132,7 +132,11 @@ def _build_closure_jacobian(closure: Closure, held: Sequence[int], first: FrameM
 def describe_leaning_force(mechanism: Mechanism, layout: Layout, normal: Array, in_plane: float) -> str | None:
     """Return the force that is not its own mirror image in the plane, or None.  normal : (3,) [-]"""
     for force in mechanism.forces:
-        turn = layout.start(compute_marker_frame(layout, force.at, np.eye(3))).rotation if force.follower else np.eye(3)
+        turn = (
+            layout.compute_start_pose(compute_marker_frame(layout, force.at, np.eye(3))).rotation
+            if force.follower
+            else np.eye(3)
+        )
         up = force.wrench[:, :3] @ (turn.T @ normal)
         across = np.cross(force.wrench[:, 3:], turn.T @ normal)
         if max(np.abs(up).max(), np.abs(across).max()) > in_plane * np.abs(force.wrench).max():
@@ -142,7 +146,7 @@ def describe_leaning_force(mechanism: Mechanism, layout: Layout, normal: Array, 
 
 def list_attachment_points(mechanism: Mechanism, layout: Layout) -> list[Array]:
     """Return the points at which closures, springs and forces attach at the start, (3,) [m] each."""
-    return [layout.start(find_attachment_frame(layout, at)).position for at in list_attachments(mechanism)]
+    return [layout.compute_start_pose(find_attachment_frame(layout, at)).position for at in list_attachments(mechanism)]
 
 
 # -------------------------------------------------------------------------------------------------- springs, loads

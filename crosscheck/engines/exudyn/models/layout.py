@@ -70,7 +70,7 @@ class Layout:
     stations: dict[str, tuple[float, ...]]
     section: dict[tuple[str, float], Frame]
 
-    def start(self, frame: Frame) -> Placement:
+    def compute_start_pose(self, frame: Frame) -> Placement:
         """Return the pose of a frame in the world where the motion starts."""
         return compose(self.groups[frame.group].start, frame.placement)
 
@@ -184,7 +184,7 @@ class Mesh:
     sections: tuple[tuple[Array, float, Array], ...]
     damping: tuple[Array, ...]
 
-    def node(self, station: float) -> int:
+    def find_node(self, station: float) -> int:
         """Return the node that stands at a station [-]."""
         return int(np.argmin(np.abs(self.fraction - station)))
 

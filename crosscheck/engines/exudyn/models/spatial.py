@@ -97,7 +97,7 @@ class Drawing:
     free: frozenset[str] = frozenset()
     held: Mapping[str, list[int]] = field(default_factory=dict)
 
-    def child(self, joint: str) -> int:
+    def find_child_group(self, joint: str) -> int:
         """Return the group that a joint carries."""
         return next(k for k, g in enumerate(self.layout.groups) if g.joint == joint)
 
@@ -194,7 +194,7 @@ def _add_joint(drawing: Drawing, joint: Joint) -> None:
         return
     mbs = drawing.model.mbs
     seat = drawing.layout.joint[joint.name]
-    child = drawing.child(joint.name)
+    child = drawing.find_child_group(joint.name)
     axes = Placement(np.zeros(3), _build_marker_axes(joint))
     start = _compute_relative_pose(drawing, seat, child)
     markers = [
@@ -215,7 +215,7 @@ def _compute_marker_frames(drawing: Drawing, one: Joint | Closure) -> tuple[Fram
         ), exudyn_closing.compute_marker_frame(drawing.layout, one.second, axes)
     seat = drawing.layout.joint[one.name]
     turned = Frame(seat.group, compose(seat.placement, Placement(np.zeros(3), zero)))
-    return turned, Frame(drawing.child(one.name), Placement(np.zeros(3), axes))
+    return turned, Frame(drawing.find_child_group(one.name), Placement(np.zeros(3), axes))
 
 
 def _add_free_joint(drawing: Drawing, joint: Joint) -> None:
@@ -254,12 +254,14 @@ def _add_beam(drawing: Drawing, name: str, beam: Beam) -> None:
     drawing.model.lock[name] = _add_lock(drawing, _add_marker(drawing, root), nodes[0])
     for index, group in enumerate(drawing.layout.groups):
         if group.station is not None and group.station[0] == name:
-            _add_lock(drawing, _add_marker(drawing, Frame(index, Placement())), nodes[cells.node(group.station[1])])
+            _add_lock(
+                drawing, _add_marker(drawing, Frame(index, Placement())), nodes[cells.find_node(group.station[1])]
+            )
 
 
 def _make_beam_node(drawing: Drawing, root: Frame, pose: Placement) -> Any:
     carrier = drawing.layout.groups[root.group]
-    at = compose(drawing.layout.start(root), pose)
+    at = compose(drawing.layout.compute_start_pose(root), pose)
     velocity = carrier.velocity + np.cross(carrier.spin, at.position - carrier.start.position)
     if not drawing.ancf:
         return _make_rigid_node(at, velocity, carrier.spin)
@@ -331,7 +333,7 @@ def _compute_offsets(drawing: Drawing, joint: Joint, q: Array) -> list[Array]:
         still = np.zeros((len(q), 6))
         turned = [np.pad(angles, ((0, 0), (3, 0)))] if can_turn(joint) else []
         return [*turned, still, np.pad((slide - slide[0])[:, None], ((0, 0), (0, 5)))]
-    seat = drawing.layout.start(drawing.layout.joint[joint.name])
+    seat = drawing.layout.compute_start_pose(drawing.layout.joint[joint.name])
     return [np.hstack([(p - p[0]) @ seat.rotation.T, angles])]
 
 
@@ -380,7 +382,7 @@ def _compute_joint_wrench(drawing: Drawing, joint: Joint, pose: dict[int, Poses]
     if joint.name in drawing.free:
         return _compute_reaction(drawing, joint, pose, seen)
     seat = drawing.layout.joint[joint.name]
-    child = drawing.child(joint.name)
+    child = drawing.find_child_group(joint.name)
     axes = _build_marker_axes(joint)
     force = -sum(seen["force", joint.name, k] for k in range(len(drawing.model.joint[joint.name])))
     marker = pose[seat.group][1] @ _compute_relative_pose(drawing, seat, child).rotation @ axes

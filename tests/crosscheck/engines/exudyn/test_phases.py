@@ -94,7 +94,9 @@ def test_a_phase_begins_with_its_instant() -> None:
     switching_schedule = SwitchingSchedule(
         model("two_arms")[0], {}, frozenset(), [frozenset("a"), frozenset("b")], [0.0, 0.5]
     )
-    assert [switching_schedule.at(t) for t in (0.0, 0.4999, 0.5 - 1e-12, 0.5, 0.7)] == [frozenset(x) for x in "aabbb"]
+    assert [switching_schedule.list_active_names(t) for t in (0.0, 0.4999, 0.5 - 1e-12, 0.5, 0.7)] == [
+        frozenset(x) for x in "aabbb"
+    ]
 
 
 # -------------------------------------------------------------------------------------------- faults that must show
@@ -104,8 +106,8 @@ def test_a_phase_begins_with_its_instant() -> None:
 def test_a_switch_one_step_late_is_seen_at_the_instant(monkeypatch: pytest.MonkeyPatch) -> None:
     """The step that arrives at the instant would be made with the constraints of before."""
     mechanism, case, other = model("two_arms")
-    right = SwitchingSchedule.at
-    monkeypatch.setattr(SwitchingSchedule, "at", lambda self, time: right(self, time - 1e-6))
+    right = SwitchingSchedule.list_active_names
+    monkeypatch.setattr(SwitchingSchedule, "list_active_names", lambda self, time: right(self, time - 1e-6))
     late = ran(mechanism, case, COARSE)
     assert apart(late, other, "reaction", 50) > 0.1  # the table still carries the bar
     assert apart(late, other, "reaction", 51) < NEAR

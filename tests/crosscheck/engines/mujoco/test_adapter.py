@@ -51,7 +51,7 @@ def test_a_record_of_all_quantities(tmp_path: Path, monkeypatch: pytest.MonkeyPa
 
 def test_a_refused_model_is_skipped_in_mujocos_words() -> None:
     mechanism, _ = trees.double_pendulum()
-    impossible = Body("odd", Inertia.stated(1.0, np.zeros(3), np.diag([1.0, 1.0, 3.0])))
+    impossible = Body("odd", Inertia.build_unchecked(1.0, np.zeros(3), np.diag([1.0, 1.0, 3.0])))
     links = (mechanism.links[0], replace(mechanism.links[1], bodies=(impossible,)))
     case = trees.case_of(Motion.point_to_point([0, 0], [1, 1], 1.0), 1.0, 0.1)
     record = mujoco.run(replace(mechanism, links=links), case, "mujoco", {})

@@ -46,7 +46,7 @@ def stiffness_and_mass(elements: int) -> tuple[Array, Array]:
     rod = build_rod(ONE_LINK, elements)
     model = build_flexible_model(ONE_LINK, rod, 1e-6).model
     data = mujoco.MjData(model)
-    free = [int(model.joint(f"{rod.point(k)}/{c}").dofadr[0]) for c in "xy" for k in range(1, elements + 1)]
+    free = [int(model.joint(f"{rod.format_point_name(k)}/{c}").dofadr[0]) for c in "xy" for k in range(1, elements + 1)]
     out = np.empty((len(free), len(free)))
     step = 1e-7  # m: the force's curvature is of third order, its rounding 1e-16 EA / l
     for column, place in enumerate(free):
@@ -57,7 +57,7 @@ def stiffness_and_mass(elements: int) -> tuple[Array, Array]:
             mujoco.mj_forward(model, data)
             forces.append(data.qfrc_passive[free].copy())
         out[:, column] = (forces[1] - forces[0]) / (2 * step)
-    return out, np.array([model.body(rod.point(k)).mass[0] for _ in "xy" for k in range(1, elements + 1)])
+    return out, np.array([model.body(rod.format_point_name(k)).mass[0] for _ in "xy" for k in range(1, elements + 1)])
 
 
 def test_stretch_and_bending_are_those_of_the_rod() -> None:

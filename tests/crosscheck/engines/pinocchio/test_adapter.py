@@ -68,7 +68,7 @@ def test_joints_left_to_the_dynamics_are_refused_by_name() -> None:
 def test_a_body_has_the_moments_that_are_stated(moment: float) -> None:
     """A rod's moment about itself is rounded below zero, and files state what no body has: Pinocchio's parser takes both."""
     mechanism, _ = trees.double_pendulum()
-    stated = Inertia.stated(1.0, np.array([0.1, 0.0, 0.0]), np.diag([moment, 2e-3, 2e-3]))
+    stated = Inertia.build_unchecked(1.0, np.array([0.1, 0.0, 0.0]), np.diag([moment, 2e-3, 2e-3]))
     link = replace(mechanism.links[1], bodies=(Body("rod", stated),))
     built = pinocchio_model.build(replace(mechanism, links=(mechanism.links[0], link)))
     # Pinocchio adds the body to the empty one of its joint: a rounding or two of the largest moment.

@@ -92,7 +92,7 @@ def test_semicolons_decimal_commas_and_milliseconds_are_read(tmp_path: Path) -> 
     (tmp_path / "log.csv").write_text(f'\ufeff"t [ms]";"q1, measured"\n{rows}\n', encoding="utf-8")
     log = read_log(tmp_path / "log.csv", "t [ms]", "ms")
     assert log.spacing == pytest.approx(0.004, rel=1e-9)
-    assert log.column("q1, measured")[3] == 0.375
+    assert log.read_column("q1, measured")[3] == 0.375
     (tmp_path / "latin.csv").write_bytes("t;Pos [°]\n".encode("latin-1"))
     with pytest.raises(InputError, match="save it as UTF-8"):
         read_log(tmp_path / "latin.csv", "t")
