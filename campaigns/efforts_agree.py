@@ -164,14 +164,14 @@ def _efforts(written: WrittenMachine, state: State) -> dict[str, Array]:
         model.gravity = pin.Motion(mechanism.gravity, np.zeros(3))
     model.armature[:] = 0.0
     q, v, a = _of_pinocchio(model, mechanism, state)
-    found = pin.rnea(model, model.createData(), q, v, a)
+    result = pin.rnea(model, model.createData(), q, v, a)
     out = {}
     for joint in mechanism.joints:
         if joint.kind in (*SCALARS, "spherical"):
             own = model.joints[model.getJointId(joint.name)]
-            out[joint.name] = found[own.idx_v : own.idx_v + own.nv]
+            out[joint.name] = result[own.idx_v : own.idx_v + own.nv]
         elif joint.kind == "universal":
-            out[joint.name] = np.concatenate([found[s] for s in _universal(model, joint.name, "v")])
+            out[joint.name] = np.concatenate([result[s] for s in _universal(model, joint.name, "v")])
     return out
 
 
@@ -251,11 +251,11 @@ def _by_mujoco(written: WrittenMachine, state: State) -> dict[str, Array]:
             data.qpos[at], data.qvel[vat], data.qacc[vat] = value, rate, push
             places[name] = slice(vat, vat + 1)
     mujoco.mj_inverse(model, data)
-    found = {name: np.array(data.qfrc_inverse[at]) for name, at in places.items()}
+    result = {name: np.array(data.qfrc_inverse[at]) for name, at in places.items()}
     for joint in written.rewritten.mechanism.joints:
         if joint.kind == "universal":
-            found[joint.name] = np.concatenate([found.pop(f"{joint.name}.{k}") for k in (1, 2)])
-    return found
+            result[joint.name] = np.concatenate([result.pop(f"{joint.name}.{k}") for k in (1, 2)])
+    return result
 
 
 def _back(first: Mechanism, rewritten: RewrittenMechanism, name: str, effort: Array) -> Array:

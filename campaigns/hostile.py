@@ -274,11 +274,11 @@ def read_report(folder: Path) -> dict[str, tuple[str, str]]:
     return report
 
 
-def judge_answer(row: dict[str, str], status: str, said: str) -> str:
+def judge_answer(row: dict[str, str], status: str, text: str) -> str:
     """Return what is wrong with the row of an engine, "" where nothing is."""
     if row["status"] not in (ANY, status):
-        return f"{status}, expected {row['status']}: {said[:200]}"
-    return "" if re.search(row["words"], " ".join(said.split())) else f"other words: {said[:300]}"
+        return f"{status}, expected {row['status']}: {text[:200]}"
+    return "" if re.search(row["words"], " ".join(text.split())) else f"other words: {text[:300]}"
 
 
 @click.command()

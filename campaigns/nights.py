@@ -188,11 +188,11 @@ def scale(pattern: str, factor: float) -> Callable[[str], str]:
     """Return an edit that multiplies the first number after a pattern."""
 
     def edit(text: str) -> str:
-        found = re.search(pattern + r"(-?[\d.]+(?:e-?\d+)?)", text)
-        if found is None:
+        match = re.search(pattern + r"(-?[\d.]+(?:e-?\d+)?)", text)
+        if match is None:
             raise SystemExit(f"nothing in the file is like {pattern}")
-        start, end = found.span(1)
-        return f"{text[:start]}{float(found.group(1)) * factor!r}{text[end:]}"
+        start, end = match.span(1)
+        return f"{text[:start]}{float(match.group(1)) * factor!r}{text[end:]}"
 
     return edit
 
@@ -268,7 +268,7 @@ def moved_by(before: dict[str, Series], after: dict[str, Series], quantities: li
     return most
 
 
-def judge(project: Project, words: str, code: int, results: dict[str, Any], said: str) -> tuple[list[str], str]:
+def judge(project: Project, words: str, code: int, results: dict[str, Any], text: str) -> tuple[list[str], str]:
     """Return what is wrong in a night, and a summary; words : what has to be said of what moved, "" where nothing was changed."""
     wrong = []
     after = project.series(results)
@@ -294,7 +294,7 @@ def judge(project: Project, words: str, code: int, results: dict[str, Any], said
         wrong.append(f"exit code {code} in a night in which values moved")
     deviate = any(row["verdict"] not in ("within", "skipped") for row in results["comparisons"])
     if not told and not deviate and code != 0:
-        wrong.append(f"exit code {code} in a silent night: {said[-300:]}")
+        wrong.append(f"exit code {code} in a silent night: {text[-300:]}")
     return wrong, ", ".join(f"{count} {kind}" for kind, count in counts.items())
 
 

@@ -89,17 +89,17 @@ def trial(number: int, seed: int) -> Trial:
 
 def judged(one: Trial) -> Outcome:
     """Return what becomes of a call and of its clean twin."""
-    found, error = attempt(one.entrance.call, one.arguments)
+    result, error = attempt(one.entrance.call, one.arguments)
     if error is None:
         if one.clean is None:
-            return Outcome("nonsense", f"accepted: {found!r:.200}")
+            return Outcome("nonsense", f"accepted: {result!r:.200}")
         expected, own = attempt(one.entrance.call, one.clean)
         if own is not None:
             return Outcome("nonsense", f"accepted, and the clean twin is refused: {own}")
         return (
             Outcome("right")
-            if is_same(found, expected)
-            else Outcome("nonsense", f"{found!r:.150} is not {expected!r:.150}")
+            if is_same(result, expected)
+            else Outcome("nonsense", f"{result!r:.150} is not {expected!r:.150}")
         )
     if not isinstance(error, FlexinvError):
         own_signature = isinstance(error, TypeError) and "wrong_argument" in one.arguments

@@ -363,11 +363,11 @@ def _told_from(rewritten: RewrittenMechanism, base: Joint, way: list[Joint]) -> 
 
 def _way(mechanism: Mechanism, root: str, link: str) -> list[Joint]:
     carried = {joint.child: joint for joint in mechanism.joints}
-    found: list[Joint] = []
+    result: list[Joint] = []
     while link != root:
-        found.append(carried[link])
+        result.append(carried[link])
         link = carried[link].parent
-    return found[::-1]
+    return result[::-1]
 
 
 def whole(parts: list[Inertia]) -> Inertia:

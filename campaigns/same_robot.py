@@ -181,9 +181,9 @@ def tried(pair: Pair) -> Outcome:
         try:
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore")
-                found = compare(*sides, match=match)
-            named = [d.words for d in found.differences if d.family != "convention"]
-            return Outcome(pair, found, found.sentence, apart, asked, named)
+                comparison = compare(*sides, match=match)
+            named = [d.words for d in comparison.differences if d.family != "convention"]
+            return Outcome(pair, comparison, comparison.sentence, apart, asked, named)
         except InputError as error:
             if "--match" not in str(error) or match is not None:
                 return Outcome(pair, None, " ".join(str(error).split())[:300], apart, asked)
@@ -195,13 +195,13 @@ def tried(pair: Pair) -> Outcome:
 
 def _counterparts(pair: Pair) -> dict[str, str]:
     """By joint of the first the joint of the second that it is."""
-    found = {}
+    result = {}
     for name, count in pair.second.told.joints.items():
         kind = pair.first.told.mechanism.joint_of[name].kind
         ends = (".1", ".2") if kind == "universal" else ("",)
         if name != ROOT and kind != "free":
-            found |= {name + end: count.name + end for end in ends}
-    return found
+            result |= {name + end: count.name + end for end in ends}
+    return result
 
 
 def outcomes(numbers: Iterable[int], faulty: bool = False, seed: int = SEED) -> Iterator[Outcome]:

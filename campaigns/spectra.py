@@ -91,12 +91,12 @@ def judged(one: DrawnMachine, number: int) -> Outcome:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         try:
-            found = steady_modes(one.mechanism, None, one.rates, one.free)
+            modes = steady_modes(one.mechanism, None, one.rates, one.free)
         except FlexinvError as refused:
             return Outcome(number, "refused", str(refused), has=one.words)
-        exact = reference_of(one, one.rates, found.free)
+        exact = reference_of(one, one.rates, modes.free)
         try:
-            said = dict(_spoken(one, found, exact))
+            said = dict(_spoken(one, modes, exact))
         except FlexinvError as refused:
             return Outcome(number, "refused", str(refused), has=one.words)
     wrong = [f"{verb}: {words}" for verb, (words, _) in said.items() if words]

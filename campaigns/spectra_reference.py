@@ -217,9 +217,9 @@ def spectrum_of(pencil: Pencil) -> Spectrum:
     finite = np.abs(beta) > INFINITE * np.abs(alpha)
     root = fast * alpha[finite] / beta[finite]
     x, y = right[:size, finite], left[massive:, finite]
-    found = _corrected((mass, damping, stiffness), LARGEST * pencil.largest * unit, root, x, y)
+    result = _corrected((mass, damping, stiffness), LARGEST * pencil.largest * unit, root, x, y)
     held = float(np.sqrt(np.abs(stiffness[:massive, :massive]).max(initial=0.0)))
-    return replace(found, fastest=held or np.inf)
+    return replace(result, fastest=held or np.inf)
 
 
 def _split(pencil: Pencil) -> tuple[Array, Array, Array, float]:

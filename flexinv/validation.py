@@ -70,18 +70,18 @@ def refuse(name: str, value: object, expected: str, write: str = "") -> NoReturn
 
 def check_whole_number(name: str, value: object, least: int, expected: str = "") -> int:
     """Return a whole number [-], ``least`` or more; of floats none is, whole or not."""
-    found = None
+    result = None
     if not isinstance(value, bool | np.bool_):
         with suppress(TypeError):
-            found = operator.index(value)  # type: ignore[arg-type]
-    if found is None or found < least:
-        meant = _convert_to_float(value, text=True) if found is None else None
+            result = operator.index(value)  # type: ignore[arg-type]
+    if result is None or result < least:
+        meant = _convert_to_float(value, text=True) if result is None else None
         write = f"{meant:.0f}" if meant is not None and meant >= least and meant.is_integer() else ""
-        kind = "a whole number: " if found is None else ""
+        kind = "a whole number: " if result is None else ""
         refuse(name, value, kind + (expected or f"{least} or more"), write)
-    if found > LARGEST_INTEGER:
+    if result > LARGEST_INTEGER:
         refuse(name, value, f"a whole number of {LARGEST_INTEGER} at most")
-    return found
+    return result
 
 
 def resolve_index(name: str, value: object, count: int) -> int:
@@ -95,11 +95,11 @@ def resolve_index(name: str, value: object, count: int) -> int:
 
 def check_number(name: str, value: object, expected: str) -> float:
     """Return a real number [any unit] as a float; neither a text nor a truth is one."""
-    found = _convert_to_float(value)
-    if found is None:
+    result = _convert_to_float(value)
+    if result is None:
         meant = _convert_to_float(value, text=True)
         refuse(name, value, expected, "" if meant is None else f"{meant:g}")
-    return found
+    return result
 
 
 def check_seconds(name: str, value: object, expected: str, zero: bool = False) -> float:

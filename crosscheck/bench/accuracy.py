@@ -193,15 +193,15 @@ class Marches:
         """Return the error of torques [N m], [N] over their peaks [-]."""
         return compute_peak_error(torque, self.known)
 
-    def find_plain_refinement(self, asked: float) -> int | None:
+    def find_plain_refinement(self, accuracy: float) -> int | None:
         """Return the refinement at which a march reaches an error [-]."""
         known = 16 * KEPT
         return _find_least_refinement(
-            lambda finer: self.compute_error(self.compute_plain_torques(finer)) <= asked,
-            known * np.sqrt(self.compute_error(self.compute_plain_torques(known)) / asked),
+            lambda finer: self.compute_error(self.compute_plain_torques(finer)) <= accuracy,
+            known * np.sqrt(self.compute_error(self.compute_plain_torques(known)) / accuracy),
         )
 
-    def find_refinements(self, asked: float, apart: tuple[tuple[float, ...], ...]) -> tuple[int, ...] | None:
+    def find_refinements(self, accuracy: float, apart: tuple[tuple[float, ...], ...]) -> tuple[int, ...] | None:
         """Return the refinements of which marches, extrapolated, reach an error [-] by the fewest steps.
 
         apart : for each choice of marches, how much finer each is than the first
@@ -216,7 +216,7 @@ class Marches:
                 try:
                     return (
                         len({*finer(least)}) == len(finer(least))
-                        and self.compute_error(self.compute_extrapolated_torques(finer(least))) <= asked
+                        and self.compute_error(self.compute_extrapolated_torques(finer(least))) <= accuracy
                     )
                 except ConvergenceError:
                     return False
@@ -249,24 +249,24 @@ def _find_least_refinement(reaches: Callable[[int], bool], guess: float) -> int 
 
 
 def _list_method_rows(
-    arm: AccuracyCase, marches: Marches, motion: Motion, asked: float, seconds: float
+    arm: AccuracyCase, marches: Marches, motion: Motion, accuracy: float, seconds: float
 ) -> Iterator[dict[str, Any]]:
     """Yield the rows of one mechanism and error [-]; seconds [s] of timing."""
     mechanism = marches.problem.mechanism
 
-    of_range = asked * float((np.abs(marches.known).max(axis=0) / np.ptp(marches.known, axis=0)).min())
+    of_range = accuracy * float((np.abs(marches.known).max(axis=0) / np.ptp(marches.known, axis=0)).min())
 
     def solve_to_accuracy() -> Solution:
         return solve(mechanism, motion, accuracy=of_range, initial=arm.initial)
 
-    named = {"arm": arm.model, "asked_error": asked}
+    named = {"arm": arm.model, "asked_error": accuracy}
     try:
         answer = solve_to_accuracy()
     except ConvergenceError as refused:
         yield named | {"method": "accuracy=", "verdict": "skipped", "message": str(refused)}
         return
     here = replace(marches, mechanism=answer.mechanism)
-    plain = here.find_plain_refinement(asked)
+    plain = here.find_plain_refinement(accuracy)
     calls = {"accuracy=": Call(solve_to_accuracy)}
     told = {"accuracy=": (0, _compute_sampled_error(here, answer.torque))}
     grid = here.problem.grid.total
@@ -274,7 +274,7 @@ def _list_method_rows(
         calls["plain"] = Call(lambda: here.compute_plain_torques(plain))
         told["plain"] = (plain * grid, here.compute_error(here.compute_plain_torques(plain)))
     for method, apart in EXTRAPOLATIONS.items():
-        if (some := here.find_refinements(asked, apart)) is not None:
+        if (some := here.find_refinements(accuracy, apart)) is not None:
             calls[method] = Call(partial(here.compute_extrapolated_torques, some))
             told[method] = (sum(some) * grid, here.compute_error(here.compute_extrapolated_torques(some)))
     times = run_calls_in_turns(calls, seconds)
@@ -282,21 +282,23 @@ def _list_method_rows(
     mesh = ", ".join(f"{count} x {order}" for count, order in sorted(beams))
     for method in ("plain", *EXTRAPOLATIONS, "accuracy="):
         if method not in times:
-            yield named | {"method": method, "verdict": "skipped", "message": f"{asked:g} is not reached"}
+            yield named | {"method": method, "verdict": "skipped", "message": f"{accuracy:g} is not reached"}
             continue
         steps, error = told[method]
         row = named | {"method": method, "mesh": mesh, "steps": steps or None, "error": error}
         row |= {"time": times[method].compute_quartiles().median}
-        yield add_verdict(row | _compare_with_plain_steps(arm, asked, method, times))
+        yield add_verdict(row | _compare_with_plain_steps(arm, accuracy, method, times))
 
 
-def _compare_with_plain_steps(arm: AccuracyCase, asked: float, method: str, times: dict[str, Times]) -> dict[str, Any]:
+def _compare_with_plain_steps(
+    arm: AccuracyCase, accuracy: float, method: str, times: dict[str, Times]
+) -> dict[str, Any]:
     """The time of plain steps over that of a method, judged where something is asked."""
     if method == "plain" or "plain" not in times:
         return {}
     found = compute_time_ratio(times["plain"], times[method])
-    least = arm.target if method == "one extrapolation" and asked == min(ERRORS) else None
-    name = f"{arm.model}: torque error {asked:g} by {method}, times as fast as plain steps"
+    least = arm.target if method == "one extrapolation" and accuracy == min(ERRORS) else None
+    name = f"{arm.model}: torque error {accuracy:g} by {method}, times as fast as plain steps"
     one = make_metric(name, found.median, "-", lower=least, spread=f"{found.low:.3g} .. {found.high:.3g}")
     return {"faster": found.median, "asked": least, "metric": one}
 

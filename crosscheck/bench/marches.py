@@ -138,8 +138,8 @@ def _list_rigid_loop_rows(folder: Path, seconds: float) -> list[dict[str, Any]]:
     closed = load_mechanism(folder / "five_bar")
     case = load_cases(folder / "five_bar", closed)["reach"]
     step = 1e-3
-    found = solve(closed, case.motion, step, start=case.start)
-    given = Motion.from_samples(found.time, found.q, [joint.name for joint in closed.joints if joint.nv])
+    solution = solve(closed, case.motion, step, start=case.start)
+    given = Motion.from_samples(solution.time, solution.q, [joint.name for joint in closed.joints if joint.nv])
     tree = replace(closed, closures=())
     solved = {
         "closed, given": Call(lambda: solve(closed, given, step)),
@@ -160,9 +160,9 @@ def _list_prepared_loop_rows(folder: Path, model: str, most: float, seconds: flo
     """A closed mechanism and its tree through prepared functions, coordinate-major."""
     closed = load_mechanism(folder / model)
     case = next(iter(load_cases(folder / model, closed).values()))
-    found = solve(closed, case.motion, case.end / (LOOP_SAMPLES - 1), start=case.start)
+    solution = solve(closed, case.motion, case.end / (LOOP_SAMPLES - 1), start=case.start)
     calls = {
-        name: _make_torque_call(m, found)
+        name: _make_torque_call(m, solution)
         for name, m in (("closed, given", closed), ("tree", replace(closed, closures=())))
     }
     name = f"rigid loop with a given motion, {model}, torques"

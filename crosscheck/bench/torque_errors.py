@@ -165,18 +165,18 @@ class RunLadder:
     made: dict[tuple[int, bool], list[ExudynRun]] = field(default_factory=dict)
     begun: dict[tuple[int, bool], int] = field(default_factory=dict)
 
-    def find_fastest_run(self, asked: float) -> ExudynRun:
+    def find_fastest_run(self, accuracy: float) -> ExudynRun:
         """Return the fastest run that reaches an error [-], else the one that took longest."""
         for elements in MESHES:
             for keeps in (True, False):
                 self._run_finer_steps(
                     elements,
                     keeps,
-                    asked,
-                    min((one.time for one in self._list_accurate_runs(asked)), default=self.longest),
+                    accuracy,
+                    min((one.time for one in self._list_accurate_runs(accuracy)), default=self.longest),
                 )
         return min(
-            self._list_accurate_runs(asked),
+            self._list_accurate_runs(accuracy),
             key=lambda one: one.time,
             default=max(self._list_runs(), key=lambda one: one.time),
         )
@@ -184,14 +184,14 @@ class RunLadder:
     def _list_runs(self) -> list[ExudynRun]:
         return [one for own in self.made.values() for one in own]
 
-    def _list_accurate_runs(self, asked: float) -> list[ExudynRun]:
-        return [one for one in self._list_runs() if one.error <= asked]
+    def _list_accurate_runs(self, accuracy: float) -> list[ExudynRun]:
+        return [one for one in self._list_runs() if one.error <= accuracy]
 
-    def _run_finer_steps(self, elements: int, keeps: bool, asked: float, longest: float) -> None:
+    def _run_finer_steps(self, elements: int, keeps: bool, accuracy: float, longest: float) -> None:
         """Take more steps until an error is reached, the mesh allows none smaller, or a run takes longer than ``longest`` [s]."""
         runs = self.made.setdefault((elements, keeps), [])
         first = self.begun.setdefault((elements, keeps), self._find_first_level(elements, keeps))
-        while not runs or runs[-1].error > asked:
+        while not runs or runs[-1].error > accuracy:
             stuck = len(runs) > 1 and runs[-1].error > STUCK * runs[-2].error
             if stuck or (runs and MORE * runs[-1].time > longest):
                 return
@@ -224,12 +224,12 @@ class RunLadder:
         )
 
 
-def find_coarsest_mesh(marches: Marches, asked: float) -> tuple[Marches, tuple[int, ...]] | None:
+def find_coarsest_mesh(marches: Marches, accuracy: float) -> tuple[Marches, tuple[int, ...]] | None:
     """Return the coarsest mesh on which two marches, extrapolated, reach an error [-], and their refinements [-]."""
     for mesh in range(len(MESHES_OF_BEAMS)):
         here = replace(marches, mechanism=apply_mesh(marches.problem.mechanism, mesh))
-        if here.compute_error(here.compute_extrapolated_torques(SHORTEST)) <= asked:
-            pair = here.find_refinements(asked, EXTRAPOLATIONS["one extrapolation"])
+        if here.compute_error(here.compute_extrapolated_torques(SHORTEST)) <= accuracy:
+            pair = here.find_refinements(accuracy, EXTRAPOLATIONS["one extrapolation"])
             return None if pair is None else (here, pair)
     return None
 

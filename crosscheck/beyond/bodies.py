@@ -20,8 +20,8 @@ def _draw_body(scenario: FaultScenario, rng: np.random.Generator, wide: bool = F
     known = edits.list_moving_bodies(scenario.mechanism)
     if wide:
         known = [(link, body) for link, body in known if np.abs(body.inertia.tensor).max() > 0.0]
-    found: tuple[Link, Body] | None = draw_one(rng, known)
-    return found
+    result: tuple[Link, Body] | None = draw_one(rng, known)
+    return result
 
 
 def _draw_listed_body(known: list[tuple[Link, Body]], rng: np.random.Generator) -> tuple[Link, Body] | None:

@@ -65,9 +65,9 @@ def draw(scenes: Sequence[FaultScenario], weights: Sequence[float], count: int, 
     rng = np.random.default_rng(seed)
     chance = np.array(weights, dtype=float) / np.sum(weights)
     taken = np.zeros(len(scenes))
-    found: list[DrawnFault] = []
+    result: list[DrawnFault] = []
     for recipe in _draw_recipe_order(rng):
-        if len(found) >= count:
+        if len(result) >= count:
             break
         two = rng.random() < PAIRS
         other = (int(rng.integers(len(RECIPES))),) if two else ()
@@ -75,12 +75,12 @@ def draw(scenes: Sequence[FaultScenario], weights: Sequence[float], count: int, 
             scene = int(draw_one(rng, _draw_candidates(chance, taken, rng)))
             recipes = (recipe, *other)
             sizes = tuple(_draw_size_number(RECIPES[k], rng) for k in recipes)
-            one = DrawnFault(len(found) + 1, scene, recipes, sizes, seed)
+            one = DrawnFault(len(result) + 1, scene, recipes, sizes, seed)
             if make_fault(one, scenes[scene]) is not None:
-                found.append(one)
+                result.append(one)
                 taken[scene] += 1.0
                 break
-    return found
+    return result
 
 
 def _draw_size_number(recipe: Recipe, rng: np.random.Generator) -> int:

@@ -52,8 +52,8 @@ def make_body_mass_fault(scenario: FaultScenario, rng: np.random.Generator, size
         return None
     link, body = draw_one(rng, edits.list_moving_bodies(scenario.mechanism))
 
-    def update_model(built: Any, mechanism: Mechanism) -> None:
-        _open_mujoco_faults().scale_body_mass(built, f"{link.name}/{body.name}", size)
+    def update_model(built_model: Any, mechanism: Mechanism) -> None:
+        _open_mujoco_faults().scale_body_mass(built_model, f"{link.name}/{body.name}", size)
 
     at = edits.list_body_names(scenario.mechanism, link.name, body.name)
     return _make_model_fault(
@@ -69,8 +69,8 @@ def make_body_ipos_fault(scenario: FaultScenario, rng: np.random.Generator, size
     link, body = draw_one(rng, edits.list_moving_bodies(scenario.mechanism))
     by = size * rng.normal(size=3)
 
-    def update_model(built: Any, mechanism: Mechanism) -> None:
-        _open_mujoco_faults().move_body_centre(built, f"{link.name}/{body.name}", by)
+    def update_model(built_model: Any, mechanism: Mechanism) -> None:
+        _open_mujoco_faults().move_body_centre(built_model, f"{link.name}/{body.name}", by)
 
     at = edits.list_body_names(scenario.mechanism, link.name, body.name)
     return _make_model_fault(
@@ -84,8 +84,8 @@ def make_boundinertia_fault(scenario: FaultScenario, rng: np.random.Generator, s
     if not _is_mujoco(scenario):
         return None
 
-    def update_model(built: Any, mechanism: Mechanism) -> None:
-        _open_mujoco_faults().apply_inertia_bound(built, LEAST)
+    def update_model(built_model: Any, mechanism: Mechanism) -> None:
+        _open_mujoco_faults().apply_inertia_bound(built_model, LEAST)
 
     names = tuple(link.name for link in scenario.mechanism.links)
     only = names if len(edits.list_moving_bodies(scenario.mechanism)) == 1 else ()
@@ -99,8 +99,8 @@ def make_settotalmass_fault(scenario: FaultScenario, rng: np.random.Generator, s
     if not _is_mujoco(scenario):
         return None
 
-    def update_model(built: Any, mechanism: Mechanism) -> None:
-        _open_mujoco_faults().scale_total_mass(built, lambda total: 1.001 * max(float(np.round(total, 1)), 0.1))
+    def update_model(built_model: Any, mechanism: Mechanism) -> None:
+        _open_mujoco_faults().scale_total_mass(built_model, lambda total: 1.001 * max(float(np.round(total, 1)), 0.1))
 
     only = scenario.mechanism.links[0].name
     at = (ALL, only) if len(edits.list_moving_bodies(scenario.mechanism)) == 1 else (ALL,)
@@ -114,8 +114,8 @@ def make_invdiscrete_fault(scenario: FaultScenario, rng: np.random.Generator, si
     if not _is_mujoco(scenario) or not any(j.damping for j in scenario.mechanism.joints):
         return None
 
-    def update_model(built: Any, mechanism: Mechanism) -> None:
-        _open_mujoco_faults().apply_discrete_inverse(built)
+    def update_model(built_model: Any, mechanism: Mechanism) -> None:
+        _open_mujoco_faults().apply_discrete_inverse(built_model)
 
     return _make_model_fault("invdiscrete is on", ("implicit damping",), (), update_model, ("viscous", "rotor"))
 
@@ -126,9 +126,9 @@ def make_fluid_fault(scenario: FaultScenario, rng: np.random.Generator, size: fl
     if not _is_mujoco(scenario):
         return None
 
-    def update_model(built: Any, mechanism: Mechanism) -> None:
-        built.model.opt.density = size
-        built.model.opt.viscosity = 1e-3 * size / 1000.0
+    def update_model(built_model: Any, mechanism: Mechanism) -> None:
+        built_model.model.opt.density = size
+        built_model.model.opt.viscosity = 1e-3 * size / 1000.0
 
     kinds = ("quadratic drag", "medium")
     return _make_model_fault(f"a medium of {size} kg/m^3", kinds, (), update_model, ("viscous", "dry friction"))
@@ -141,8 +141,8 @@ def make_disabled_damper_fault(scenario: FaultScenario, rng: np.random.Generator
     if not _is_mujoco(scenario) or not damped:
         return None
 
-    def update_model(built: Any, mechanism: Mechanism) -> None:
-        _open_mujoco_faults().remove_dampers(built)
+    def update_model(built_model: Any, mechanism: Mechanism) -> None:
+        _open_mujoco_faults().remove_dampers(built_model)
 
     alone = (damped[0].name,) if len(damped) == 1 else ()
     return _make_model_fault("dampers are disabled", ("viscous",), (ALL, *alone), update_model)
@@ -154,8 +154,8 @@ def make_inertia_order_fault(scenario: FaultScenario, rng: np.random.Generator, 
     if scenario.engine != "pinocchio" or (joint := _draw_joint(scenario, rng)) is None:
         return None
 
-    def update_model(built: Any, mechanism: Mechanism) -> None:
-        _open_pinocchio_faults().replace_inertia_order(built, joint.name)
+    def update_model(built_model: Any, mechanism: Mechanism) -> None:
+        _open_pinocchio_faults().replace_inertia_order(built_model, joint.name)
 
     at = edits.list_body_names(scenario.mechanism, joint.child)
     return _make_model_fault(
@@ -169,8 +169,8 @@ def make_lever_fault(scenario: FaultScenario, rng: np.random.Generator, size: fl
     if scenario.engine != "pinocchio" or (joint := _draw_joint(scenario, rng)) is None:
         return None
 
-    def update_model(built: Any, mechanism: Mechanism) -> None:
-        _open_pinocchio_faults().scale_mass_lever(built, joint.name, 1.0 + size)
+    def update_model(built_model: Any, mechanism: Mechanism) -> None:
+        _open_pinocchio_faults().scale_mass_lever(built_model, joint.name, 1.0 + size)
 
     at = edits.list_body_names(scenario.mechanism, joint.child)
     return _make_model_fault(
@@ -185,8 +185,8 @@ def make_missing_armature_fault(scenario: FaultScenario, rng: np.random.Generato
     if scenario.engine != "pinocchio" or not have:
         return None
 
-    def update_model(built: Any, mechanism: Mechanism) -> None:
-        _open_pinocchio_faults().remove_armature(built)
+    def update_model(built_model: Any, mechanism: Mechanism) -> None:
+        _open_pinocchio_faults().remove_armature(built_model)
 
     alone = (have[0].name,) if len(have) == 1 else ()
     return _make_model_fault("armature is zero", ("rotor",), (ALL, *alone), update_model)

@@ -188,9 +188,9 @@ def _judge_trial(
     """
     if not fault.parts:  # nothing was planted
         return "wrong" if named else "false alarm" if deviate or failed else "silent"
-    found = judge_fault(named, fault, effect, alarm)
-    if effect != "below" or found != "silent":
-        return found
+    result = judge_fault(named, fault, effect, alarm)
+    if effect != "below" or result != "silent":
+        return result
     return "false alarm" if deviate else "seen" if failed else "silent"
 
 

@@ -10,13 +10,13 @@ from typing import Any
 
 import numpy as np
 
-from crosscheck.causes.beside import find_other_causes
 from crosscheck.causes.dictionary import collect_causes
 from crosscheck.causes.evidence import Evidence
 from crosscheck.causes.fit import Columns, Fit, describe_size
 from crosscheck.causes.model import Model, make_model
 from crosscheck.causes.naming import MOST, NOISE, ROUNDED, NamedCauses, find_causes
 from crosscheck.causes.quantities import collect_quantities
+from crosscheck.causes.quantity_causes import find_other_causes
 from crosscheck.causes.repair import Repair, apply_repair
 from crosscheck.causes.separate import find_separating_motion
 from crosscheck.causes.subject import Array, Subject

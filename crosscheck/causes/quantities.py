@@ -72,13 +72,15 @@ class Quantities:
 
     def list_deviating_quantities(self) -> dict[str, float]:
         """Return the quantities in which the engines are farther apart than they agree, each over its range [-]."""
-        found: dict[str, float] = {}
+        deviating_quantities: dict[str, float] = {}
         for name in self._list_common_names(self.model.unharmed):
             size = float(np.abs(self.engine[name].values - self.reference[name].values).max())
             if size > self.agreed[name]:
                 whole = scale_of_one(self.reference, name)
-                found[name.split("/", 1)[0]] = max(found.get(name.split("/", 1)[0], 0.0), size / whole)
-        return found
+                deviating_quantities[name.split("/", 1)[0]] = max(
+                    deviating_quantities.get(name.split("/", 1)[0], 0.0), size / whole
+                )
+        return deviating_quantities
 
     def compute_difference(self) -> Array:
         """Return the difference of the engines in all quantities, over how far they may be apart, as one column [-]."""

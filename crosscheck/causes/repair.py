@@ -105,8 +105,8 @@ def _compute_remainder(model: Model, fit: Fit, record: Record) -> Array | None:
     other = None if harmed is None else _run("flexinv", harmed)
     if other is None:
         return None
-    left = model.compute_residual(record, other)
-    return left if np.isfinite(left).all() else None
+    residual = model.compute_residual(record, other)
+    return residual if np.isfinite(residual).all() else None
 
 
 def _apply_cause(fit: Fit, model: Model, size: Array) -> Subject | None:

@@ -112,8 +112,10 @@ def prepare(bench: Bench, models: Path) -> BenchSetup:
         # Both of second order: the error of the coarse run is 4/3 of what halving does.
         noise = own / float(model.scale.min()) + 4 / 3 * float(np.abs(model.compute_residual(clean, finer)).max())
         agreed = compute_allowed_differences(reference, clean, finer)
-    ours = certify(mechanism, case, "flexinv")
-    return BenchSetup(bench, subject, model, reference, clean, ours, list_candidates(model, DICTIONARY), noise, agreed)
+    certificate = certify(mechanism, case, "flexinv")
+    return BenchSetup(
+        bench, subject, model, reference, clean, certificate, list_candidates(model, DICTIONARY), noise, agreed
+    )
 
 
 def compute_allowed_differences(reference: Record, clean: Record, finer: Record) -> dict[str, float]:
@@ -172,8 +174,8 @@ def run_fault(setting: BenchSetup, candidate: Candidate, size: float) -> Planted
     """
     for numbers in _list_fault_sizes(candidate, size):
         with suppress(*IMPOSSIBLE, RuntimeError, KeyError):
-            if (found := _run_fault_of_size(setting, candidate, size, numbers)) is not None:
-                return found
+            if (result := _run_fault_of_size(setting, candidate, size, numbers)) is not None:
+                return result
     return None
 
 

@@ -114,14 +114,14 @@ class Subject:
     @cached_property
     def bodies(self) -> dict[str, tuple[str, Body]]:
         """Link and body by "link" where it has one body, else "link/body"."""
-        found = {}
+        result = {}
         for link in self.mechanism.links:
             for body in link.bodies:
-                found[link.name if len(link.bodies) == 1 and link.beam is None else f"{link.name}/{body.name}"] = (
+                result[link.name if len(link.bodies) == 1 and link.beam is None else f"{link.name}/{body.name}"] = (
                     link.name,
                     body,
                 )
-        return found
+        return result
 
 
 @dataclass(frozen=True, eq=False)

@@ -22,7 +22,7 @@ from crosscheck.equivalence.readers import ComparisonSettings, ReaderRow, compar
 from crosscheck.equivalence.result import JUDGED, Comparison
 from crosscheck.equivalence.sources import try_reading
 from crosscheck.report.words import format_short
-from crosscheck.run.guarded import ReadingLimits, UnreadFile
+from crosscheck.run.reading_limits import ReadingLimits, UnreadFile
 from flexinv.errors import InputError
 
 

@@ -35,8 +35,8 @@ from crosscheck.corpus.notes import check_published, read_notes
 from crosscheck.corpus.pages import render
 from crosscheck.measures.record import RecordError
 from crosscheck.report.words import format_short
+from crosscheck.run.answer_cache import find_user_folder
 from crosscheck.run.isolation import open_scratch_folder
-from crosscheck.run.kept_answers import find_user_folder
 from crosscheck.secrets import format_command_line
 from crosscheck.verdicts.results import Results
 from flexinv.errors import InputError

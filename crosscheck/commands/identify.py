@@ -14,7 +14,7 @@ from rich.table import Table
 from crosscheck import output_folder as owned
 from crosscheck.commands.shared.terminal import MODELS, Console, Failure
 from crosscheck.identification.bands import ChannelJudgement
-from crosscheck.identification.causes.least_seen import describe_least_sizes
+from crosscheck.identification.causes.detection_limits import describe_least_sizes
 from crosscheck.identification.causes.name_causes import CauseFindings, find_remaining_causes
 from crosscheck.identification.combinations import count_narrowed_directions
 from crosscheck.identification.excitation import Proposal, find_exciting_motion
@@ -86,24 +86,32 @@ def command(
     try:
         with owned.open_report_folder(folder):
             owned.make_listed_folder(folder)  # what is written first is ours, too: the next run may write over it
-            found = identify(source, _resolve_log_paths(source, logs), _resolve_log_paths(source, hold_out))
-            write_parameters(found.parameters, owned.add_to_folder_list(folder / "parameters.csv"))
-            write_judged(found.seen, found.judged, owned.add_to_folder_list(folder / "judged.csv"))
+            identification = identify(source, _resolve_log_paths(source, logs), _resolve_log_paths(source, hold_out))
+            write_parameters(identification.parameters, owned.add_to_folder_list(folder / "parameters.csv"))
+            write_judged(identification.seen, identification.judged, owned.add_to_folder_list(folder / "judged.csv"))
             write_identified(
-                found, resolve_toml_file(source, "mechanism.toml"), owned.add_to_folder_list(folder / "identified.toml")
+                identification,
+                resolve_toml_file(source, "mechanism.toml"),
+                owned.add_to_folder_list(folder / "identified.toml"),
             )
             if wanted is not None:
-                log = read_of(found.machine, _resolve_log_paths(source, (wanted,))[0])
-                write_prediction(found.machine, found.predict(log), owned.add_to_folder_list(folder / "prediction.csv"))
-            _write_parameters(console, found)
-            causes = _find_causes(console, found, source, logs, hold_out) if asked else []
+                log = read_of(identification.machine, _resolve_log_paths(source, (wanted,))[0])
+                write_prediction(
+                    identification.machine,
+                    identification.predict(log),
+                    owned.add_to_folder_list(folder / "prediction.csv"),
+                )
+            _write_parameters(console, identification)
+            causes = _find_causes(console, identification, source, logs, hold_out) if asked else []
             if count is not None:
-                log = read_of(found.machine, _resolve_log_paths(source, logs[:1])[0])
+                log = read_of(identification.machine, _resolve_log_paths(source, logs[:1])[0])
                 _write_table(console, f"{count} blocks in turn", judge_blocks(read_machine(source), log, count))
             if seconds is not None:
-                log = read_of(found.machine, _resolve_log_paths(source, logs[:1])[0])
-                _write_proposed_motion(console, find_exciting_motion(found.machine, found.fit, log, seconds), folder)
-            results = write_page(found, causes, " ".join(sys.argv[1:]), folder)
+                log = read_of(identification.machine, _resolve_log_paths(source, logs[:1])[0])
+                _write_proposed_motion(
+                    console, find_exciting_motion(identification.machine, identification.fit, log, seconds), folder
+                )
+            results = write_page(identification, causes, " ".join(sys.argv[1:]), folder)
     except (FlexinvError, OSError) as error:
         raise Failure(str(error)) from error
     console.print(f"page: {folder / 'index.html'}", highlight=False, soft_wrap=True)

@@ -15,7 +15,7 @@ from crosscheck.commands.shared.terminal import FOLDER, MEMORY_FOR_FILE, TIME_FO
 from crosscheck.linting.lint import LintReport, check_sources, lint
 from crosscheck.linting.output import build_junit_xml as written_junit
 from crosscheck.linting.output import write
-from crosscheck.run.guarded import ReadingLimits
+from crosscheck.run.reading_limits import ReadingLimits
 
 
 @click.command("lint", short_help="Say what is suspicious in one description.")

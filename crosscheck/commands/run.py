@@ -22,7 +22,7 @@ from crosscheck.commands.shared.terminal import (
     write_report_and_end,
 )
 from crosscheck.commands.shared.terminal import make_out_option as out_option
-from crosscheck.run.kept_answers import find_user_folder
+from crosscheck.run.answer_cache import find_user_folder
 from crosscheck.run.runner import run
 from crosscheck.secrets import format_command_line
 from crosscheck.verdicts import baseline as blessed

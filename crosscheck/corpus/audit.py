@@ -123,14 +123,14 @@ def _make_sort_key(item: tuple[tuple[str, str, str], Any]) -> tuple[int, str, st
 def collect_by_class(audited: Iterable[AuditRow]) -> list[AuditRow]:
     """Return the audit of each class over all its engines [-]."""
     rows = list(audited)
-    found = []
+    result = []
     for kind in CLASSES:
         mine = [one for one in rows if one.kind == kind]
         if mine:
             worst = min(mine, key=lambda one: one.worst_share)
             total = replace(worst, engine="all", how="", series=sum(x.series for x in mine))
-            found.append(replace(total, samples=sum(x.samples for x in mine), inside=sum(x.inside for x in mine)))
-    return found
+            result.append(replace(total, samples=sum(x.samples for x in mine), inside=sum(x.inside for x in mine)))
+    return result
 
 
 def is_target_met(audited: Iterable[AuditRow]) -> bool:

@@ -55,13 +55,13 @@ def judge_answers(answers: Path, corpus: Path) -> list[SeriesJudgement]:
     folders = sorted(f for f in answers.iterdir() if f.is_dir()) if answers.is_dir() else []
     if not folders:
         raise InputError(f"{answers} holds no answer; expected folders named by the ids of {corpus / MANIFEST}")
-    found: list[SeriesJudgement] = []
+    result: list[SeriesJudgement] = []
     for folder in folders:
         if folder.name not in known:
             near = find_nearest_word(folder.name, sorted(known)) or next(iter(known))
             raise InputError(f"{folder}: no case has the id {folder.name!r}; write {near!r}")
-        found += _judge_answer(folder, known[folder.name], corpus)
-    return found
+        result += _judge_answer(folder, known[folder.name], corpus)
+    return result
 
 
 def read_manifest(corpus: Path) -> dict[str, Mapping[str, Any]]:

@@ -97,8 +97,8 @@ MEMBERS = ("certify", "export", "replay", "bench", "lift", "lifts", "dynamics")
 def offered(adapter: Adapter, member: str) -> Callable[..., Any] | None:
     """Return one of ``MEMBERS`` of an adapter, None where it has none."""
     assert member in MEMBERS
-    found: Callable[..., Any] | None = getattr(adapter, member, None)
-    return found
+    result: Callable[..., Any] | None = getattr(adapter, member, None)
+    return result
 
 
 def is_repeatable(adapter: Adapter) -> bool:

@@ -10,7 +10,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from crosscheck.equivalence.alignment.seats import MemberAlignment
+from crosscheck.equivalence.alignment.member_alignment import MemberAlignment
 from crosscheck.equivalence.efforts import States, evaluate_efforts, map_efforts_back, map_states, sample_states
 from crosscheck.equivalence.tree import PASSIVE, SCALARS, Tree, build_mechanism
 from crosscheck.lifting.rigid import move_inertia

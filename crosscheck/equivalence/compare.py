@@ -11,9 +11,9 @@ import numpy as np
 
 from crosscheck.equivalence.alignment.align import find_alignment
 from crosscheck.equivalence.alignment.bases import list_base_differences
-from crosscheck.equivalence.alignment.seats import SAME, MemberAlignment
+from crosscheck.equivalence.alignment.member_alignment import SAME, MemberAlignment
 from crosscheck.equivalence.beams.bending import BeamEffects, compute_beam_effects
-from crosscheck.equivalence.beams.held import make_rigid_mechanism
+from crosscheck.equivalence.beams.rigid_beams import make_rigid_mechanism
 from crosscheck.equivalence.beams.sections import MatchedBeams
 from crosscheck.equivalence.certificates import list_checks
 from crosscheck.equivalence.couplings import add_coupling_differences

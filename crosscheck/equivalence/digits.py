@@ -101,10 +101,10 @@ class PrintedDigits:
     def _list_fixed_chain(self, joint: str) -> list[int]:
         """A joint's member and the fixed ones between it and the member before it that moves."""
         k = self._number.get(joint, -1)
-        found = [k] if k >= 0 else []
+        fixed_chain = [k] if k >= 0 else []
         while k >= 0 and (k := self.tree.members[k].parent) >= 0 and self.tree.members[k].kind == "fixed":
-            found.append(k)
-        return found
+            fixed_chain.append(k)
+        return fixed_chain
 
     def _list_fixed_children(self, k: int) -> list[int]:
         """The fixed members that a member carries."""

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from crosscheck.equivalence.alignment.seats import MemberAlignment
+from crosscheck.equivalence.alignment.member_alignment import MemberAlignment
 from crosscheck.equivalence.tree import SCALARS, Member, Tree, build_mechanism
 from crosscheck.lifting.rigid import (
     apply_placement,
@@ -124,7 +124,7 @@ def evaluate_efforts(
     if not states.qd:
         return {}  # nothing moves
     names = joints if joints is not None else {name: name for name in states.qd}
-    back = {theirs: ours for ours, theirs in names.items()}
+    back = {second: first for first, second in names.items()}
     count = len(next(iter(states.qd.values())))
     q = np.tile(mechanism.neutral, (count, 1))
     qd = np.zeros((count, mechanism.nv))

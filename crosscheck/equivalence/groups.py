@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from crosscheck.equivalence.alignment.seats import SAME, SEEN
+from crosscheck.equivalence.alignment.member_alignment import SAME, SEEN
 from crosscheck.equivalence.difference import Difference
 from crosscheck.equivalence.members import MemberPair, list_body_differences
 from crosscheck.equivalence.tree import Member, Tree, join_bodies
@@ -32,9 +32,9 @@ def find_missing_links(pair: MemberPair) -> Difference | None:
     """Return the links whose bodies only one of them has, where that is all that differs of a member [kg]."""
     one = pair.one
     there = move_inertia(pair.alignment.frame, pair.two.inertia)
-    ours = dict(one.parts)
-    theirs = {name: move_inertia(pair.alignment.frame, body) for name, body in pair.two.parts}
-    for side, mine, others, target in (("A", ours, theirs, there), ("B", theirs, ours, one.inertia)):
+    first = dict(one.parts)
+    second = {name: move_inertia(pair.alignment.frame, body) for name, body in pair.two.parts}
+    for side, mine, others, target in (("A", first, second, there), ("B", second, first, one.inertia)):
         for lost in _list_missing_candidates(mine, others):
             bodies = join_bodies(body for name, body in mine.items() if name not in lost)
             if _is_same_body(bodies, target, pair.size):
@@ -48,14 +48,14 @@ def find_differing_body(pair: MemberPair) -> list[Difference]:
     Bodies have counterparts by their names; or one body of either is what the whole of the other leaves beside its others,
     however the other merged or split them.
     """
-    ours = dict(pair.one.parts)
-    theirs = {n: move_inertia(pair.alignment.frame, body) for n, body in pair.two.parts}
-    if len(ours) == len(pair.one.parts) > 1 and ours.keys() == theirs.keys():
-        found = {name: list(_list_part_differences(pair, name, ours[name], theirs[name])) for name in ours}
+    first = dict(pair.one.parts)
+    second = {n: move_inertia(pair.alignment.frame, body) for n, body in pair.two.parts}
+    if len(first) == len(pair.one.parts) > 1 and first.keys() == second.keys():
+        found = {name: list(_list_part_differences(pair, name, first[name], second[name])) for name in first}
         # What is no more than rounding of turned frames is put right with it.
         off = [own for own in found.values() if _list_with_cause(own)]
         return [d for own in found.values() for d in own] if len(off) == 1 else []
-    tried = [own for own in (_one_of_ours(pair, ours), _find_body_of_second(pair, theirs)) if own]
+    tried = [own for own in (_one_of_ours(pair, first), _find_body_of_second(pair, second)) if own]
     return min(tried, key=lambda own: len(_list_with_cause(own)), default=[])
 
 

@@ -56,12 +56,14 @@ class EffortProblem:
         """Return the efforts of A with the changes of differences [N m], [N]."""
         return evaluate_tree_efforts(self.tree.replace_fields(c for d in differences for c in d.changes), self.states)
 
-    def compute_share(self, values: Mapping[str, Array], wanted: Mapping[str, Array]) -> Share:
+    def compute_share(self, values: Mapping[str, Array], targets: Mapping[str, Array]) -> Share:
         """Return the largest difference over the range of B's effort [-], the difference there [N m], [N], and its joint."""
-        return compute_effort_share(values, wanted, self.target_efforts)
+        return compute_effort_share(values, targets, self.target_efforts)
 
 
-def compute_effort_share(values: Mapping[str, Array], wanted: Mapping[str, Array], scale: Mapping[str, Array]) -> Share:
+def compute_effort_share(
+    values: Mapping[str, Array], targets: Mapping[str, Array], scale: Mapping[str, Array]
+) -> Share:
     """Return the largest difference over the range of its effort [-], the difference there [N m], [N], and its joint.
 
     scale : efforts by joint (samples, nv) whose sizes are the ranges [N m], [N]; of the smallest ones FLOOR times the largest
@@ -71,7 +73,7 @@ def compute_effort_share(values: Mapping[str, Array], wanted: Mapping[str, Array
     worst = (0.0, 0.0, "")
     for name, own in sizes.items():
         size = np.maximum(own, FLOOR * largest)
-        gap = np.abs(values[name] - wanted[name]).max(axis=0, initial=0.0)
+        gap = np.abs(values[name] - targets[name]).max(axis=0, initial=0.0)
         k = int(np.argmax(gap / size)) if gap.size else 0
         if gap.size and gap[k] / size[k] > worst[0]:
             worst = (float(gap[k] / size[k]), float(gap[k]), name)

@@ -16,7 +16,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from crosscheck.equivalence.alignment.seats import SAME, MemberAlignment
+from crosscheck.equivalence.alignment.member_alignment import SAME, MemberAlignment
 from crosscheck.equivalence.difference import Difference
 from crosscheck.equivalence.tree import Tree
 from crosscheck.lifting.rigid import apply_placement, compute_angle, compute_relative_pose, inverse
@@ -72,18 +72,18 @@ def list_loop_differences(
     """
     frames = {"": motion} | {joint: seat.frame for joint, seat in alignments.items()}
     own = {joint: joint for joint in pairs}
-    back = {theirs: ours for ours, theirs in pairs.items()}
-    ours = list(_list_closures(ComparedMechanism(mechanisms[0], trees[0], own, {})))
-    theirs = list(_list_closures(ComparedMechanism(mechanisms[1], trees[1], back, frames)))
-    for one in ours:
-        like = [other for other in theirs if other.key == one.key]
+    back = {second: first for first, second in pairs.items()}
+    first = list(_list_closures(ComparedMechanism(mechanisms[0], trees[0], own, {})))
+    second = list(_list_closures(ComparedMechanism(mechanisms[1], trees[1], back, frames)))
+    for one in first:
+        like = [other for other in second if other.key == one.key]
         if not like:
             yield _make_lone_difference("A", one)
             continue
         nearest = min(like, key=lambda other: sum(_compute_closure_gaps(one, other)))
-        theirs.remove(nearest)
+        second.remove(nearest)
         yield from _compare_closures(one, nearest, size, tolerance)
-    for other in theirs:
+    for other in second:
         yield _make_lone_difference("B", other)
 
 

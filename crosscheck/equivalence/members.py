@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from crosscheck.equivalence.alignment.seats import SAME, MemberAlignment
+from crosscheck.equivalence.alignment.member_alignment import SAME, MemberAlignment
 from crosscheck.equivalence.difference import Change, Difference
 from crosscheck.equivalence.digits import VECTOR, PairedDigits
 from crosscheck.equivalence.hints import describe_factor, describe_tensor_change, describe_vector_change
@@ -186,11 +186,11 @@ def list_drive_differences(pair: MemberPair) -> Iterator[Difference]:
     if one.kind == "fixed":
         return
     for name, (cause, turning, sliding) in DRIVES.items():
-        ours = getattr(one, name)
-        theirs = getattr(two, name)
-        if abs(ours - theirs) > SAME * max(abs(ours), abs(theirs)):
+        first = getattr(one, name)
+        second = getattr(two, name)
+        if abs(first - second) > SAME * max(abs(first), abs(second)):
             unit = sliding if one.kind == "prismatic" else turning
-            yield _make_scalar_difference(pair, "drive", cause, name, theirs, unit)
+            yield _make_scalar_difference(pair, "drive", cause, name, second, unit)
     rest = seat.sign * two.rest + seat.offset
     if one.stiffness and two.stiffness and abs(rest - one.rest) > SAME:
         yield _make_scalar_difference(
@@ -205,15 +205,15 @@ def list_drive_differences(pair: MemberPair) -> Iterator[Difference]:
 
 def _compare_limits(pair: MemberPair) -> Iterator[Difference]:
     """Limits, B's in A's coordinate; one that a file does not state is none."""
-    ours = pair.one.limits
-    theirs = _map_limits(pair.two.limits, pair.alignment)
+    first = pair.one.limits
+    second = _map_limits(pair.two.limits, pair.alignment)
     # Where the coordinate counts otherwise and its range was left, that is one thing, which the convention says.
-    left = (pair.alignment.sign < 0 or pair.alignment.offset) and _close(ours, pair.two.limits)
+    left = (pair.alignment.sign < 0 or pair.alignment.offset) and _close(first, pair.two.limits)
     unit = "m" if pair.one.kind == "prismatic" else "rad"
     units = dict(zip(BOUNDS, (unit, unit, "N" if unit == "m" else "N m", f"{unit}/s"), strict=True))
     for name in BOUNDS[2:] if left else BOUNDS:
-        a = _resolve_limit(getattr(ours, name))
-        b = _resolve_limit(getattr(theirs, name))
+        a = _resolve_limit(getattr(first, name))
+        b = _resolve_limit(getattr(second, name))
         if name in BOUNDS[:2] and np.isfinite(a) != np.isfinite(b):
             values = ("none", f"{b:.9g}") if np.isfinite(b) else (f"{a:.9g}", "none")
             changes = (pair.make_change(f"limits {name}", b),)
@@ -233,14 +233,14 @@ def _resolve_limit(limit: float) -> float:
 
 def _describe_unchanged_limits(pair: MemberPair) -> tuple[str, ...]:
     """Words where the limits are the same numbers although the coordinate counts otherwise: the sign of a mistake."""
-    ours = pair.one.limits
-    theirs = pair.two.limits
-    if not np.isfinite(ours.lower) or not _close(ours, theirs):
+    first = pair.one.limits
+    second = pair.two.limits
+    if not np.isfinite(first.lower) or not _close(first, second):
         return ()
     seats = [pair.alignment]
     if pair.one.kind == "revolute":  # a whole turn on, a hinge is in the same place
         seats += [replace(pair.alignment, offset=pair.alignment.offset + way) for way in (-TURN, TURN)]
-    return () if any(_close(ours, _map_limits(theirs, seat)) for seat in seats) else (LEFT_LIMITS,)
+    return () if any(_close(first, _map_limits(second, seat)) for seat in seats) else (LEFT_LIMITS,)
 
 
 def _map_limits(limits: Limits, alignment: MemberAlignment) -> Limits:
@@ -257,11 +257,11 @@ def _close(one: Limits, two: Limits) -> bool:
 def _make_scalar_difference(
     pair: MemberPair, family: str, cause: str, name: str, value: float, unit: str, place: str = ""
 ) -> Difference:
-    ours = float(getattr(pair.one, name))
+    first = float(getattr(pair.one, name))
     digits = pair.compute_body_rounding(name) if place else pair.compute_joint_rounding(name)
     return Difference(
-        family, cause, place or pair.joint, abs(value - ours), unit, f"{ours:.9g}", f"{value:.9g}",
-        (pair.make_change(name, value),), describe_factor(value, ours), printed=digits,
+        family, cause, place or pair.joint, abs(value - first), unit, f"{first:.9g}", f"{value:.9g}",
+        (pair.make_change(name, value),), describe_factor(value, first), printed=digits,
     )  # fmt: skip
 
 

@@ -69,20 +69,20 @@ def call_here(function: Callable[..., T], file: str, *arguments: Any) -> T:
 
 
 def compare_readers(
-    file: str, wanted: str = "all", measure: ComparisonSettings | None = None, way: Callable[..., Any] = call_here
+    file: str, target: str = "all", measure: ComparisonSettings | None = None, way: Callable[..., Any] = call_here
 ) -> list[ReaderRow]:
     """Return a row for every reader of a file, first that which the others are held against; what one refuses is in its row.
 
-    wanted : "all", or engines by comma; way : to call a function for a file, such as in a process of its own
+    target : "all", or engines by comma; way : to call a function for a file, such as in a process of its own
     Raises InputError for a file that nobody has a reader for.
     """
     measure = measure or ComparisonSettings()
     check_comparison_options(measure.tolerance, measure.families)
     kind, known = way(_kind_and_readers, file)
-    names = known if wanted == "all" else [name.strip() for name in wanted.split(",") if name.strip()]
-    if not names and wanted != "all":
+    names = known if target == "all" else [name.strip() for name in target.split(",") if name.strip()]
+    if not names and target != "all":
         raise InputError(
-            f"--readers {wanted!r}: expected 'all', or engines by comma; here {', '.join(known)} read {kind.upper()}"
+            f"--readers {target!r}: expected 'all', or engines by comma; here {', '.join(known)} read {kind.upper()}"
         )
     first = _find_reference_reader(file, list(dict.fromkeys([*_list_preferred_readers(kind, known), *known])), way)
     return [_guarded_row(file, first, name, measure, way) for name in (first, *(n for n in names if n != first))]

@@ -90,11 +90,11 @@ def _list_unmatched_joints(tree: Tree, other: Tree, joints: dict[str, str], side
         )
 
 
-def _make_kind_difference(name: str, ours: str, theirs: str) -> Difference:
+def _make_kind_difference(name: str, first: str, second: str) -> Difference:
     """A joint of one name whose coordinates cannot be those of the other, such as a hinge and a ball: both are held."""
     hint = "their coordinates are none of one another: both are held at zero for the rest of the comparison"
     return Difference(
-        "rigid", "kind of joint", f"joint {name}", 1.0, "-", ours, theirs, hints=(hint,), structural=True
+        "rigid", "kind of joint", f"joint {name}", 1.0, "-", first, second, hints=(hint,), structural=True
     )  # fmt: skip
 
 

@@ -57,12 +57,12 @@ def describe(source: Any, base: str = "fixed") -> Description:
     name, engine = _split(str(source))
     path = Path(name)
     if engine:
-        found = replace(_read_by_engine(path, engine), label=f"{path.name}@{engine}", reader=engine)
+        result = replace(_read_by_engine(path, engine), label=f"{path.name}@{engine}", reader=engine)
     elif path.is_dir():
-        found = _read_folder(path)
+        result = _read_folder(path)
     else:
-        found = _read_file(path, base)
-    return found
+        result = _read_file(path, base)
+    return result
 
 
 def try_reading(source: str) -> None:
@@ -116,11 +116,11 @@ def _add_free_root(description: Description, source: Any) -> Description:
 
 def _apply_gravity(one: Description, other: Description) -> Description:
     """A description under the other's gravity, where it states none itself."""
-    theirs = other.mechanism.gravity
-    if one.gravity_stated or not other.gravity_stated or np.array_equal(one.mechanism.gravity, theirs):
+    second = other.mechanism.gravity
+    if one.gravity_stated or not other.gravity_stated or np.array_equal(one.mechanism.gravity, second):
         return one
-    words = f"gravity: {one.format.upper()} does not state it; taken to be {theirs.tolist()} m/s^2, as in the other description"
-    return replace(one, mechanism=replace(one.mechanism, gravity=theirs), dropped=(*one.dropped, words))
+    words = f"gravity: {one.format.upper()} does not state it; taken to be {second.tolist()} m/s^2, as in the other description"
+    return replace(one, mechanism=replace(one.mechanism, gravity=second), dropped=(*one.dropped, words))
 
 
 def _split(text: str) -> tuple[str, str]:

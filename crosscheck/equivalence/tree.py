@@ -99,25 +99,25 @@ class Tree:
 
     @cached_property
     def _moving_from(self) -> dict[int, int]:
-        found: dict[int, int] = {}
+        result: dict[int, int] = {}
         for index in reversed(range(len(self.members))):
-            found[index] = 1 + sum(found[k] for k in self.list_moving_children(index))
-        return found
+            result[index] = 1 + sum(result[k] for k in self.list_moving_children(index))
+        return result
 
     @cached_property
     def _children(self) -> dict[int, list[int]]:
-        found: dict[int, list[int]] = {}
+        result: dict[int, list[int]] = {}
         for k, member in enumerate(self.members):
-            found.setdefault(member.parent, []).append(k)
-        return found
+            result.setdefault(member.parent, []).append(k)
+        return result
 
     @cached_property
     def _carried(self) -> dict[int, list[int]]:
-        found: dict[int, list[int]] = {}
+        result: dict[int, list[int]] = {}
         for index in range(len(self.members) - 1, -2, -1):  # who is carried comes after who carries it
-            own = [found[k] if self.members[k].kind == "fixed" else [k] for k in self.list_children(index)]
-            found[index] = [k for some in own for k in some]
-        return found
+            own = [result[k] if self.members[k].kind == "fixed" else [k] for k in self.list_children(index)]
+            result[index] = [k for some in own for k in some]
+        return result
 
     @property
     def moving(self) -> dict[str, int]:
@@ -126,12 +126,12 @@ class Tree:
 
     def compute_poses(self) -> list[Placement]:
         """Return the frame of every member in the world, all joints at zero [m]."""
-        found: list[Placement] = []
+        poses: list[Placement] = []
         for member in self.members:
-            found.append(
-                apply_placement(found[member.parent], member.placement) if member.parent >= 0 else member.placement
+            poses.append(
+                apply_placement(poses[member.parent], member.placement) if member.parent >= 0 else member.placement
             )
-        return found
+        return poses
 
     def replace_fields(self, changes: Iterable[tuple[int, str, Any]]) -> Tree:
         """Return the tree with other fields, (member or -1 for the tree itself, field, value) each [unit of it]."""

@@ -19,7 +19,7 @@ from crosscheck.kit.tables import (
     JointData,
     MechanismData,
 )
-from crosscheck.lifting.attached import list_force_features
+from crosscheck.lifting.attachment_features import list_force_features
 from crosscheck.lifting.description import Description
 from flexinv.errors import InputError
 from flexinv.files.toml_tables import make_input_error, read_bytes

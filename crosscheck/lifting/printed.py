@@ -22,10 +22,10 @@ def compute_half_digit(text: str | None) -> float:
 
 
 def _compute_word_half(word: str) -> float:
-    found = NUMBER.match(word)
-    if found is None or not (found[2] or found[3]):
+    match = NUMBER.match(word)
+    if match is None or not (match[2] or match[3]):
         return 0.0
-    return 0.5 * 10.0 ** (int(found[3] or 0) - len(found[2] or ""))
+    return 0.5 * 10.0 ** (int(match[3] or 0) - len(match[2] or ""))
 
 
 def read_urdf_digits(robot: Element) -> dict[tuple[str, str], float]:
@@ -77,7 +77,7 @@ def _find_largest(texts: Iterable[str | None]) -> float:
 
 def printed_of_sdf(root: Element) -> dict[tuple[str, str], float]:
     """Return the half digits of an SDF: [kg], [m], [kg m^2], [rad]; a joint's come from the poses of both of its links."""
-    found: dict[tuple[str, str], float] = {}
+    result: dict[tuple[str, str], float] = {}
     poses: dict[str, tuple[float, float]] = {}
     for link in root.iter("link"):
         name = link.get("name", "")
@@ -86,18 +86,18 @@ def printed_of_sdf(root: Element) -> dict[tuple[str, str], float]:
         if inertial is not None:
             way, turn = _read_pose_digits(inertial)
             texts = [inertial.findtext(f"inertia/{key}") for key in INERTIAS]
-            found[name, "mass"] = compute_half_digit(inertial.findtext("mass"))
-            found[name, "com"] = way
-            found[name, "tensor"] = max(map(compute_half_digit, texts)) + turn * _find_largest(texts)
+            result[name, "mass"] = compute_half_digit(inertial.findtext("mass"))
+            result[name, "com"] = way
+            result[name, "tensor"] = max(map(compute_half_digit, texts)) + turn * _find_largest(texts)
     for joint in root.iter("joint"):
         name = joint.get("name", "")
         none = (0.0, 0.0)
         ends = [poses.get((joint.findtext(end) or "").strip(), none) for end in ("parent", "child")]
         way, turn = (sum(digits[k] for digits in (*ends, _read_pose_digits(joint))) for k in (0, 1))
-        found[name, "rotation"] = turn
-        found[name, "position"] = way + turn  # a link a metre away turns with its pose
-        found[name, "axis"] = compute_half_digit(joint.findtext("axis/xyz")) + turn
-    return found
+        result[name, "rotation"] = turn
+        result[name, "position"] = way + turn  # a link a metre away turns with its pose
+        result[name, "axis"] = compute_half_digit(joint.findtext("axis/xyz")) + turn
+    return result
 
 
 def _read_pose_digits(element: Element) -> tuple[float, float]:

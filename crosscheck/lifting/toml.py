@@ -7,7 +7,7 @@ from collections.abc import Iterable, Iterator
 from dataclasses import replace
 from pathlib import Path
 
-from crosscheck.lifting.attached import list_force_features
+from crosscheck.lifting.attachment_features import list_force_features
 from crosscheck.lifting.description import Description
 from crosscheck.lifting.reader_dynamics import Feature, Parameter
 from crosscheck.measures.mechanisms import read_mechanism

@@ -224,11 +224,11 @@ class _Stage:
         ends.append((second[0], Placement()))
         for k, (kind, axis) in enumerate(steps):
             called = f"{name}.{axis}" if len(steps) > 1 else name
-            own = self.read_drive(prim, called, kind, axis[-1:])
+            drive = self.read_drive(prim, called, kind, axis[-1:])
             on_child, last = (second[1], True) if k == len(steps) - 1 else (Placement(), False)
             yield BodyJoint(
                 called, kind, ends[k][0], ends[k + 1][0], ends[k][1], on_child,
-                AXES[axis[-1:] if kind != "spherical" else "Z"], joint_fields=own, closes=closes and last,
+                AXES[axis[-1:] if kind != "spherical" else "Z"], joint_fields=drive, closes=closes and last,
             )  # fmt: skip
 
     def split_joint(self, prim: Any) -> list[tuple[str, str]]:

@@ -83,16 +83,16 @@ def check_sources(
 
     strict, meshes : of `lint`; way : to lint one of them, such as in a process of its own
     """
-    found = []
+    result = []
     for source in sources:
         try:
-            found.append(way(source, strict, meshes))
+            result.append(way(source, strict, meshes))
         except InputError as problem:
             words = str(problem)
             name = Path(str(source)).name
             finding = make_error("file", name, " ".join(words.split()), "it cannot be read", "as it says")
-            found.append(LintReport(name, (finding,), strict, words))
-    return found
+            result.append(LintReport(name, (finding,), strict, words))
+    return result
 
 
 def _check_xml(path: Path) -> Iterator[Finding]:

@@ -49,14 +49,14 @@ def mesh_path(name: str, path: Path) -> Path | None:
     """Return the place of a mesh: beside the URDF, or in the package whose folder is above it; None where nothing is there."""
     plain = name.removeprefix("file://")
     if "://" not in plain:
-        found = path.parent / plain
-        return found if _is_there(found) else None
+        result = path.parent / plain
+        return result if _is_there(result) else None
     inside = plain.partition("://")[2].lstrip("/")
     package, _, rest = inside.partition("/")
     for above in path.resolve().parents:
-        for found in (above / inside, *([above / rest] if above.name == package else [])):
-            if _is_there(found):
-                return found
+        for result in (above / inside, *([above / rest] if above.name == package else [])):
+            if _is_there(result):
+                return result
     return None
 
 

@@ -18,7 +18,7 @@ from markupsafe import Markup
 
 from crosscheck import output_folder as owned
 from crosscheck.measures.limits import Verdict, find_worst_verdict
-from crosscheck.report import animation, changed, words
+from crosscheck.report import animation, change_summary, words
 from crosscheck.report import explanations as reasons
 from crosscheck.report.plots import read_records, write_case
 from crosscheck.verdicts.compare import Comparison
@@ -121,7 +121,7 @@ def build_index_view(results: Results, out: Path, trends: bool = False) -> dict[
         "matrix": matrix,
         "engines": words.join_alike_engines(results.engines),
         "limits": [(c, line) for c in results.cases for line in c.unused_limits],
-        "changed": changed.describe_changes(results.changes),
+        "changed": change_summary.describe_changes(results.changes),
         "trends": trends,
         **build_single_study_view(results),
     }

@@ -82,8 +82,8 @@ def _list_workers(client: Any) -> list[str]:
 
 def _list_other_pythons(client: Any) -> dict[str, str]:
     """Return the Python of workers that have another one than this machine, by their addresses."""
-    stated = client.run(_describe_python, on_error="return")
-    return {worker: python for worker, python in stated.items() if isinstance(python, str) and python != HERE}
+    result = client.run(_describe_python, on_error="return")
+    return {worker: python for worker, python in result.items() if isinstance(python, str) and python != HERE}
 
 
 def _describe_python() -> str:

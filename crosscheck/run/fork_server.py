@@ -131,7 +131,7 @@ class Server:
             if self.requests in ready and not self._can_take_request([ear, mouth]):
                 return
 
-    def _can_take_request(self, ours: list[socket.socket]) -> bool:
+    def _can_take_request(self, sockets: list[socket.socket]) -> bool:
         """Take one request; return False where the parent has closed its side."""
         packet, descriptors, _, _ = socket.recv_fds(self.requests, LARGEST_REQUEST, 3)
         if not packet:
@@ -141,18 +141,18 @@ class Server:
             _send_words(answer, f"refused {why}")
             answer.close()
         else:
-            self._fork(answer, descriptors, json.loads(packet), ours)
+            self._fork(answer, descriptors, json.loads(packet), sockets)
         for descriptor in descriptors:
             os.close(descriptor)
         return True
 
     def _fork(
-        self, answer: socket.socket, descriptors: list[int], job: Mapping[str, str], ours: list[socket.socket]
+        self, answer: socket.socket, descriptors: list[int], job: Mapping[str, str], sockets: list[socket.socket]
     ) -> None:
         leader = os.getpid()
         pid = os.fork()
         if pid == 0:
-            for other in (self.requests, answer, *ours, *self.answers.values()):
+            for other in (self.requests, answer, *sockets, *self.answers.values()):
                 other.close()
             begin(leader, job, *descriptors)
         with contextlib.suppress(OSError):  # whoever is first; the parent kills the group, so it has to be one by now

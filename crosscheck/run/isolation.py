@@ -43,7 +43,7 @@ TAIL = 4000  # [characters] of what the engine printed that a report keeps
 class Attempt:
     """A record and how it came about: printed (the tail of stdout and stderr), elapsed [s].
 
-    kept : when it was made, where it was not made in this run (`crosscheck.run.kept_answers`)
+    kept : when it was made, where it was not made in this run (`crosscheck.run.answer_cache`)
     """
 
     record: Record

@@ -124,10 +124,10 @@ def _find_diagnosis(shared: RunContext, task: Task, row: Comparison) -> Diagnosi
 def _run_attempt(shared: RunContext, task: Task, engine: Engine, options: Mapping[str, Any] = FIRST) -> Attempt:
     what: dict[str, Any] = {"mechanism": str(task.folder.resolve()), "case": task.case.name, "options": dict(options)}
     with shared.kept.take_lock(task, engine.name):
-        found = shared.kept.find(task, engine.name, options)
-        if found is None:
+        result = shared.kept.find(task, engine.name, options)
+        if result is None:
             if options is AGAIN:  # in a process that shares nothing with the first, not even what it was forked from
                 what["afresh"] = True
-            found = run_engine(engine, what, task.time, shared.limit, shared.children)
-            shared.kept.add_answer(task, engine.name, found, options)
-    return found
+            result = run_engine(engine, what, task.time, shared.limit, shared.children)
+            shared.kept.add_answer(task, engine.name, result, options)
+    return result

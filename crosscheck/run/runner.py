@@ -17,15 +17,15 @@ from typing import Any
 from crosscheck import output_folder as owned
 from crosscheck.measures.record import Record
 from crosscheck.run.abilities import Abilities, abilities
+from crosscheck.run.answer_cache import AnswerCache
+from crosscheck.run.answer_stores import AnswerStores
 from crosscheck.run.cluster import open_workers, read_task_files, run_on_worker
 from crosscheck.run.forking import ForkServers
 from crosscheck.run.isolation import Attempt, ChildProcesses, ProcessEnd, ask, run_engine
-from crosscheck.run.kept_answers import AnswerCache
 from crosscheck.run.questions import split_by_case
 from crosscheck.run.result_rows import begin_results
 from crosscheck.run.run_cache import AttemptFolder
 from crosscheck.run.run_state import SHAKES, Job, RunState
-from crosscheck.run.shelves import AnswerStores
 from crosscheck.run.work import Notify, Options, Work
 from crosscheck.verdicts.refinement import read_kind
 from crosscheck.verdicts.results import Results
@@ -52,10 +52,10 @@ def _run(work: Work, out: Path, notify: Notify, command: str, tell: Tell) -> Res
     options = work.options
     state = RunState(work, out, notify, begin_results(work, command))
     kept = AnswerCache(options.kept, options.engine) if options.kept is not None else None
-    shelves = AnswerStores(options, AttemptFolder(out / KEPT, work.engines), kept)
+    stores = AnswerStores(options, AttemptFolder(out / KEPT, work.engines), kept)
     servers = ForkServers()
     with open_workers(options.scheduler, options.jobs, tell) as pool, ThreadPoolExecutor(max(1, options.jobs)) as here:
-        under_way = RunningJobs(pool, here, options, ChildProcesses(servers=servers), shelves)
+        under_way = RunningJobs(pool, here, options, ChildProcesses(servers=servers), stores)
         try:
             _run_stages(state, under_way)
         except KeyboardInterrupt:
@@ -78,10 +78,10 @@ def _run(work: Work, out: Path, notify: Notify, command: str, tell: Tell) -> Res
 
 def _run_stages(state: RunState, under_way: RunningJobs) -> None:
     """Take what is kept, ask what engines can do, run what they can, then repeat and ask why where that is called for."""
-    left = under_way.take_known_answers(state, state.list_jobs())
-    under_way.run_jobs(state, under_way.take_known_answers(state, state.list_ability_questions(left)))
+    known_answers = under_way.take_known_answers(state, state.list_jobs())
+    under_way.run_jobs(state, under_way.take_known_answers(state, state.list_ability_questions(known_answers)))
     able = sorted(
-        under_way.take_refusals(state, left),
+        under_way.take_refusals(state, known_answers),
         key=under_way.stores.find_expected_time,
         reverse=not under_way.options.climbing,
     )
@@ -102,11 +102,11 @@ def _run_stages(state: RunState, under_way: RunningJobs) -> None:
 
 def _ask_why(state: RunState, under_way: RunningJobs) -> None:
     """Have what deviates diagnosed, the engines of a case in one process; what that leaves open is asked alone."""
-    left = under_way.take_known_answers(state, state.list_cause_questions())
-    together = split_by_case(question for _, question, _ in left)
+    known_answers = under_way.take_known_answers(state, state.list_cause_questions())
+    together = split_by_case(question for _, question, _ in known_answers)
     under_way.run_jobs(state, [("why together", several, None) for several in together])
     answered = {(one.mechanism, one.case, one.engine) for one in state.results.diagnoses}
-    under_way.run_jobs(state, [job for job in left if job[1].place[:3] not in answered])
+    under_way.run_jobs(state, [job for job in known_answers if job[1].place[:3] not in answered])
 
 
 @dataclass
@@ -122,13 +122,13 @@ class RunningJobs:
 
     def take_known_answers(self, state: RunState, jobs: Iterable[Job]) -> list[Job]:
         """Take the answers to jobs that are kept, and return the other jobs."""
-        left = []
+        known_answers = []
         for job in jobs:
             if (found := self.stores.find(job)) is None:
-                left.append(job)
+                known_answers.append(job)
             else:
                 state.take_or_fail(job, found)
-        return left
+        return known_answers
 
     def take_refusals(self, state: RunState, jobs: Iterable[Job]) -> list[Job]:
         """Take that engines cannot do cases, as they have said, and return the other jobs."""

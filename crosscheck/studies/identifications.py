@@ -48,5 +48,9 @@ def judge_night(folder: Path) -> list[ChannelJudgement]:
     logs = [str(folder / log) for log in night.log]
     if night.blocks is not None:
         return judge_blocks(machine, read_of(machine, logs[0]), night.blocks)
-    found = identify(folder, logs, [str(folder / log) for log in night.hold_out])
-    return [row for row in found.judged if row.log != "together"] if len(night.hold_out) == 1 else found.judged
+    identification = identify(folder, logs, [str(folder / log) for log in night.hold_out])
+    return (
+        [row for row in identification.judged if row.log != "together"]
+        if len(night.hold_out) == 1
+        else identification.judged
+    )

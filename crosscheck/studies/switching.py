@@ -133,8 +133,8 @@ def list_engine_rows(
     whole = module.run(mechanism, case, name, OPTIONS)
     span = max(np.ptp(one.values) for one in whole.series.values() if one.quantity == "torque")
     for part in parts:
-        own = module.run(part.mechanism, part.case, name, OPTIONS)
-        error = float(compute_largest_difference(whole, own, part) / span)
+        result = module.run(part.mechanism, part.case, name, OPTIONS)
+        error = float(compute_largest_difference(whole, result, part) / span)
         ends = time[part.samples][[0, -1]]
         yield {
             "mechanism": mechanism.name,

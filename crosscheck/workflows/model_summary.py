@@ -72,10 +72,10 @@ def _describe_frequencies(task: Task) -> str:
     if mechanism.is_rigid:
         return "none: no link bends, and the drives hold every joint"
     try:
-        found = natural_modes(mechanism, resolve_start_configuration(mechanism, task.case), count=SHOWN)
+        modes = natural_modes(mechanism, resolve_start_configuration(mechanism, task.case), count=SHOWN)
     except FlexinvError as error:
         return f"not computed: {error}"
-    named = [f"{f:.4g} Hz ({link})" for f, link in zip(found.frequency, found.link, strict=True)]
+    named = [f"{f:.4g} Hz ({link})" for f, link in zip(modes.frequency, modes.link, strict=True)]
     return ", ".join(named) + " where the case starts, drives held"
 
 

@@ -20,7 +20,7 @@ from crosscheck import output_folder as owned
 from crosscheck.bench.parts import run_parts
 from crosscheck.bench.targets import list_metrics
 from crosscheck.measures.record import RecordError
-from crosscheck.report import changed, render, trends
+from crosscheck.report import change_summary, render, trends
 from crosscheck.run.run_state import RESULTS
 from crosscheck.run.runner import KEPT, run
 from crosscheck.run.work import Notify, Work
@@ -200,7 +200,7 @@ def add_to_history(
         if before is None:
             return results
         results = replace(results, changes=changes.collect_changes(database, before, number))
-        tell(changed.describe_changes(results.changes))
+        tell(change_summary.describe_changes(results.changes))
     except (history.HistoryError, RecordError) as error:
         return add_failure(results, str(error))
     except LookupError as error:

@@ -235,8 +235,8 @@ class Refinement:
             self.levels[mesh, finer] = None
             return None
         first = take_every_sample(first, (len(first.time) - 1) // (kept * grid.total))
-        self.levels[mesh, finer] = found = Level(finer, kept, made, settings, first, collect_quantities(made, first))
-        return found
+        self.levels[mesh, finer] = result = Level(finer, kept, made, settings, first, collect_quantities(made, first))
+        return result
 
     def run_three_levels(self, mesh: int, index: int) -> tuple[Level, Level, Level] | None:
         """Return the runs of three rungs from ``index`` [-] on, None where one of them failed."""

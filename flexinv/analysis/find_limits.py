@@ -228,14 +228,14 @@ def _check_interpolated_limits(solution: Solution, queries: list[_LimitQuery]) -
     places = np.nan_to_num(parts["upper"])
     position = join_samples(time, [places, solution.qd, solution.qdd])
     rate = join_samples(time, [solution.qd, solution.qdd])
-    found: dict[_LimitQuery, LimitUse] = {}
+    result: dict[_LimitQuery, LimitUse] = {}
     for one in queries:
         source = rate if one.quantity == "velocity" else position
         signs = np.array(LIMIT_SIDES[one.quantity])
         own = source.coefficients[:, :, [one.column]] * signs
         scale = np.repeat(source.scale[one.column], len(signs))
-        found |= _compare_with_limits(m, Pieces(source.begin, source.end, own, scale), [one], WITHIN_STEPS)
-    return found
+        result |= _compare_with_limits(m, Pieces(source.begin, source.end, own, scale), [one], WITHIN_STEPS)
+    return result
 
 
 def _compare_with_limits(

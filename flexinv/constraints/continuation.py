@@ -409,9 +409,9 @@ class Follower:
         guess = np.where(
             self.owned, integrate_configuration(self.mesh.mechanism, q, (after - before) * sizes * rate), given
         )
-        found = self.solve(guess)
+        solution = self.solve(guess)
         most = kernel.LARGEST_SURPRISE * list_coordinate_scales(self.mesh)
-        return None if found is None or (np.abs(found - guess) > most).any() else found
+        return None if solution is None or (np.abs(solution - guess) > most).any() else solution
 
 
 def build_start_follower(mesh: Mesh) -> Follower:

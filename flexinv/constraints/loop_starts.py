@@ -14,7 +14,14 @@ import numpy as np
 from flexinv.constraints.allocation import STILL_RATE, count_ranks
 from flexinv.constraints.closures import Rows, build_constraint_rows, find_acting_closures, list_velocity_scales
 from flexinv.constraints.continuation import Follower, build_start_follower, close_rates, solve_closed_start
-from flexinv.constraints.joint_words import find_owner, find_place, write_numbers, write_start, write_unit, write_value
+from flexinv.constraints.joint_descriptions import (
+    find_owner,
+    find_place,
+    write_numbers,
+    write_start,
+    write_unit,
+    write_value,
+)
 from flexinv.constraints.open_loops import TRIES, find_nearest_closed
 from flexinv.errors import ConvergenceError, InputError
 from flexinv.kinematics.mesh import Mesh
@@ -288,9 +295,9 @@ def build_joint_mask(mechanism: Mechanism, names: Collection[str]) -> Mask:
 
 
 def _make_contradiction_error(
-    mesh: Mesh, argument: str, stated: Mask, given: Array, found: Array, off: Array, time: float
+    mesh: Mesh, argument: str, stated: Mask, given: Array, values: Array, off: Array, time: float
 ) -> InputError:
-    """The error for values ``given`` by an argument that the closures contradict: they are ``off`` (nv,) what is ``found``."""
+    """The error for values ``given`` by an argument that the closures contradict: they are ``off`` (nv,) what is ``values``."""
     m = mesh.mechanism
     places = argument != "start_rate"
     worst = find_owner(m, int(np.argmax(off))).name
@@ -300,8 +307,8 @@ def _make_contradiction_error(
     follow = " into its places" if argument == "q" else ", or leave out the joints that shall follow"
     return InputError(
         f"mechanism '{m.name}', t = {time:g} s: {argument} of joint '{worst}' is {write_value(m, worst, given, places)}, the "
-        f"closures give {write_value(m, worst, found, places)}{f' with {others}' if others else ''}; write "
-        f"{argument}={write_start(m, names, found, places)}{follow}"
+        f"closures give {write_value(m, worst, values, places)}{f' with {others}' if others else ''}; write "
+        f"{argument}={write_start(m, names, values, places)}{follow}"
     )
 
 

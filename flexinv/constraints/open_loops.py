@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from flexinv.constraints.closures import list_velocity_scales
-from flexinv.constraints.joint_words import write_start
+from flexinv.constraints.joint_descriptions import write_start
 from flexinv.errors import OpenLoops
 from flexinv.kinematics.nodal_motion import integrate_configuration
 from flexinv.typing import Array
@@ -113,8 +113,8 @@ def _find_closed(follower: Follower, guess: Array) -> tuple[Array | None, Array]
     for k in range(TRIES + 1):
         begin = guess if k == 0 else integrate_configuration(m, guess, sizes * random.uniform(-np.pi, np.pi, m.nv))
         near = find_nearest_closed(follower, begin)
-        if (found := follower.solve(near)) is not None:
-            return found, found
+        if (solution := follower.solve(near)) is not None:
+            return solution, solution
         if (left := float(np.linalg.norm(follower.evaluate_closures(near)[0]))) < least:
             nearest = near
             least = left

@@ -114,18 +114,18 @@ def begin_step(solver: Solver, joints: Joints, scheme: Scheme, when: str) -> boo
     return sudden
 
 
-def _compute_rounding_effect(solver: Solver, joints: Joints, found: Array) -> float:
+def _compute_rounding_effect(solver: Solver, joints: Joints, values: Array) -> float:
     """Return by how much accelerations, over the length or in radians [1/s^2], change where nodes move by their last digit.
 
-    So far the accelerations ``found`` are known where the mechanism stands.  The unknowns are left as they were.
+    So far the accelerations ``values`` are known where the mechanism stands.  The unknowns are left as they were.
     """
     s = solver.state
     multiplier = solver.border.ties.multiplier
     before = [part.copy() for part in (s.x, s.du, multiplier)]
     last = np.finfo(float).eps * solver.mesh.length
-    s.x[::2], s.x[1::2], s.du[:] = s.x[::2] + last, s.x[1::2] - last, found
+    s.x[::2], s.x[1::2], s.du[:] = s.x[::2] + last, s.x[1::2] - last, values
     status, _, _ = solver.solve_newton(ACCELERATIONS, joints)
-    change = float(np.abs((s.du - found) / solver.topology.scale).max(initial=0.0)) if status == CONVERGED else 0.0
+    change = float(np.abs((s.du - values) / solver.topology.scale).max(initial=0.0)) if status == CONVERGED else 0.0
     for part, kept in zip((s.x, s.du, multiplier), before, strict=True):
         part[:] = kept
     return change

@@ -151,18 +151,18 @@ def find_urdf(table: UrdfTable, where: Location) -> tuple[Path, tuple[Path, ...]
 
 def _read_by_name(robot: Element, tag: str, path: Path, read: Callable[[Element, Path], T]) -> dict[str, T]:
     """The robot's elements of a tag as they are read, by their names, each of which stands there once."""
-    found: dict[str, T] = {}
+    result: dict[str, T] = {}
     for element in robot.findall(tag):
         name = element.get("name", "")
         if not name.strip() or not name.isprintable() or len(name) > LONGEST_NAME:
             expected = f"a name of 1 to {LONGEST_NAME} printable characters"
             raise make_input_error(f"{path}: <{tag}>", f"name = {name[:60]!a}", expected, f'<{tag} name="...">')
-        if name in found:
+        if name in result:
             raise make_input_error(
                 describe_location(path, element), f"this {tag} twice", f"each {tag} once", "a name of its own"
             )
-        found[name] = read(element, path)
-    return found
+        result[name] = read(element, path)
+    return result
 
 
 def _read_inertia(link: Element, path: Path) -> Inertia | None:
@@ -262,8 +262,8 @@ def _add_base(
     return links, [Joint(name, base, WORLD, moved if root == WORLD else root, actuated=False), *joints]
 
 
-def _find_free_name(name: str, taken: Collection[str]) -> str:
-    while name in taken:
+def _find_free_name(name: str, used_names: Collection[str]) -> str:
+    while name in used_names:
         name += "_"
     return name
 

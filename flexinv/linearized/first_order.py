@@ -54,11 +54,11 @@ def counted_roots(
     slow, shift = _slow(a, b, smallest)
     missed = []
     for place, values in _parted(slow, fast):
-        found = corrected(values, shift)
-        root, _, _, bar, lost = found
+        result = corrected(values, shift)
+        root, _, _, bar, lost = result
         missed.append(_missed(place, root, bar + lost, matrix_at))
         if missed[-1] == 0:
-            return found
+            return result
         if missed[-1] is None:
             warnings.warn(
                 f"modes: that none of {len(root)} roots is lost is not proved: they are too close together to be counted near "
@@ -66,7 +66,7 @@ def counted_roots(
                 ModelWarning,
                 stacklevel=2,
             )
-            return found
+            return result
     raise ConvergenceError(
         f"modes: of {len(a)} roots {max(map(abs, filter(None, missed)))} are lost, or there twice, as rounding hides slow ones "
         "from fast ones; write fewer elements, or stiffness and inertia of more like sizes"

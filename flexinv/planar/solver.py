@@ -189,8 +189,8 @@ class PlanarMarch:
 
     def _collect_prescribed(self, q: Array, qd: Array, qdd: Array) -> Array:
         joints = self.model.joints
-        given = joints.collect_coordinates(q, qd, qdd)
-        return given if joints.prescribed.all() else np.ascontiguousarray(given[:, joints.prescribed])
+        coordinates = joints.collect_coordinates(q, qd, qdd)
+        return coordinates if joints.prescribed.all() else np.ascontiguousarray(coordinates[:, joints.prescribed])
 
 
 @make_owner_cache()

@@ -292,18 +292,18 @@ class Horizon:
         for first in range(0, size, CHUNK):
             part = slice(first, min(first + CHUNK, size))
             x, r = self.layout.list_node_poses(NodePoses(at.flat[part], at.turn[part]))
-            own = out.trajectory.take_samples(part.start, part.stop)
+            samples = out.trajectory.take_samples(part.start, part.stop)
             wanted = len(x) if want else 0
             tangent = np.zeros((wanted, 3, unknowns, unknowns))
             reach = np.zeros((wanted, 6, unknowns))
-            now = SampleEquations(np.zeros((len(x), unknowns)), tangent, reach, own)
+            now = SampleEquations(np.zeros((len(x), unknowns)), tangent, reach, samples)
             free = Joints(*(given.copy() for given in self.layout.joints))  # they are overwritten
             motion = FreeMotion(x, r, at.flat[part], u[part], du[part], build_load_table(mesh, self.time[part]))
             instant_, element = evaluate_instants(system, free, motion, self.way.frame.node, now)
             if instant_ >= 0:
                 raise RotationTooLarge(f"t = {self.time[first + instant_]:g} s, element {element}")
             out.residual[part] = now.residual @ pick.T
-            out.missed[part], by = self._compute_task_errors(part, at, own, reach)
+            out.missed[part], by = self._compute_task_errors(part, at, samples, reach)
             if want:
                 for which in range(3):
                     out.tangent[which, part] = pick @ tangent[:, which] @ pick.T

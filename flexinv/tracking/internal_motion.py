@@ -71,9 +71,9 @@ class Swings:
 
 def find_internal_motions(horizon: Horizon, sample: int, stiffness: float = 1.0) -> InternalMotions:
     """Return the internal motions while the frame rests [1/s], at one instant, beams ``stiffness`` times as stiff [-]."""
-    own = horizon.take_instant(sample)
+    instant = horizon.take_instant(sample)
     pick = horizon.layout.pick
-    one = own.evaluate(own.rigid, stiffness)
+    one = instant.evaluate(instant.rigid, stiffness)
     sizes = np.sqrt(pick**2 @ horizon.layout.solver.topology.scale**2)  # lengths over that of the mechanism
     by = one.by[0] * sizes
     efforts = sizes[:, None] * (pick @ horizon.layout.drives.T)

@@ -58,11 +58,11 @@ def lift(source: Any) -> Description:
     return _described(plant, path.name, _format(path), told, path)
 
 
-def read_plant(path: Path, told: list[str]) -> Any:
-    """Return the finalized plant of a file as Drake's parser reads it; told : takes what it logs.  Raises InputError."""
+def read_plant(path: Path, messages: list[str]) -> Any:
+    """Return the finalized plant of a file as Drake's parser reads it; messages : takes what it logs.  Raises InputError."""
     kind = _format(path)
     plant = multibody.MultibodyPlant(0.0)
-    log_lines = _LogLines(told)
+    log_lines = _LogLines(messages)
     logger = logging.getLogger("drake")
     logger.addHandler(log_lines)
     passed_on, logger.propagate = logger.propagate, False
@@ -71,7 +71,7 @@ def read_plant(path: Path, told: list[str]) -> Any:
         pull = read_stated(path).gravity if kind == "sdf" else None
         if pull is not None:
             plant.mutable_gravity_field().set_gravity_vector(pull)
-            told.append(
+            messages.append(
                 f"gravity: Drake leaves out what an SDF says of it; taken as the file states it, {pull.tolist()} m/s^2"
             )
         if kind == "urdf":
@@ -117,10 +117,10 @@ def _hold(plant: Any, free: set[str]) -> None:
             plant.WeldFrames(plant.world_frame(), body.body_frame())
 
 
-def _described(plant: Any, label: str, kind: str, told: list[str], path: Path | None = None) -> Description:
-    names = _names(plant, told)
+def _described(plant: Any, label: str, kind: str, messages: list[str], path: Path | None = None) -> Description:
+    names = _names(plant, messages)
     bodies = {names[k]: _inertia(plant.get_body(tree.BodyIndex(k))) for k in range(1, plant.num_bodies())}
-    called = joint_names(plant, told)
+    called = joint_names(plant, messages)
     rotors, gears, efforts = _actuators(plant, called)
     joints = [
         _begun(plant, _joint(plant.get_joint(tree.JointIndex(k)), called[k], names, rotors, efforts), k)
@@ -133,12 +133,12 @@ def _described(plant: Any, label: str, kind: str, told: list[str], path: Path | 
     scopes = _scoped(plant, called)
     mechanism, lost = with_stated(mechanism, stated, lambda name: scopes.get(name, ""))
     if kind != "sdf":
-        mechanism = replace(mechanism, closures=(*mechanism.closures, *_couplings(plant, mechanism, path, told)))
+        mechanism = replace(mechanism, closures=(*mechanism.closures, *_couplings(plant, mechanism, path, messages)))
     if stated.friction:
         lost = [*lost, "dry friction: Drake's plant has none; taken as the file states it"]
     printed = printed_of_sdf(read_xml(path)) if kind == "sdf" and path is not None else {}
     description = Description(
-        label, mechanism, kind, "drake", gears, (*told, *lost), printed, file=path, root_stated=kind != "urdf",
+        label, mechanism, kind, "drake", gears, (*messages, *lost), printed, file=path, root_stated=kind != "urdf",
         gravity_stated=kind in ("mjcf", "live") or stated.gravity is not None,
         features=features_of(stated, dict(zip(_paths(plant), names[1:], strict=True))),
     )  # fmt: skip
@@ -212,22 +212,22 @@ def _scoped(plant: Any, called: list[str]) -> dict[str, str]:
     return dict(zip(paths, called, strict=True))
 
 
-def _names(plant: Any, told: list[str]) -> list[str]:
+def _names(plant: Any, messages: list[str]) -> list[str]:
     """Names of bodies by number, with that of their model where two are called the same; what is, is told."""
     bodies = [plant.get_body(tree.BodyIndex(k)) for k in range(1, plant.num_bodies())]
-    return [WORLD, *_named("links", plant, bodies, told)]
+    return [WORLD, *_named("links", plant, bodies, messages)]
 
 
-def joint_names(plant: Any, told: list[str]) -> list[str]:
-    """Return the names of joints by number [-], with that of their model where two are called the same; told : takes that."""
-    return _named("joints", plant, [plant.get_joint(tree.JointIndex(k)) for k in range(plant.num_joints())], told)
+def joint_names(plant: Any, messages: list[str]) -> list[str]:
+    """Return the names of joints by number [-], with that of their model where two are called the same; messages : takes that."""
+    return _named("joints", plant, [plant.get_joint(tree.JointIndex(k)) for k in range(plant.num_joints())], messages)
 
 
-def _named(kind: str, plant: Any, parts: list[Any], told: list[str]) -> list[str]:
+def _named(kind: str, plant: Any, parts: list[Any], messages: list[str]) -> list[str]:
     plain = [part.name() for part in parts]
     paths = [f"{plant.GetModelInstanceName(part.model_instance())}::{part.name()}" for part in parts]
     names = unique_names(plain, paths, (WORLD,))
-    told += name_words(kind, plain, names)
+    messages += name_words(kind, plain, names)
     return names
 
 
@@ -295,7 +295,7 @@ def _placement(pose: Any) -> Placement:
     return Placement(np.array(pose.translation()), np.array(pose.rotation().matrix()))
 
 
-def _couplings(plant: Any, mechanism: Mechanism, path: Path | None, told: list[str]) -> tuple[Closure, ...]:
+def _couplings(plant: Any, mechanism: Mechanism, path: Path | None, messages: list[str]) -> tuple[Closure, ...]:
     """Couplers of joints: Drake's Python does not tell them, so those of a URDF are what it mimics, if they are as many."""
     count = plant.num_constraints()
     if not count:
@@ -304,5 +304,5 @@ def _couplings(plant: Any, mechanism: Mechanism, path: Path | None, told: list[s
     made = mimics(robot, mechanism, path)[0] if robot is not None and path is not None and robot.tag == "robot" else ()
     if len(made) == count:
         return made
-    told.append(f"{count} constraints: Drake's Python interface does not tell which joints they couple")
+    messages.append(f"{count} constraints: Drake's Python interface does not tell which joints they couple")
     return ()

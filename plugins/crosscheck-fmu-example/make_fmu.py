@@ -147,13 +147,13 @@ def ties(kit: Kit) -> str:
 def seats(kit: Kit) -> dict[str, tuple[int, Any, Any]]:
     """Return by link the moving joint that carries it (-1: none), and its frame there: position [m], rotation."""
     names = [row["joint"] for row in kit.rows]
-    found = {"world": (-1, np.zeros(3), np.eye(3))}
+    result = {"world": (-1, np.zeros(3), np.eye(3))}
     for joint in kit.mechanism["joints"]:
         if joint["name"] in names:
-            found[joint["child"]] = (names.index(joint["name"]), np.zeros(3), np.eye(3))
+            result[joint["child"]] = (names.index(joint["name"]), np.zeros(3), np.eye(3))
         else:
-            found[joint["child"]] = end({"link": joint["parent"], "frame": joint["frame"]}, found)
-    return found
+            result[joint["child"]] = end({"link": joint["parent"], "frame": joint["frame"]}, result)
+    return result
 
 
 def end(stated: Mapping[str, Any], places: Mapping[str, tuple[int, Any, Any]]) -> tuple[int, Any, Any]:

@@ -153,12 +153,12 @@ def test_every_comparison_is_a_test(root: Path, tmp_path: Path) -> None:
     options = ["models", "-n", "2", "--crosscheck-engines=flexinv,pinocchio,exudyn-dae", f"--junitxml={xml}", "-v"]
     done = pytest_on(tmp_path, *options, "-k", "torque or (tip and pinocchio)")
     assert done.returncode == 1, done.stdout + done.stderr
-    found = {t.get("name"): t for t in ET.parse(xml).iter("testcase")}
-    assert set(found) == {
+    result = {t.get("name"): t for t in ET.parse(xml).iter("testcase")}
+    assert set(result) == {
         f"double_pendulum-swing-{engine}"
         for engine in ("pinocchio-torque", "pinocchio-tip", "exudyn-dae-torque")
     }  # fmt: skip
-    failed = {name: t.find("failure") for name, t in found.items() if t.find("failure") is not None}
+    failed = {name: t.find("failure") for name, t in result.items() if t.find("failure") is not None}
     assert set(failed) == {"double_pendulum-swing-exudyn-dae-torque"}
     text = failed["double_pendulum-swing-exudyn-dae-torque"].text or ""
     assert "double_pendulum/swing, torque: exudyn-dae differs from flexinv by more than its limit" in text
@@ -166,7 +166,7 @@ def test_every_comparison_is_a_test(root: Path, tmp_path: Path) -> None:
     assert "Traceback" not in text
     properties = {
         p.get("name"): float(p.get("value", ""))
-        for p in found["double_pendulum-swing-pinocchio-torque"].iter("property")
+        for p in result["double_pendulum-swing-pinocchio-torque"].iter("property")
     }
     assert properties["limit"] == 1e-12
     assert 0 < properties["fraction"] < 1e-12
@@ -241,9 +241,9 @@ def test_answers_are_kept_and_failures_are_not(root: Path, tmp_path: Path) -> No
         assert attempt_folder.find(task, "x") is None
         attempt_folder.add_answer(task, "x", skipped)
         attempt_folder.add_answer(task, "y", replace(skipped, record=Record(engine="y", status="error")))
-    found = attempt_folder.find(task, "x")
-    assert found is not None
-    assert (found.record.message, found.printed, found.elapsed) == ("has no beams", "printed", 1.5)
+    result = attempt_folder.find(task, "x")
+    assert result is not None
+    assert (result.record.message, result.printed, result.elapsed) == ("has no beams", "printed", 1.5)
     assert attempt_folder.find(task, "y") is None
     assert attempt_folder.find(task, "x", {"step": 1.0}) is None
     loose = replace(task, case=replace(task.case, limits=()))

@@ -60,10 +60,10 @@ def fits(fault: Fault, difference: Difference) -> bool:
 def tried(file: Path, original: Path, faults: list[Fault]) -> Trial:
     """Compare an original with its faulty copy."""
     try:
-        found = compare(original, file)
+        comparison = compare(original, file)
     except InputError as error:
         return Trial(original.name, faults, [False] * len(faults), [], str(error))
-    return judged(original.name, found, faults)
+    return judged(original.name, comparison, faults)
 
 
 def judged(robot: str, comparison: Comparison, faults: list[Fault]) -> Trial:

@@ -203,9 +203,9 @@ def trial(kind: str, seed: int, off: bool = False) -> tuple[list[ParameterOutcom
     logs = [logged(machine, moving(machine, random, kind), z, random, sizes) for _ in range(2)]
     runs = [make_run(machine, log) for log in logs]
     task = build_problem(machine, (runs[0],))
-    found = fit(task)
-    told = predict(machine, found, compute_margins(task, found), runs[1])
-    return list(_told(machine, found, z, f"{kind}{seed}")), [r.coverage for r in judge(machine, runs[1], told)], ""
+    result = fit(task)
+    told = predict(machine, result, compute_margins(task, result), runs[1])
+    return list(_told(machine, result, z, f"{kind}{seed}")), [r.coverage for r in judge(machine, runs[1], told)], ""
 
 
 def _told(machine: Machine, found: object, z: Array, name: str) -> Iterator[ParameterOutcome]:

@@ -108,15 +108,15 @@ def verdict(one: PlantedFault, named: list[NamedCause], known: set[tuple[str, st
 def main(name: str, only: str, itself: bool) -> None:
     """Plant faults in the log of NAME, one after the other, and print what is named."""
     path = MODELS / name / LOGS[name]
-    found = crosscheck.identify(MODELS / name, [path])
-    log = read_of(found.machine, path)
-    untouched = find_causes(found, log, itself)
+    identification = crosscheck.identify(MODELS / name, [path])
+    log = read_of(identification.machine, path)
+    untouched = find_causes(identification, log, itself)
     click.echo("untouched: " + "; ".join(one.words for one in untouched))
     known = {(one.name, one.place) for one in untouched}
     counts = []
-    for one in planted(found, log):
+    for one in planted(identification, log):
         if only in f"{one.name} of {one.place}":
-            told = crosscheck.identify(MODELS / name, [one.log]) if itself else found
+            told = crosscheck.identify(MODELS / name, [one.log]) if itself else identification
             good, words = verdict(one, find_causes(told, one.log, itself), known)
             counts.append(good)
             click.echo(f"{'ok  ' if good else 'MISS'} {one.name} of {one.place}, {one.size:.4g}: {words}")

@@ -99,9 +99,9 @@ def campaign(names: Iterable[str], folder: Path) -> dict[str, FaultOutcome]:
         [sys.executable, "-m", "crosscheck", *words], cwd=folder, capture_output=True, text=True, check=False
     )
     said = json.loads((folder / "report" / "results.json").read_text(encoding="utf-8"))
-    found = {one["engine"]: one for one in said["diagnoses"]}
-    assert len(found) == len(chosen), [run["message"] for run in said["runs"]]
-    return {name: heard(found[f"program{k}"]) for k, name in enumerate(chosen)}
+    result = {one["engine"]: one for one in said["diagnoses"]}
+    assert len(result) == len(chosen), [run["message"] for run in said["runs"]]
+    return {name: heard(result[f"program{k}"]) for k, name in enumerate(chosen)}
 
 
 def heard(diagnosis: dict[str, object]) -> FaultOutcome:
@@ -119,14 +119,14 @@ def drawn(count: int, seed: int) -> list[str]:
 def main() -> int:
     """Plant all of them, show what was named, and return 0 where enough of them are named and none wrongly."""
     with tempfile.TemporaryDirectory() as folder:
-        found = campaign(MISTAKES, Path(folder))
-    for name, one in found.items():
+        result = campaign(MISTAKES, Path(folder))
+    for name, one in result.items():
         verdict = "right" if one.right(MISTAKES[name]) else "WRONG" if one.wrong(MISTAKES[name]) else "unnamed"
         click.echo(f"{verdict:8} {name:26} {', '.join(one.named) or one.words}")
-    right = sum(one.right(MISTAKES[name]) for name, one in found.items())
-    wrong = sum(one.wrong(MISTAKES[name]) for name, one in found.items())
-    click.echo(f"{right} of {len(found)} named first or in a set of {FEW}, {wrong} wrongly")
-    return int(right < ENOUGH * len(found) or wrong > 0)
+    right = sum(one.right(MISTAKES[name]) for name, one in result.items())
+    wrong = sum(one.wrong(MISTAKES[name]) for name, one in result.items())
+    click.echo(f"{right} of {len(result)} named first or in a set of {FEW}, {wrong} wrongly")
+    return int(right < ENOUGH * len(result) or wrong > 0)
 
 
 if __name__ == "__main__":

@@ -97,15 +97,15 @@ class Outcome:
 
 def folders(given: Iterable[str]) -> dict[str, Path]:
     """The folder that holds each package: as given, else where it is installed."""
-    found = {DATA: find_robots_folder().parent}
+    result = {DATA: find_robots_folder().parent}
     stated = dict(one.split("=", 1) for one in given)
     for name in ("robosuite", "genesis"):
         spec = importlib.util.find_spec(name) if name not in stated else None
         if name in stated:
-            found[name] = Path(stated[name])
+            result[name] = Path(stated[name])
         elif spec is not None and spec.submodule_search_locations:
-            found[name] = Path(spec.submodule_search_locations[0]).parent
-    return found
+            result[name] = Path(spec.submodule_search_locations[0]).parent
+    return result
 
 
 def located(name: str, known: Mapping[str, Path]) -> Path | None:

@@ -127,29 +127,29 @@ def _find_system_tree(system: Any) -> dict[str, Any]:
     return system_tree
 
 
-def _read_tree_object(told: dict[str, Any]) -> Iterator[Part]:
-    base = Placement(np.array(told.get("baseOffset", np.zeros(3)), dtype=float))
-    for k, kind in enumerate(told["jointTypes"]):
+def _read_tree_object(data: dict[str, Any]) -> Iterator[Part]:
+    base = Placement(np.array(data.get("baseOffset", np.zeros(3)), dtype=float))
+    for k, kind in enumerate(data["jointTypes"]):
         word = str(kind).rpartition(".")[2]
         name = next((letter + word[-1].lower() for start, letter in WORDS.items() if word.startswith(start)), None)
         if name is None:
             raise InputError(f"joint {k} of the tree is {word}: expected Revolute or Prismatic about X, Y or Z")
-        parent = int(told["linkParents"][k])
-        at = _read_joint_frame(told, k)
-        own = [np.array(_convert_to_lists(told[key])[k], dtype=float) for key in ("linkCOMs", "linkInertiasCOM")]
+        parent = int(data["linkParents"][k])
+        at = _read_joint_frame(data, k)
+        own = [np.array(_convert_to_lists(data[key])[k], dtype=float) for key in ("linkCOMs", "linkInertiasCOM")]
         yield Part(
             name,
             parent,
             at if parent >= 0 else apply_placement(base, at),
-            Inertia.build_unchecked(float(told["linkMasses"][k]), *own),
+            Inertia.build_unchecked(float(data["linkMasses"][k]), *own),
         )
 
 
-def _read_joint_frame(told: dict[str, Any], k: int) -> Placement:
-    if told.get("jointHTs") is not None and len(_convert_to_lists(told["jointHTs"])):
-        return _convert_placement(_convert_to_lists(told["jointHTs"])[k])
+def _read_joint_frame(data: dict[str, Any], k: int) -> Placement:
+    if data.get("jointHTs") is not None and len(_convert_to_lists(data["jointHTs"])):
+        return _convert_placement(_convert_to_lists(data["jointHTs"])[k])
     offset, turn = (
-        np.array(_convert_to_lists(told[key])[k], dtype=float) for key in ("jointOffsets", "jointTransformations")
+        np.array(_convert_to_lists(data[key])[k], dtype=float) for key in ("jointOffsets", "jointTransformations")
     )
     return Placement(offset, turn)
 

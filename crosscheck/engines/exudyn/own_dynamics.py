@@ -49,14 +49,14 @@ def _find_joint_order(mechanism: Mechanism) -> Array:
     return np.array([int(joint.name.split()[-1]) for joint in mechanism.joints if joint.nv])
 
 
-def _add(system: Any, told: dict[str, Any]) -> None:
+def _add(system: Any, data: dict[str, Any]) -> None:
     """Add the object of a dictionary to a system, on a node of its own."""
-    count = len(told["jointTypes"])
+    count = len(data["jointTypes"])
     zero = [0.0] * count
     node = NodeGenericODE2(
         referenceCoordinates=zero, initialCoordinates=zero, initialCoordinates_t=zero, numberOfODE2Coordinates=count
     )
-    system.AddObject({**told, "nodeNumber": system.AddNode(node)})
+    system.AddObject({**data, "nodeNumber": system.AddNode(node)})
 
 
 def _make_tree66_inverse(tree: Any, order: Array) -> Any:

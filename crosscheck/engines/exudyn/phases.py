@@ -83,11 +83,11 @@ def solve_phases(mechanism: Mechanism, case: Case) -> list[tuple[Phase, State]]:
 
 @make_owner_cache(most=2)
 def _solve_phases(case: Case, mechanism: Mechanism) -> list[tuple[Phase, State]]:
-    found = phases.solve_phases(mechanism, case, sample_times(case), exudyn_chain.evaluate_closed_motion)
-    for _, state in found:  # several callers share them
+    result = phases.solve_phases(mechanism, case, sample_times(case), exudyn_chain.evaluate_closed_motion)
+    for _, state in result:  # several callers share them
         for part in state:
             part.flags.writeable = False
-    return found
+    return result
 
 
 def plan_switching(mechanism: Mechanism, case: Case, followed: list[tuple[Phase, State]]) -> SwitchingSchedule:

@@ -119,20 +119,20 @@ def choose(mechanism: Mechanism, case: Case, engine: str, options: Options) -> M
     return ModelChoice(engine, None if isinstance(plane, str) else plane, meshes, plans, limit=bool(ahead))
 
 
-def compute_coarsest_step(case: Case, wanted: float, times: int) -> float:
+def compute_coarsest_step(case: Case, target: float, times: int) -> float:
     """Return the step [s] of the coarsest run, ``times`` as long as that wanted, or less: it meets samples and jumps.
 
     With jumps the finest step is at most the case's own, which is made to meet them.
     """
     if not case.motion.jumps:
-        return compute_step_size(case.sample, wanted * times)
+        return compute_step_size(case.sample, target * times)
     # After a jump the transient of some 20 steps has to be over within a sample: the finest run is no coarser than asked.
-    fewest = round(case.sample / compute_step_size(case.sample, compute_step_size(case.step, wanted) * times))
+    fewest = round(case.sample / compute_step_size(case.sample, compute_step_size(case.step, target) * times))
     for step in (case.sample / count for count in range(fewest, 2 * fewest)):
         parts = [jump / step for jump in case.motion.jumps if jump < case.end]
         if all(abs(part - round(part)) <= SAME_TIME * max(1.0, part) for part in parts):
             return step
-    return compute_step_size(case.step, wanted * times)
+    return compute_step_size(case.step, target * times)
 
 
 def integrate_tree(mechanism: Mechanism, case: Case, engine: str, options: Options) -> TimedRun:

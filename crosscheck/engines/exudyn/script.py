@@ -58,13 +58,13 @@ class RecordingSystem:
         self.acting: tuple[tuple[float, tuple[int, ...]], ...] = ()
 
     def __getattr__(self, name: str) -> Any:
-        found = getattr(self.mbs, name)
+        result = getattr(self.mbs, name)
         if name not in ADDED:
-            return found
+            return result
 
         def add(item: Any) -> Any:
             self.calls.append((name, item))
-            return found(item)
+            return result(item)
 
         return add
 

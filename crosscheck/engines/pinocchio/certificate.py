@@ -66,11 +66,11 @@ def _read_closure_ends(mechanism: Mechanism, case: Case, built_model: BuiltModel
     axes = {}
     for closure in (c for c in mechanism.closures if c.kind != "coupling"):
         for end, at in (("first", closure.first), ("second", closure.second)):
-            own = tree.compute_frame(replace(at, placement=Placement()))
+            frame = tree.compute_frame(replace(at, placement=Placement()))
             seen = tree.compute_frame(at)
-            points[f"{closure.name}: {end}"] = own.r.T @ (seen.x - own.x)
+            points[f"{closure.name}: {end}"] = frame.r.T @ (seen.x - frame.x)
             if closure.kind in TURNING or (end == "first" and closure.kind in ("universal", "point-on-line")):
-                axes[f"{closure.name}: {end}"] = own.r.T @ seen.r @ closure.axis
+                axes[f"{closure.name}: {end}"] = frame.r.T @ seen.r @ closure.axis
     return {"closure_points": points, "closure_axes": axes}
 
 

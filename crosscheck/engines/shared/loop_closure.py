@@ -198,13 +198,13 @@ def solve_closed_motion(task: ClosureTask, time: Array) -> tuple[Array, Array, A
 
     Raises AssemblyError where the loops do not close, where the branch is lost, and where they stay movable.
     """
-    given = task.tree.evaluate_motion(time)
-    q = _solve_newton(task, given[0][0])
+    motion = task.tree.evaluate_motion(time)
+    q = _solve_newton(task, motion[0][0])
     if q is None:
         raise AssemblyError(
             f"the loops do not close at t = {time[0]:g} s: another guess of the joints left out is needed"
         )
-    states = [(a, b, c) for a, b, c in zip(*given, strict=True)]
+    states = [(a, b, c) for a, b, c in zip(*motion, strict=True)]
     rates = _solve_rates(task, q, float(time[0]), states[0])
     out = [(q, *rates)]
     for (before, after), state in zip(pairwise(time), states[1:], strict=True):

@@ -17,8 +17,8 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from crosscheck.equivalence.alignment.lengths import DescriptionLengths
+from crosscheck.equivalence.alignment.member_alignment import MemberAlignment, make_joint_alignment
 from crosscheck.equivalence.alignment.poses import MemberPoses
-from crosscheck.equivalence.alignment.seats import MemberAlignment, make_joint_alignment
 from crosscheck.equivalence.tree import Tree
 from flexinv.model.mechanism import Placement
 
@@ -149,7 +149,7 @@ class AlignmentSearch:
         """Return the members in which something differs, and all that carry them."""
         lengths = self.lengths
         frames = {-1: best.motion} | {seat.first: seat.frame for seat in best.alignments}
-        found: set[int] = set()
+        differing_members: set[int] = set()
         for a, frame in frames.items():
             carrier = lengths.first.members[a].parent if a >= 0 else -1
             off = (
@@ -161,9 +161,9 @@ class AlignmentSearch:
                 > 0.0
             )
             while off and a >= 0:
-                found.add(a)
+                differing_members.add(a)
                 a = lengths.first.members[a].parent
-        return found
+        return differing_members
 
     def list_base_motions(self) -> list[tuple[float, Placement]]:
         """Return the motions of the base that most of what stands on the world agrees with, the shortest first [-], [m]."""

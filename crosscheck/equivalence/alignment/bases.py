@@ -10,7 +10,7 @@ from collections.abc import Iterable, Iterator
 
 import numpy as np
 
-from crosscheck.equivalence.alignment.seats import SAME
+from crosscheck.equivalence.alignment.member_alignment import SAME
 from crosscheck.equivalence.difference import Difference
 from crosscheck.equivalence.members import MemberPair, format_placement
 from crosscheck.equivalence.tree import Tree

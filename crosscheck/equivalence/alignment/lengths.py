@@ -24,7 +24,7 @@ from functools import cached_property
 
 import numpy as np
 
-from crosscheck.equivalence.alignment.seats import (
+from crosscheck.equivalence.alignment.member_alignment import (
     SAME,
     SEEN,
     MemberAlignment,
@@ -102,11 +102,11 @@ class DescriptionLengths:
     def _compute_limit_code_length(self, one: Member, two: Member, alignment: MemberAlignment) -> float:
         """The length of limits and rests of springs that do not agree in these coordinates."""
         total = 0.0
-        ours = one.limits.lower, one.limits.upper
+        first = one.limits.lower, one.limits.upper
         moved_on = sorted(
             (alignment.sign * two.limits.lower + alignment.offset, alignment.sign * two.limits.upper + alignment.offset)
         )
-        ends = [(a, b) for a, b in zip(ours, moved_on, strict=True) if not is_same_as_printed(a, b)]
+        ends = [(a, b) for a, b in zip(first, moved_on, strict=True) if not is_same_as_printed(a, b)]
         stayed = (alignment.sign < 0.0 or alignment.offset) and has_same_limits(one, two)
         if ends:
             total += HALF if stayed else sum(HALF * compute_code_length(min(abs(a - b), 2 * np.pi)) for a, b in ends)
@@ -136,13 +136,13 @@ class DescriptionLengths:
         return total + sum(self._compute_child_code_length(*hung, frame) for hung in content.hung)
 
     def _compute_child_code_length(
-        self, kind: str, ours: tuple[Placement, Array], theirs: tuple[Placement, Array], frame: Placement
+        self, kind: str, first: tuple[Placement, Array], second: tuple[Placement, Array], frame: Placement
     ) -> float:
-        gap = frame.position + frame.rotation @ theirs[0].position - ours[0].position
+        gap = frame.position + frame.rotation @ second[0].position - first[0].position
         if kind not in SCALARS:
             return compute_code_length(compute_norm(gap) / self.size)
-        along = ours[0].rotation @ ours[1]
-        total = compute_code_length(compute_norm(cross(along, frame.rotation @ (theirs[0].rotation @ theirs[1]))))
+        along = first[0].rotation @ first[1]
+        total = compute_code_length(compute_norm(cross(along, frame.rotation @ (second[0].rotation @ second[1]))))
         return total + (compute_code_length(compute_norm(cross(along, gap)) / self.size) if kind in HINGES else 0.0)
 
     def collect_rigid_content(self, a: int) -> RigidPartContent:
@@ -155,14 +155,14 @@ class DescriptionLengths:
             self.known[a] = rigid_part_content
         return self.known[a]
 
-    def _collect_children(self, a: int, ours: Placement, theirs: Placement, found: RigidPartContent) -> None:
+    def _collect_children(self, a: int, first: Placement, second: Placement, found: RigidPartContent) -> None:
         for c in self.first.list_children(a):
             if c not in self.partner:
                 continue
             one = self.first.members[c]
             two = self.second.members[self.partner[c]]
-            here = apply_placement(ours, one.placement)
-            there = apply_placement(theirs, two.placement)
+            here = apply_placement(first, one.placement)
+            there = apply_placement(second, two.placement)
             if one.kind == "fixed":
                 found.bodies.append((move_inertia(here, one.inertia), move_inertia(there, two.inertia)))
                 self._collect_children(c, here, there, found)
@@ -171,14 +171,14 @@ class DescriptionLengths:
 
     def compute_base_code_length(self, motion: Placement) -> float:
         """Return the length of a motion of the base, or of gravity where that is what differs [m]."""
-        ours = self.first.gravity
-        theirs = self.second.gravity
-        pull = max(compute_norm(ours), compute_norm(theirs)) or 1.0
-        code_length = compute_code_length(compute_norm(motion.rotation @ theirs - ours) / pull)
+        first = self.first.gravity
+        second = self.second.gravity
+        pull = max(compute_norm(first), compute_norm(second)) or 1.0
+        code_length = compute_code_length(compute_norm(motion.rotation @ second - first) / pull)
         size = max(compute_norm(motion.position) / self.size, compute_angle(motion.rotation))
         if size <= SAME:
             return code_length
-        changed = compute_code_length(compute_norm(theirs - ours) / pull)
+        changed = compute_code_length(compute_norm(second - first) / pull)
         # Gravity that stays the same in the world while the base turns is felt, and is the motion's: one difference.
         if code_length:
             return compute_code_length(size) + (code_length if changed else 0.0)

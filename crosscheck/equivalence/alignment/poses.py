@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from crosscheck.equivalence.alignment.lengths import HINGES, DescriptionLengths
-from crosscheck.equivalence.alignment.seats import SEEN
+from crosscheck.equivalence.alignment.member_alignment import SEEN
 from crosscheck.equivalence.tree import SCALARS, Member
 from crosscheck.lifting.rigid import apply_placement, compute_norm, compute_relative_pose, cross, inverse, turned
 from flexinv.model.mechanism import Array, Placement
@@ -88,12 +88,12 @@ class MemberPoses:
     def _list_matching_angles(self, a: int, axis: Array, frame: Placement, points: bool) -> list[float]:
         """Angles about an axis of A by which directions agree, and points where they count from the frame's origin [rad]."""
         matching_angles = []
-        for ours, theirs in self._list_vector_pairs(a, axis, frame, points):
-            turn = _turn_between(axis, theirs, ours)
+        for first, second in self._list_vector_pairs(a, axis, frame, points):
+            turn = _turn_between(axis, second, first)
             if turn is not None:
                 matching_angles.append(turn)
-        for ours, theirs in self._list_direction_pairs(a):
-            turn = _turn_between(axis, frame.rotation @ theirs, ours)
+        for first, second in self._list_direction_pairs(a):
+            turn = _turn_between(axis, frame.rotation @ second, first)
             if turn is not None:
                 matching_angles += [turn, turn + np.pi]
         return matching_angles
@@ -112,14 +112,14 @@ class MemberPoses:
             yield one.tensor @ axis / largest, there @ axis / largest
         if points:
             for kind, (at, along), (other, across) in content.hung:
-                theirs = apply_placement(frame, other)
+                second = apply_placement(frame, other)
                 if kind in HINGES:
                     yield tuple(  # type: ignore[misc]
                         _find_nearest_point(axis, pose.position, pose.rotation @ line) / size
-                        for pose, line in ((at, along), (theirs, across))
+                        for pose, line in ((at, along), (second, across))
                     )
                 elif kind != "prismatic":
-                    yield at.position / size, theirs.position / size
+                    yield at.position / size, second.position / size
 
     def _list_direction_pairs(self, a: int) -> Iterator[tuple[Array, Array]]:
         """Yield directions of A and B that count in both ways: axes of joints, principal axes."""
@@ -146,11 +146,11 @@ class MemberPoses:
         for kind, (at, along), (other, across) in content.hung:
             there = apply_placement(frame, other)
             if kind in HINGES and axis is not None:
-                ours = at.rotation @ along
-                theirs = there.rotation @ across
-                if compute_norm(cross(axis, ours)) > SPREAD:
-                    yield _find_nearest_point(axis, at.position, ours) - _find_nearest_point(
-                        axis, there.position, theirs
+                first = at.rotation @ along
+                second = there.rotation @ across
+                if compute_norm(cross(axis, first)) > SPREAD:
+                    yield _find_nearest_point(axis, at.position, first) - _find_nearest_point(
+                        axis, there.position, second
                     )
             elif kind != "prismatic":
                 yield at.position - there.position
@@ -169,12 +169,12 @@ class MemberPoses:
         one, two = self._find_member_pair(a)
         own = [(one.axis, two.axis)]
         primary = own if one.kind in SCALARS else [*self._list_direction_pairs(a), *self._list_arm_pairs(a)][:PRIMARY]
-        for ours, theirs in primary:
+        for first, second in primary:
             for sign in (1.0, -1.0):
-                base = Placement(rotation=_compute_least_rotation(theirs, sign * ours))
-                turns = [0.0, *self._list_matching_angles(a, ours, base, points=one.kind in HINGES)]
+                base = Placement(rotation=_compute_least_rotation(second, sign * first))
+                turns = [0.0, *self._list_matching_angles(a, first, base, points=one.kind in HINGES)]
                 for turn in _drop_near_duplicates(turns, 1e-9)[:TURNS]:
-                    there = Placement(rotation=turned(ours, turn) @ base.rotation)
+                    there = Placement(rotation=turned(first, turn) @ base.rotation)
                     yield from self._list_placed_frames(a, there)
 
     def _list_arm_pairs(self, a: int) -> Iterator[tuple[Array, Array]]:
@@ -183,10 +183,10 @@ class MemberPoses:
             (one.com, two.com) for one, two in self.lengths.collect_rigid_content(a).bodies if one.mass and two.mass
         ]
         points += [
-            (ours[0].position, theirs[0].position) for _, ours, theirs in self.lengths.collect_rigid_content(a).hung
+            (first[0].position, second[0].position) for _, first, second in self.lengths.collect_rigid_content(a).hung
         ]
-        for ours, theirs in points[1:]:
-            arms = ours - points[0][0], theirs - points[0][1]
+        for first, second in points[1:]:
+            arms = first - points[0][0], second - points[0][1]
             sizes = [compute_norm(arm) for arm in arms]
             if min(sizes) > SPREAD * self.lengths.size:
                 yield arms[0] / sizes[0], arms[1] / sizes[1]
@@ -218,10 +218,12 @@ class MemberPoses:
 
     def list_base_motions(self, roots: Iterable[int]) -> Iterator[Placement]:
         """Yield motions of the base: by each joint that stands on the world, its zero as it is or gravity as it is [m]."""
-        ours = self.lengths.first.gravity
-        theirs = self.lengths.second.gravity
-        if compute_norm(ours) and compute_norm(theirs):
-            yield Placement(rotation=_compute_least_rotation(theirs / compute_norm(theirs), ours / compute_norm(ours)))
+        first = self.lengths.first.gravity
+        second = self.lengths.second.gravity
+        if compute_norm(first) and compute_norm(second):
+            yield Placement(
+                rotation=_compute_least_rotation(second / compute_norm(second), first / compute_norm(first))
+            )
         for a in roots:
             one, two = self._find_member_pair(a)
             for pose in (self._move_onto_axis(a, Placement()), *self.list_poses_by_content(a)):
@@ -235,8 +237,8 @@ class MemberPoses:
                     for offset in offsets:
                         yield apply_placement(apply_placement(one.placement, Placement(offset * one.axis)), back)
                     continue
-                down = one.placement.rotation.T @ ours
-                turn = _turn_between(one.axis, back.rotation @ theirs, down) if ours.any() and theirs.any() else None
+                down = one.placement.rotation.T @ first
+                turn = _turn_between(one.axis, back.rotation @ second, down) if first.any() and second.any() else None
                 offsets += [] if turn is None else [turn]
                 for offset in offsets:
                     yield apply_placement(
@@ -247,9 +249,9 @@ class MemberPoses:
 def _list_coordinate_offsets(one: Member, two: Member, sign: float) -> Iterator[float]:
     """Yield A's coordinate at B's zero by which limits, or rests of springs, agree [rad]."""
     ends = (two.limits.lower, two.limits.upper) if sign > 0 else (-two.limits.upper, -two.limits.lower)
-    for ours, theirs in zip((one.limits.lower, one.limits.upper), ends, strict=True):
-        if np.isfinite(ours) and np.isfinite(theirs) and max(abs(ours), abs(theirs)) < 1e8:
-            yield ours - theirs
+    for first, second in zip((one.limits.lower, one.limits.upper), ends, strict=True):
+        if np.isfinite(first) and np.isfinite(second) and max(abs(first), abs(second)) < 1e8:
+            yield first - second
     if one.stiffness and two.stiffness:
         yield one.rest - sign * two.rest
 
@@ -285,10 +287,10 @@ def _find_nearest_point(axis: Array, point: Array, direction: Array) -> Array:
     return np.asarray(point - (radial @ across) / square * direction)
 
 
-def _list_principal_axes(ours: Array, theirs: Array) -> Iterator[tuple[Array, Array]]:
+def _list_principal_axes(first: Array, second: Array) -> Iterator[tuple[Array, Array]]:
     """Yield the principal axes that both tensors show, those of moments that are no other's."""
-    moments, axes = np.linalg.eigh(ours)
-    _, others = np.linalg.eigh(theirs)
+    moments, axes = np.linalg.eigh(first)
+    _, others = np.linalg.eigh(second)
     scale = float(moments[2]) or 1.0
     for k in range(3):
         gap = min(abs(float(moments[k] - moments[m])) for m in range(3) if m != k)
@@ -297,8 +299,8 @@ def _list_principal_axes(ours: Array, theirs: Array) -> Iterator[tuple[Array, Ar
 
 
 def _drop_near_duplicates(numbers: Iterable[float], near: float) -> list[float]:
-    found: list[float] = []
+    result: list[float] = []
     for number in numbers:
-        if all(abs(number - other) > near for other in found):
-            found.append(number)
-    return found
+        if all(abs(number - other) > near for other in result):
+            result.append(number)
+    return result

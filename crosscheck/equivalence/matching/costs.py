@@ -2,7 +2,8 @@
 
 Where axes stand at zero is a convention.  What is none is how an axis lies to the one before it: the least distance  a  of both
 lines and the angle  alpha  between them, Denavit's and Hartenberg's link length and twist.  `PairCosts.compute_step_cost`
-compares these."""
+compares these.
+"""
 
 from __future__ import annotations
 

@@ -33,23 +33,23 @@ def find_renumbered_joints(costs: PairCosts, named: Mapping[str, str]) -> tuple[
 
     named : joints by name; the doubt is the cost over that of the names [-].  What agrees with the names is left out.
     """
-    ours = costs.first.moving
-    theirs = costs.second.moving
-    lonely = len(ours) + len(theirs) - 2 * len(named)
+    first = costs.first.moving
+    second = costs.second.moving
+    lonely = len(first) + len(second) - 2 * len(named)
     if not lonely or not any(_has_common_number(a, b) for a, b in named.items()):
         return {}, 1.0
-    off = _compute_naming_cost(costs, {ours[a]: theirs[b] for a, b in named.items()})
+    off = _compute_naming_cost(costs, {first[a]: second[b] for a, b in named.items()})
     if off < LEFT_OUT:
         return {}, 1.0
     least, pairs = Overlay(costs).find_best_forest((-1, -1), -1, -1)
     found = {costs.first.members[a].joint: costs.second.members[b].joint for a, b in pairs}
     broken = {a for a, b in named.items() if found.get(a) != b}
     about = broken | {a for a, b in found.items() if b in {named[x] for x in broken}}
-    more = LEFT_OUT * abs(len(ours) - len(theirs))  # left out in any case
+    more = LEFT_OUT * abs(len(first) - len(second))  # left out in any case
     doubt = (least - more) / (off + LEFT_OUT * lonely - more)
     if doubt >= LESS or len(found) < len(named) or not all(_has_common_number(a, named[a]) for a in broken):
         return {}, 1.0
-    return {a: found[a] for a in ours if a in about and a in found}, doubt
+    return {a: found[a] for a in first if a in about and a in found}, doubt
 
 
 def _compute_naming_cost(costs: PairCosts, named: Mapping[int, int]) -> float:
@@ -91,15 +91,15 @@ class Overlay:
 
     def _list_overlays(self, before: tuple[int, int], a: int, b: int) -> Iterator[Laid]:
         yield LEFT_OUT * (self.costs.first.count_moving(a) + self.costs.second.count_moving(b)), ()
-        own = self.costs.compute_step_cost(before, a, b)
-        if own < IMPOSSIBLE:
+        step_cost = self.costs.compute_step_cost(before, a, b)
+        if step_cost < IMPOSSIBLE:
             beyond, pairs = self.find_best_forest((a, b), a, b)
-            yield own + beyond, ((a, b), *pairs)
+            yield step_cost + beyond, ((a, b), *pairs)
         moving_children = self.costs.first.list_moving_children(a)
-        theirs = self.costs.second.list_moving_children(b)
+        second = self.costs.second.list_moving_children(b)
         for one, two in [
             *([(moving_children[0], b)] if len(moving_children) == 1 else []),
-            *([(a, theirs[0])] if len(theirs) == 1 else []),
+            *([(a, second[0])] if len(second) == 1 else []),
         ]:
             cost, pairs = self.find_best_overlay(before, one, two)
             yield LEFT_OUT + cost, pairs
@@ -107,21 +107,21 @@ class Overlay:
     def find_best_forest(self, before: tuple[int, int], a: int, b: int) -> Laid:
         """Return the least cost [-] and the pairs of all that two members carry, -1 the world; before : the last pair."""
         moving_children = self.costs.first.list_moving_children(a)
-        theirs = self.costs.second.list_moving_children(b)
+        second = self.costs.second.list_moving_children(b)
         n = len(moving_children)
-        m = len(theirs)
+        m = len(second)
         if not n or not m:
             return LEFT_OUT * (
                 sum(map(self.costs.first.count_moving, moving_children))
-                + sum(map(self.costs.second.count_moving, theirs))
+                + sum(map(self.costs.second.count_moving, second))
             ), ()
         table = np.zeros((n + m, n + m))
         table[:n, m:] = np.array([self.costs.first.count_moving(k) for k in moving_children]).reshape(n, 1)
-        table[n:, :m] = np.array([self.costs.second.count_moving(k) for k in theirs])
+        table[n:, :m] = np.array([self.costs.second.count_moving(k) for k in second])
         for i, one in enumerate(moving_children):
-            for j, two in enumerate(theirs):
+            for j, two in enumerate(second):
                 table[i, j] = self.find_best_overlay(before, one, two)[0]
         rows, columns = scipy.optimize.linear_sum_assignment(table)
-        chosen = [(moving_children[i], theirs[j]) for i, j in zip(rows, columns, strict=True) if i < n and j < m]
+        chosen = [(moving_children[i], second[j]) for i, j in zip(rows, columns, strict=True) if i < n and j < m]
         pairs = tuple(pair for one, two in chosen for pair in self.find_best_overlay(before, one, two)[1])
         return float(table[rows, columns].sum()), pairs

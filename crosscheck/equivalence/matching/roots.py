@@ -12,8 +12,8 @@ from dataclasses import dataclass, replace
 
 from crosscheck.equivalence.difference import Difference
 from crosscheck.equivalence.matching.costs import PairCosts
-from crosscheck.equivalence.matching.laid_on import compute_subtree_cost, join_fixed_links
 from crosscheck.equivalence.matching.match import ALMOST, match_by_name
+from crosscheck.equivalence.matching.overlaid_trees import compute_subtree_cost, join_fixed_links
 from crosscheck.equivalence.tree import build_tree
 from crosscheck.lifting.assembly import list_depth_first
 from crosscheck.lifting.rigid import apply_placement, inverse, move_inertia
@@ -109,7 +109,7 @@ def _map_to_parent_joints(mechanism: Mechanism, root: str, among: set[str]) -> d
     for joint in mechanism.joints:
         for end in (joint.parent, joint.child):
             touching.setdefault(end, []).append(joint)
-    found: dict[str, str] = {}
+    result: dict[str, str] = {}
     seen = {WORLD, root}
     stack = [(root, "")]
     while stack:
@@ -120,9 +120,9 @@ def _map_to_parent_joints(mechanism: Mechanism, root: str, among: set[str]) -> d
                 continue
             seen.add(other)
             if joint.name in among:
-                found[joint.name] = carrier
+                result[joint.name] = carrier
             stack.append((other, joint.name if joint.name in among else carrier))
-    return found
+    return result
 
 
 def _list_path_joints(mechanism: Mechanism, root: str, link: str) -> list[Joint]:

@@ -12,7 +12,7 @@ import numpy as np
 
 from crosscheck.engines.shared.urdf_text import compute_roll_pitch_yaw
 from crosscheck.equivalence.alignment.bases import BASE
-from crosscheck.equivalence.alignment.seats import SAME, MemberAlignment
+from crosscheck.equivalence.alignment.member_alignment import SAME, MemberAlignment
 from crosscheck.equivalence.difference import Difference
 from crosscheck.equivalence.groups import counterpart
 from crosscheck.equivalence.judge import Judgement

@@ -16,8 +16,8 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from crosscheck.equivalence.alignment.seats import MemberAlignment
-from crosscheck.equivalence.beams.held import make_rigid_mechanism
+from crosscheck.equivalence.alignment.member_alignment import MemberAlignment
+from crosscheck.equivalence.beams.rigid_beams import make_rigid_mechanism
 from crosscheck.equivalence.difference import Difference
 from crosscheck.equivalence.efforts import States, evaluate_efforts, map_efforts_back, map_states
 from crosscheck.equivalence.judge import Judgement, Share, compute_effort_share

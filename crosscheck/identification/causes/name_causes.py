@@ -19,10 +19,10 @@ from numpy.typing import NDArray
 from scipy.stats import chi2
 
 from crosscheck.identification.causes.cause import NamedCause
+from crosscheck.identification.causes.detection_limits import DetectionLimit, find_least_sizes
 from crosscheck.identification.causes.dictionary import list_possible_causes
 from crosscheck.identification.causes.encoders import compare_encoders
-from crosscheck.identification.causes.gross import GrossFault, Score, compute_score, list_gross_faults
-from crosscheck.identification.causes.least_seen import DetectionLimit, find_least_sizes
+from crosscheck.identification.causes.gross_faults import GrossFault, Score, compute_score, list_gross_faults
 from crosscheck.identification.causes.rounds import CauseRound, CauseSearch
 from crosscheck.identification.causes.signals import find_clipped_samples, list_clipped_columns, list_quantised_columns
 from crosscheck.identification.fit import Problem, compute_jacobian

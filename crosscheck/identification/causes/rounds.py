@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from crosscheck.identification.causes.cause import Cause
-from crosscheck.identification.causes.wide import WideRows, build_wide_rows
+from crosscheck.identification.causes.wide_rows import WideRows, build_wide_rows
 from crosscheck.identification.fit import Fit, Problem, build_problem, compute_jacobian
 from crosscheck.identification.logs.log import Log
 from crosscheck.identification.noise import count_agreeing_samples

@@ -45,10 +45,10 @@ def agrees(mechanism: Mechanism, case: Case, tmp_path: Path) -> None:
 
 def same(mechanism: Mechanism, case: Case, file: Path) -> None:
     """The torques of an FMU at a case are those of the reference."""
-    theirs = fmu.open_adapter("plant", "", {"fmu": str(file), "cases": ["*"]}).run(mechanism, case, "plant", {})
+    result = fmu.open_adapter("plant", "", {"fmu": str(file), "cases": ["*"]}).run(mechanism, case, "plant", {})
     ours = adapter(ENGINES["flexinv"]).run(mechanism, case, "flexinv", {"error": False})
     size = max(float(np.ptp(s.values)) for s in ours.series.values() if s.quantity == "torque")
-    for name, one in theirs.series.items():
+    for name, one in result.series.items():
         assert float(np.abs(one.values - ours.series[name].values).max()) <= EXACT * size, name
 
 

@@ -97,9 +97,9 @@ def test_repetitions_on_halves_of_cores_do_not_count() -> None:
 
 def test_a_core_is_whole_where_a_loop_takes_hardly_longer_than_ever() -> None:
     with Cores() as cores:
-        found = [cores.run_loop(threads) for threads in (1, 2, 1)]
-    assert 0.0 < Cores.least <= min(found[0], found[2])
-    assert max(found) < np.inf
+        result = [cores.run_loop(threads) for threads in (1, 2, 1)]
+    assert 0.0 < Cores.least <= min(result[0], result[2])
+    assert max(result) < np.inf
     loops = Cores.least * np.array([[1.0, 1.0], [1.0, SHARED + 0.1], [SHARED + 0.1, 1.0], [np.inf, 1.0]])
     assert find_undisturbed_repetitions(loops).tolist() == [True, False, False, False]
 
@@ -121,17 +121,17 @@ def test_a_long_call_that_takes_more_of_the_processor_than_before_had_no_whole_c
         while time.process_time() < end:
             pass
 
-    found = run_calls_in_turns({"long": Call(work)}, SHORT)["long"]
-    assert not found.whole[found.processor > 1.2 * found.processor.min()].any()
-    assert (found.processor > 1.2 * found.processor.min()).sum() >= 2
+    result = run_calls_in_turns({"long": Call(work)}, SHORT)["long"]
+    assert not result.whole[result.processor > 1.2 * result.processor.min()].any()
+    assert (result.processor > 1.2 * result.processor.min()).sum() >= 2
 
 
 def test_calls_take_turns() -> None:
     order: list[str] = []
-    found = run_calls_in_turns({name: Call(lambda name=name: order.append(name)) for name in "ab"}, SHORT)  # type: ignore[misc]
+    result = run_calls_in_turns({name: Call(lambda name=name: order.append(name)) for name in "ab"}, SHORT)  # type: ignore[misc]
     turns = [name for k, name in enumerate(order) if k == 0 or order[k - 1] != name]
     assert turns[-8:] == list("abababab")
-    assert len(found["a"].wall) == len(found["b"].wall) >= 5
+    assert len(result["a"].wall) == len(result["b"].wall) >= 5
 
 
 def test_a_turn_begins_with_a_run_that_is_not_timed() -> None:
@@ -147,20 +147,20 @@ def test_a_turn_begins_with_a_run_that_is_not_timed() -> None:
         "short": Call(lambda: run("short", 40e-3, 1e-3)),
         "long": Call(lambda: run("long", 2 * LONG, 2 * LONG)),
     }
-    found = run_calls_in_turns(calls, SHORT)
+    result = run_calls_in_turns(calls, SHORT)
     assert (
-        np.median(found["short"].wall) < 20e-3
+        np.median(result["short"].wall) < 20e-3
     )  # 1 ms and what a busy system adds, not the 40 ms of a turn's first run
-    assert np.median(found["long"].wall) > LONG
+    assert np.median(result["long"].wall) > LONG
 
 
 def test_a_call_that_fills_its_caches_first_is_not_long() -> None:
     """Its turns begin with runs that are not timed, like those of every short call."""
     runs = itertools.count()
-    found = run_calls_in_turns({"filling": Call(lambda: time.sleep(2 * LONG if next(runs) == 0 else 1e-3))}, SHORT)[
+    result = run_calls_in_turns({"filling": Call(lambda: time.sleep(2 * LONG if next(runs) == 0 else 1e-3))}, SHORT)[
         "filling"
     ]
-    assert next(runs) > 2 * len(found.wall)
+    assert next(runs) > 2 * len(result.wall)
 
 
 def test_a_ratio_beyond_its_limit_is_a_deviation() -> None:
@@ -204,8 +204,8 @@ def test_chains_are_the_same_in_both_engines() -> None:
     mechanism = single.build_rod_chain(5)
     state = sample_states(mechanism, 7, np.random.default_rng(1))
     run, said = pinocchio_bench.prepare_parallel(mechanism, *state, 1)
-    ours = joint_torques(mechanism, *state)
-    assert np.abs(said(run()) - ours).max() < rigid.LARGEST_ERROR * np.abs(ours).max()
+    torques = joint_torques(mechanism, *state)
+    assert np.abs(said(run()) - torques).max() < rigid.LARGEST_ERROR * np.abs(torques).max()
     rows = single.run_chain_study(joints=[1, 3], seconds=SHORT)["rows"]
     assert [row["joints"] for row in rows] == [1, 1, 3, 3]
 

@@ -45,8 +45,8 @@ def harmed_question(folder: Path, place: str, cause: str, target: str, size: flo
     """Save what a harmed Pinocchio and flexinv give, and return what is asked of them."""
     mechanism, case = place.split("/")
     folder.mkdir(exist_ok=True)
-    found = load_mechanism(MODELS / mechanism)
-    subject = Subject(found, load_cases(MODELS / mechanism, found)[case])
+    result = load_mechanism(MODELS / mechanism)
+    subject = Subject(result, load_cases(MODELS / mechanism, result)[case])
     harmed = DICTIONARY[cause].change(subject, target, np.array([size]))
     for name, one in (("pinocchio", harmed), ("flexinv", subject)):
         save(adapter(ENGINES[name]).run(one.mechanism, one.case, name, {"error": False}), folder / name)
@@ -227,8 +227,8 @@ def test_a_repair_that_gives_no_number_leaves_the_diagnosis_without_it(monkeypat
     monkeypatch.setattr("crosscheck.causes.repair._run", lambda engine, *_: engine)
     left = {("e", "flexinv"): np.array([0.25]), ("other", "reference"): np.array([np.nan])}
     model = SimpleNamespace(base=tree, residual=lambda a, b: left[a, b])
-    found = apply_repair(model, fit, "other", "reference", "e")  # type: ignore[arg-type]
-    assert (found.left, found.where) == (0.25, "put into the reference")
+    result = apply_repair(model, fit, "other", "reference", "e")  # type: ignore[arg-type]
+    assert (result.left, result.where) == (0.25, "put into the reference")
 
 
 def test_a_size_is_corrected_by_what_full_runs_leave(tmp_path: Path) -> None:

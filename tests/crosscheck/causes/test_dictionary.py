@@ -25,8 +25,8 @@ ROUNDING = 1e-11
 
 @cache
 def model(mechanism: str = "double_pendulum", case: str = "swing") -> Model:
-    found = load_mechanism(MODELS / mechanism)
-    return make_model(Subject(found, load_cases(MODELS / mechanism, found)[case]))
+    result = load_mechanism(MODELS / mechanism)
+    return make_model(Subject(result, load_cases(MODELS / mechanism, result)[case]))
 
 
 @cache
@@ -58,9 +58,9 @@ def test_the_size_of_a_lone_cause_is_found(mechanism: str) -> None:
     for one in two:
         size = np.array([0.03 * one.scale])
         naming = find_causes(here, compute_effect(here, one.cause, one.target, size), 1e-9, two)
-        found = {f.key: f for f in naming.named}
+        result = {f.key: f for f in naming.named}
         # Gauss-Newton stops where the difference is rounding; sizes are then as sure as that.
-        assert found[one.cause.name, one.target].size == pytest.approx(size, rel=1e-6)
+        assert result[one.cause.name, one.target].size == pytest.approx(size, rel=1e-6)
 
 
 def test_nothing_is_named_inside_the_error_bars_nor_for_noise() -> None:
@@ -87,9 +87,9 @@ def test_two_causes_at_once_are_named_as_two() -> None:
     here = model("rigid_3r", "quintic")
     once = DICTIONARY["body mass"].change(here.base, "link3", np.array([0.05]))
     twice = DICTIONARY["viscous damping"].change(once, "joint2", np.array([1.0]))
-    (found,) = find_causes(here, here.compute_difference(twice), 1e-9).named
-    assert found.key == ("body mass + viscous damping", "link3 + joint2")
-    assert found.cause.words == (
+    (result,) = find_causes(here, here.compute_difference(twice), 1e-9).named
+    assert result.key == ("body mass + viscous damping", "link3 + joint2")
+    assert result.cause.words == (
         "two at once: mass and inertia of link3 differ by the fraction 0.05; and the viscous damping of joint2 differs by "
         "1 N m s/rad or N s/m"
     )
@@ -141,9 +141,9 @@ def test_causes_that_a_motion_cannot_tell_apart_are_named_together() -> None:
 
 def test_a_special_case_is_named_instead_of_the_general_one() -> None:
     here = model()
-    found = find_causes(here, compute_effect(here, DICTIONARY["gravity off"], "", np.ones(1)), 1e-9, known()).names
-    assert found[0] == "gravity off"
-    assert not {"gravity magnitude", "base acceleration"} & set(found)
+    result = find_causes(here, compute_effect(here, DICTIONARY["gravity off"], "", np.ones(1)), 1e-9, known()).names
+    assert result[0] == "gravity off"
+    assert not {"gravity magnitude", "base acceleration"} & set(result)
 
 
 def test_a_model_harmed_where_closures_depend_on_it_is_closed_again() -> None:
@@ -176,14 +176,14 @@ def test_the_samples_that_a_fit_looks_at_meet_the_instants_at_which_closures_swi
 def test_columns_are_shared_by_equal_models_only() -> None:
     causes = {"payload": DICTIONARY["payload"]}
     columns, one = Columns(), model.__wrapped__()
-    found = columns.collect_candidates(one, causes)
-    assert columns.collect_candidates(model.__wrapped__(), dict(causes)) is found
+    candidates = columns.collect_candidates(one, causes)
+    assert columns.collect_candidates(model.__wrapped__(), dict(causes)) is candidates
     more = columns.collect_candidates(one, {**causes, "body mass": DICTIONARY["body mass"]})
     assert {c.cause.name for c in more} == {"payload", "body mass"}
     assert {c.cause.name for c in columns.collect_candidates(one, causes)} == {"payload"}
     for other in (replace(one, scale=2.0 * one.scale), model.__wrapped__("rigid_3r", "quintic")):
         again = columns.collect_candidates(other, causes)
-        assert again is not found
+        assert again is not candidates
         fresh = list_candidates(other, causes)
         assert [(c.target, c.scale) for c in again] == [(c.target, c.scale) for c in fresh]
         assert all(np.array_equal(a.columns, b.columns) for a, b in zip(again, fresh, strict=True))

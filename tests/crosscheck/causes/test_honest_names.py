@@ -47,8 +47,8 @@ def short(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @cache
 def load(place: str, models: Path = MODELS) -> tuple[Mechanism, Case]:
     mechanism, case = place.split("/")
-    found = load_mechanism(models / mechanism)
-    return found, load_cases(models / mechanism, found)[case]
+    result = load_mechanism(models / mechanism)
+    return result, load_cases(models / mechanism, result)[case]
 
 
 @cache

@@ -28,8 +28,8 @@ MODELS = Path(__file__).resolve().parents[3] / "models"
 
 def records(folder: Path, mechanism: str, case: str, cause: str, target: str, size: list[float]) -> dict[str, str]:
     """Save what Pinocchio with a cause in its model and flexinv without it give; return what is asked of them."""
-    found = load_mechanism(MODELS / mechanism)
-    subject = Subject(found, load_cases(MODELS / mechanism, found)[case])
+    result = load_mechanism(MODELS / mechanism)
+    subject = Subject(result, load_cases(MODELS / mechanism, result)[case])
     harmed = DICTIONARY[cause].change(subject, target, np.array(size))
     for called, one in (("pinocchio", harmed), ("flexinv", subject)):
         engine = adapter(ENGINES[called])
@@ -195,8 +195,8 @@ def test_a_factor_of_a_thousand_is_found_beside_a_small_one_that_looks_like_it()
 def test_a_parallel_axis_term_that_is_taken_off_twice_is_named(place: str, target: str) -> None:
     """No user means such a tensor; it explains all but rounding, and what does is named, however large its size."""
     mechanism, case = place.split("/")
-    found = load_mechanism(MODELS / mechanism)
-    subject = Subject(found, load_cases(MODELS / mechanism, found)[case])
+    result = load_mechanism(MODELS / mechanism)
+    subject = Subject(result, load_cases(MODELS / mechanism, result)[case])
     model = make_model(subject)
 
     def without(body: Body) -> Body:

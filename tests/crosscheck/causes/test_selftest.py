@@ -112,9 +112,9 @@ def test_inertias_are_told_apart_by_a_quick_motion_and_the_certificate() -> None
     clean, *rows = run_bench(BY_LABEL["panda/quick in exudyn"], MODELS, (0.1,), causes)
     assert (clean.cause, clean.outcome) == (CLEAN, "silent")
     for cause in causes:
-        found = {row.outcome for row in rows if row.cause == cause}
-        assert "alone" in found, cause
-        assert found <= {"alone", "unseen"}, cause  # the base's inertia is in no torque
+        result = {row.outcome for row in rows if row.cause == cause}
+        assert "alone" in result, cause
+        assert result <= {"alone", "unseen"}, cause  # the base's inertia is in no torque
 
 
 @pytest.mark.slow
@@ -174,8 +174,8 @@ def test_every_cause_has_to_be_named_alone_somewhere() -> None:
     assert [row["alone"] for row in build_summary([complete]).rows if row["cause"] == "beam mass"] == ["a"]
     together = [*rows[:-2], rows[-1], rows[-2] | {"outcome": "in the set"}]
     for less, missing in ((together, ALL[-1]), (rows[1:], ALL[0])):
-        found = {line["cause"]: line for line in judge_targets([StudyRow("one", "one", rows=tuple(less))])}
-        line = found["each cause named alone on at least one mechanism"]
+        result = {line["cause"]: line for line in judge_targets([StudyRow("one", "one", rows=tuple(less))])}
+        line = result["each cause named alone on at least one mechanism"]
         assert (line["verdict"], line["alone"]) == ("deviation", f"not {missing}")
         shown = [r for r in build_summary([StudyRow("one", "one", rows=tuple(less))]).rows if r["cause"] == missing]
         assert [(r["alone"], r["verdict"]) for r in shown] == [("nowhere", "deviation")]

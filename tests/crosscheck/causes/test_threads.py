@@ -37,10 +37,10 @@ def case_of(motion: Motion, samples: int = 40) -> Case:
 
 def loaded(place: str) -> Subject:
     mechanism, case = place.split("/")
-    found = load_mechanism(MODELS / mechanism)
-    whole = load_cases(MODELS / mechanism, found)[case]
+    result = load_mechanism(MODELS / mechanism)
+    whole = load_cases(MODELS / mechanism, result)[case]
     spacing = whole.sample * max(1, round(whole.end / whole.sample / 40))
-    return Subject(found, replace(whole, sample=spacing, step=spacing))
+    return Subject(result, replace(whole, sample=spacing, step=spacing))
 
 
 def told(subject: Subject, harmed: Subject, engine: str) -> NamedCauses:

@@ -130,9 +130,9 @@ def test_a_hang_ends_at_the_time_limit_with_all_it_started(go: Go, tmp_path: Pat
     worker = threading.Thread(target=lambda: done.append(go(kind, limit=float(limit))))
     worker.start()
     end = clock.monotonic() + LIMIT
-    while not (found := [int(f.name) for f in tmp_path.iterdir() if f.name.isdigit()]) and clock.monotonic() < end:
+    while not (result := [int(f.name) for f in tmp_path.iterdir() if f.name.isdigit()]) and clock.monotonic() < end:
         clock.sleep(0.05)
-    leader = os.getpgid(found[0])
+    leader = os.getpgid(result[0])
     family = [p for p in map(int, filter(str.isdigit, os.listdir("/proc"))) if _group(p) == leader]
     assert len(family) >= (3 if kind == "breeding" else 2)  # the child process, the program, what it started
     worker.join()

@@ -69,8 +69,8 @@ def test_torques_of_a_motion_make_the_motion(arm: Task, tmp_path: Path, kinds: t
     errors = []
     for spacing in (0.01, 0.005):
         given, wanted = drive(arm, spacing)
-        found = plant.replay(arm.mechanism, given)
-        errors.append(max(float(np.abs(found[name] - wanted[name]).max()) for name in wanted))
+        result = plant.replay(arm.mechanism, given)
+        errors.append(max(float(np.abs(result[name] - wanted[name]).max()) for name in wanted))
     assert errors[1] <= 1e-3
     assert 3.5 <= errors[0] / errors[1] <= 4.5
 
@@ -115,8 +115,8 @@ def test_a_plant_that_is_another_one_is_seen(arm: Task, tmp_path: Path) -> None:
     """Without gravity the arm is somewhere else: far beyond the bound of the table."""
     plant = opened(tree_fmu.build(tmp_path, "rigid_3r/quintic", forward=True, flags=("-DWEIGHTLESS",)))
     given, wanted = drive(arm, 0.01)
-    found = plant.replay(arm.mechanism, given)
-    assert max(float(np.abs(found[name] - wanted[name]).max()) for name in wanted) > 1e3 * feedforward.OF_RIGID
+    result = plant.replay(arm.mechanism, given)
+    assert max(float(np.abs(result[name] - wanted[name]).max()) for name in wanted) > 1e3 * feedforward.OF_RIGID
 
 
 @compiled

@@ -31,5 +31,5 @@ def test_a_campaign_with_a_wrong_name_does_not_pass() -> None:
 def test_mistakes_drawn_by_a_seed_are_named(tmp_path: Path) -> None:
     names = program_faults.drawn(COUNT, SEED)
     assert names == program_faults.drawn(COUNT, SEED)
-    for name, found in program_faults.campaign(names, tmp_path).items():
-        assert found.right(program_faults.MISTAKES[name]), f"{name}: {found.words}"
+    for name, result in program_faults.campaign(names, tmp_path).items():
+        assert result.right(program_faults.MISTAKES[name]), f"{name}: {result.words}"

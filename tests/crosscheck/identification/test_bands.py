@@ -64,11 +64,11 @@ def test_slow_and_fast_samples_of_other_logs_have_bands_of_their_own(tmp_path: P
     machine = read_machine(base)
     one, *others = (make_run(machine, noisy(tmp_path, seed)) for seed in range(4))
     task = build_problem(machine, (one,))
-    found = fit(task)
-    margin = compute_margins(task, found)
+    result = fit(task)
+    margin = compute_margins(task, result)
     slow, fast = list[ChannelJudgement](), list[ChannelJudgement]()
     for run in others:
-        rate, told = np.abs(run.motion.qd), predict(machine, found, margin, run)
+        rate, told = np.abs(run.motion.qd), predict(machine, result, margin, run)
         slow += judge(machine, run, told, run.counted & (rate < SLOW))
         fast += judge(machine, run, told, run.counted & (rate > 2.0 * SLOW))
     assert np.mean([row.coverage for row in slow]) > 0.75

@@ -261,10 +261,10 @@ def test_a_parameter_that_nothing_shows_keeps_its_prior_in_words(folder: Path, t
     text = (base / "identify.toml").read_text()
     free = '[[free]]\nparameter = "gravity tilt x"\nerror = 0.01\n'
     (base / "identify.toml").write_text(text + free.replace("tilt x", "tilt y") + free)
-    found = crosscheck.identify(base, [folder / "one.csv"])
-    row = next(r for r in found.parameters if r.parameter == "gravity tilt x")
+    identification = crosscheck.identify(base, [folder / "one.csv"])
+    row = next(r for r in identification.parameters if r.parameter == "gravity tilt x")
     assert not row.identifiable
-    assert any(words.startswith("world: gravity tilt x") for words in found.words)
+    assert any(words.startswith("world: gravity tilt x") for words in identification.words)
 
 
 def test_what_was_identified_loads_like_any_mechanism(folder: Path, found: Identification, tmp_path: Path) -> None:
@@ -356,8 +356,8 @@ def test_a_first_identify_toml_is_proposed(folder: Path, tmp_path: Path) -> None
     assert settings.joints["shoulder"].effort.column == "torque1 [N m]"
     widths = {tuple(f.place): f.relative for f in settings.free if f.parameter == "mass properties"}
     assert widths == {("*",): 0.2, ("fore",): pytest.approx(np.log1p(0.1 * 8.4 / 2.4), rel=0.01)}
-    found = crosscheck.identify(base, [tmp_path / "log.csv"])
-    assert all(row.explained > 0.99 for row in found.seen)
+    identification = crosscheck.identify(base, [tmp_path / "log.csv"])
+    assert all(row.explained > 0.99 for row in identification.seen)
     done = CliRunner().invoke(
         Main(), ["identify", "arm", "--models", str(base.parent), "--log", str(tmp_path / "log.csv"), "--propose"]
     )
@@ -373,8 +373,8 @@ def test_four_fifths_of_the_measured_arm_predict_the_last(root: Path) -> None:
     run = make_run(machine, read_log(folder / "run_A.csv.gz"))
     last = (run.time >= 6.92)[:, None]
     task = build_problem(machine, (run,), (run.counted & ~last,))
-    found = fit(task)
-    told = predict(machine, found, compute_margins(task, found), run)
+    result = fit(task)
+    told = predict(machine, result, compute_margins(task, result), run)
     seen = judge(machine, run, told, run.counted & ~last)
     assert all(row.explained > 0.99 for row in seen[:3])
     assert all(row.explained > 0.95 for row in seen[3:])

@@ -88,8 +88,8 @@ def test_points_of_rigid_links_read_what_their_geometry_says(logged: Path) -> No
     """The zero of the marker and the gain of the accelerometer are found; what they read otherwise is the geometry's."""
     arm = machine(logged, POINTS)
     run = make_run(arm, read_log(logged / "log.csv"))
-    found = fit(build_problem(arm, (run,)))
-    values = arm.space.compute_values(found.z)
+    result = fit(build_problem(arm, (run,)))
+    values = arm.space.compute_values(result.z)
     assert values["marker zero", "tip.x"] == pytest.approx(0.015, abs=1e-6)  # the low-pass passes constants to rounding
     assert values["marker zero", "tip.z"] == pytest.approx(0.0, abs=1e-6)
     # accelerations come of splines through samples 4 ms apart: relative errors of (w h)^2 / 12 for w up to 2 pi 0.5

@@ -352,5 +352,5 @@ def test_curves_of_a_study_stay_in_the_order_in_which_it_gives_them(tmp_path: Pa
     render(read(tmp_path / "results.json"), tmp_path)
     text = (tmp_path / "studies" / "one.html").read_text()
     for name in ("studyplot", "studyfigures"):
-        found = json.loads(text.partition(f'id="{name}">')[2].partition("</script>")[0])
-        assert list((found[0] if name == "studyfigures" else found)["curves"]) == list(curves)
+        result = json.loads(text.partition(f'id="{name}">')[2].partition("</script>")[0])
+        assert list((result[0] if name == "studyfigures" else result)["curves"]) == list(curves)

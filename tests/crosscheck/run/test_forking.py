@@ -134,12 +134,12 @@ def patience(task: Task, children: ChildProcesses) -> float:
 
 def living(leader: int) -> list[str]:
     """Return the processes of a group that have not ended (a zombie has, though nobody has waited for it)."""
-    found = []
+    result = []
     for file in Path("/proc").glob("[0-9]*/stat"):
         with contextlib.suppress(OSError):
             state, _, its_group = file.read_text().rsplit(")", 1)[1].split()[:3]
-            found += [file.parent.name] if int(its_group) == leader and state != "Z" else []
-    return found
+            result += [file.parent.name] if int(its_group) == leader and state != "Z" else []
+    return result
 
 
 @pytest.mark.slow
@@ -253,9 +253,9 @@ def test_trouble_is_seen_before_a_fork(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def test_every_adapter_of_ours_may_be_forked() -> None:
     for engine in ENGINES.values():
-        found = __import__(engine.module, fromlist=["run"])
-        assert forkable(found)
-        prepare_adapter(found)
+        result = __import__(engine.module, fromlist=["run"])
+        assert forkable(result)
+        prepare_adapter(result)
 
 
 def test_another_system_forks_nothing(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:

@@ -54,8 +54,8 @@ def gone(pid: int) -> bool:
 def wait_for(condition: Callable[[], Any], seconds: float = LIMIT) -> Any:
     end = clock.monotonic() + seconds
     while clock.monotonic() < end:
-        if found := condition():
-            return found
+        if result := condition():
+            return result
         clock.sleep(0.05)
     raise AssertionError("it did not happen in time")
 

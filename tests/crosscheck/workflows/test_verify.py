@@ -124,8 +124,8 @@ def test_limits_follow_from_error_bars() -> None:
         replace(ROW, quantity="reaction", maximum=None, scale=None),
     ]
     proposals = list_proposals(rows, TODAY)
-    found = {(p.quantity, p.engines): p.maximum for p in proposals}
-    assert found == {
+    result = {(p.quantity, p.engines): p.maximum for p in proposals}
+    assert result == {
         ("torque", ("exudyn-ge", "exudyn-ancf")): 5e-5,
         ("torque", ("mujoco",)): 1e-12,
         ("tip", ("exudyn-ge",)): 2e-4,

@@ -151,10 +151,10 @@ def test_a_missing_force_breaks_the_balances() -> None:
     elastic.wrench[:, root] = np.hstack([push, own])
     elastic.energy[:, :2] = np.stack([s.balance.elastic, np.gradient(s.balance.elastic, s.time)], axis=1)
     first = FirstStep(Trajectory(*s.nodes.parts, *elastic[6:]), s.time, (s.q, s.qd, s.qdd))
-    found = run_second_step(weightless, first)
+    result = run_second_step(weightless, first)
     weight = 9.81 * s.mesh.mass.sum()
-    assert abs(found.momentum[:, 2] - weight).max() < 1e-6 * weight  # rounding of EA, as above
-    assert abs(found.power).max() > 1e3 * abs(s.power_residual).max()
+    assert abs(result.momentum[:, 2] - weight).max() < 1e-6 * weight  # rounding of EA, as above
+    assert abs(result.power).max() > 1e3 * abs(s.power_residual).max()
 
 
 def test_torque_does_not_depend_on_the_observer() -> None:

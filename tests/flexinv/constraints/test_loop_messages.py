@@ -78,8 +78,8 @@ def test_a_motion_of_too_many_joints_is_named(model: Path, capsys: pytest.Captur
     """Crank and coupler held where they are: consistent, and still one coordinate too many."""
     mechanism = flexinv.load_mechanism(model)
     case = load_cases(model, mechanism)["turn"]
-    found = flexinv.solve(mechanism, case.motion, step=0.5, start=case.start).q[0]
-    both = f"joints.A = {{ at_deg = 20 }}\njoints.D = {{ at_rad = {found[2]:.17g} }}"
+    result = flexinv.solve(mechanism, case.motion, step=0.5, start=case.start).q[0]
+    both = f"joints.A = {{ at_deg = 20 }}\njoints.D = {{ at_rad = {result[2]:.17g} }}"
     edit(model, "cases.toml", (MOVE, both), ("start.D = { deg = 103 }\n", ""), ("start.D = { deg = -103 }\n", ""))
     said = complaint(capsys, "solve", str(model), "--case", "turn")
     assert "the motion gives 2 of the coordinates, more than the mobility of 1" in said

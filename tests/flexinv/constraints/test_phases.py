@@ -152,12 +152,12 @@ def test_the_model_is_this_mechanism(root: Path) -> None:
 def test_pinocchio_agrees_phase_by_phase_and_a_wrong_interval_is_seen(root: Path) -> None:
     model = flexinv.load_mechanism(root / "models" / "two_arms")
     case = load_cases(root / "models" / "two_arms", model)["carry"]
-    ours = flexinv.solve(model, case.motion, step=case.step, start=case.start)
-    theirs = pinocchio.run(model, case, "pinocchio", {})
-    columns = np.stack([theirs.series[f"torque/{name}"].values for name in model.velocity_names], axis=1)
-    scale = np.ptp(ours.torque_all)
-    assert abs(columns - ours.torque_all).max() < 1e-10 * scale  # the bound for loops
+    solution = flexinv.solve(model, case.motion, step=case.step, start=case.start)
+    result = pinocchio.run(model, case, "pinocchio", {})
+    columns = np.stack([result.series[f"torque/{name}"].values for name in model.velocity_names], axis=1)
+    scale = np.ptp(solution.torque_all)
+    assert abs(columns - solution.torque_all).max() < 1e-10 * scale  # the bound for loops
     late = tuple(replace(c, active=((0.5, 0.9),)) if c.name == "right" else c for c in model.closures)
     other = pinocchio.run(replace(model, closures=late), case, "pinocchio", {})
     wrong = np.stack([other.series[f"torque/{name}"].values for name in model.velocity_names], axis=1)
-    assert abs(wrong - ours.torque_all).max() > 1e-2 * scale  # one hand holds the bar alone for 0.1 s
+    assert abs(wrong - solution.torque_all).max() > 1e-2 * scale  # one hand holds the bar alone for 0.1 s

@@ -82,30 +82,30 @@ def rigid(case: MovingElement, turn: Array, slide: Array) -> MovingElement:
 @pytest.mark.parametrize("order", ORDERS)
 def test_forces_by_poses_and_velocities_are_exact(order: int) -> None:
     case = moving(order)
-    found = seen(case)
+    result = seen(case)
     for freedom in range(6 * order + 6):
         by_pose = derivative(lambda h, f=freedom: seen(shifted(case, f, h)).forces)  # type: ignore[misc]
         by_velocity = derivative(lambda h, f=freedom: seen(hurried(case, f, h)).forces)  # type: ignore[misc]
         # fifth derivatives grow with the slopes of the interpolation, up to order^2 / 2
-        bar = DIFFERENCE * (1 + order**2) * np.abs(found.by_pose).max()
-        np.testing.assert_allclose(found.by_pose[:, freedom], by_pose, rtol=0, atol=bar)
-        np.testing.assert_allclose(found.by_velocity[:, freedom], by_velocity, rtol=0, atol=bar)
+        bar = DIFFERENCE * (1 + order**2) * np.abs(result.by_pose).max()
+        np.testing.assert_allclose(result.by_pose[:, freedom], by_pose, rtol=0, atol=bar)
+        np.testing.assert_allclose(result.by_velocity[:, freedom], by_velocity, rtol=0, atol=bar)
 
 
 @pytest.mark.parametrize("order", ORDERS)
 def test_power_of_the_forces_is_elastic_and_dissipated(order: int) -> None:
     """P . v + Q . w = dE/dt + dissipation, the rate of the energy by a central difference along the motion."""
     case = moving(order)
-    found, count = seen(case), order + 1
-    given = found.forces @ np.concatenate([case.v, case.w], axis=1).ravel()
+    result, count = seen(case), order + 1
+    given = result.forces @ np.concatenate([case.v, case.w], axis=1).ravel()
 
     def energy(h: float) -> Array:
         moved = replace(case.at, x=case.at.x + h * case.v, r=case.at.r @ exp_so3(h * case.w))
         return np.array(evaluated(moved)[0])
 
-    bar = DIFFERENCE * (1 + order**2) * np.abs(found.by_pose).max() * count
-    assert found.power > 0.1  # there is something to see
-    assert given - found.power == pytest.approx(float(derivative(energy)), abs=bar)
+    bar = DIFFERENCE * (1 + order**2) * np.abs(result.by_pose).max() * count
+    assert result.power > 0.1  # there is something to see
+    assert given - result.power == pytest.approx(float(derivative(energy)), abs=bar)
 
 
 @pytest.mark.parametrize("order", ORDERS)
@@ -126,13 +126,13 @@ def test_a_rigid_motion_of_a_bent_element_dissipates_nothing(order: int) -> None
 @pytest.mark.parametrize("order", ORDERS)
 def test_forces_balance_and_velocities_act_symmetrically(order: int) -> None:
     case = moving(order)
-    found, rounding = seen(case), 100 * EPS * (1 + order**2)
-    forces = found.forces.reshape(-1, 6)
+    result, rounding = seen(case), 100 * EPS * (1 + order**2)
+    forces = result.forces.reshape(-1, 6)
     moments = np.einsum("nij,nj->ni", case.at.r, forces[:, 3:]) + np.cross(case.at.x, forces[:, :3])
     size = np.abs(forces).max()
     np.testing.assert_allclose(forces[:, :3].sum(axis=0), 0.0, atol=rounding * size)
     np.testing.assert_allclose(moments.sum(axis=0), 0.0, atol=rounding * size * 3)  # arms up to 3 m
-    drag = found.by_velocity
+    drag = result.by_velocity
     np.testing.assert_allclose(drag, drag.T, rtol=0, atol=rounding * np.abs(drag).max())
     assert np.linalg.eigvalsh(0.5 * (drag + drag.T)).min() > -rounding * np.abs(drag).max()
 
@@ -141,8 +141,8 @@ def test_forces_balance_and_velocities_act_symmetrically(order: int) -> None:
 def test_without_coefficients_it_is_the_undamped_element(order: int) -> None:
     case = moving(order, damping=0.0)
     energy, forces, tangent = evaluated(case.at)
-    found, rounding = seen(case), 100 * EPS * np.abs(tangent).max()
-    assert (found.power, found.energy) == (0.0, pytest.approx(energy, rel=10 * EPS))
-    np.testing.assert_allclose(found.forces, forces, rtol=0, atol=rounding)
-    np.testing.assert_allclose(found.by_pose, tangent, rtol=0, atol=rounding)
-    np.testing.assert_array_equal(found.by_velocity, 0.0)
+    result, rounding = seen(case), 100 * EPS * np.abs(tangent).max()
+    assert (result.power, result.energy) == (0.0, pytest.approx(energy, rel=10 * EPS))
+    np.testing.assert_allclose(result.forces, forces, rtol=0, atol=rounding)
+    np.testing.assert_allclose(result.by_pose, tangent, rtol=0, atol=rounding)
+    np.testing.assert_array_equal(result.by_velocity, 0.0)

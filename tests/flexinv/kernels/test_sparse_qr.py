@@ -118,13 +118,13 @@ def test_solves_as_lapack_does(name: str, lanes: int) -> None:
     rng = np.random.default_rng(1)
     y, x = rng.normal(size=(rows, lanes)), np.full((columns, lanes), np.nan)
     least_squares(fronts, qr, y, x)
-    given, found = rng.normal(size=(columns, lanes)), np.zeros((rows, lanes))
-    least_norm(fronts, qr, given.copy(), found)
+    given, result = rng.normal(size=(columns, lanes)), np.zeros((rows, lanes))
+    least_norm(fronts, qr, given.copy(), result)
     for k in range(lanes):
         expected, level = np.linalg.lstsq(a[k], y[:, k], rcond=None)[0], np.linalg.cond(a[k]) * LEVEL
         assert np.abs(x[:, k] - expected).max() < np.linalg.cond(a[k]) * level * np.abs(expected).max()
         expected = np.linalg.lstsq(a[k].T, given[:, k], rcond=None)[0]
-        assert np.abs(found[:, k] - expected).max() < level * np.abs(expected).max()
+        assert np.abs(result[:, k] - expected).max() < level * np.abs(expected).max()
 
 
 @pytest.mark.parametrize("last", [[0, 1], [3, 8], [22, 23]])

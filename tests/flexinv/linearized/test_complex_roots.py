@@ -109,12 +109,12 @@ def test_a_state_space_has_the_state_of_a_damper_without_inertia() -> None:
 
 def test_bars_of_roots_hold_and_are_none_of_rigid_mechanisms_but_rounding() -> None:
     rotor = bar(1, "revolute")
-    found, right = (steady_modes(one, free=["root"], count=4) for one in (rotor, bar(6, "revolute")))
-    off = np.abs(found.root - right.root)
-    assert (off <= found.root_error + right.root_error).all()
-    assert (found.root_error[2:] > 1e-6 * np.abs(found.root[2:])).any()
-    np.testing.assert_allclose(found.frequency_error, found.root_error / (2 * np.pi))
-    assert copy.deepcopy(found) == found
+    result, right = (steady_modes(one, free=["root"], count=4) for one in (rotor, bar(6, "revolute")))
+    off = np.abs(result.root - right.root)
+    assert (off <= result.root_error + right.root_error).all()
+    assert (result.root_error[2:] > 1e-6 * np.abs(result.root[2:])).any()
+    np.testing.assert_allclose(result.frequency_error, result.root_error / (2 * np.pi))
+    assert copy.deepcopy(result) == result
     assert (steady_modes(disc(0.4, 0.1), free=["hinge"]).root_error < 1e-11).all()
 
 
@@ -164,10 +164,10 @@ def fast_root(time: float) -> float:
 @pytest.mark.parametrize("time", [2e-6, 1e-6, 2e-7])
 def test_a_root_that_is_nearly_as_fast_as_what_follows_is_exact(time: float) -> None:
     """It was off by (|s| FOLLOWS)^2, 2e-4 to 2e-2 of it, with an error bar of rounding."""
-    found = steady_modes(slides(time), free=["slide 0", "slide 1", "slide 2"])
-    off = abs(found.root[-1] - fast_root(time))
-    assert off < ROUNDING * abs(found.root[-1])
-    assert off <= found.rounding[-1]
+    modes = steady_modes(slides(time), free=["slide 0", "slide 1", "slide 2"])
+    off = abs(modes.root[-1] - fast_root(time))
+    assert off < ROUNDING * abs(modes.root[-1])
+    assert off <= modes.rounding[-1]
 
 
 @pytest.mark.parametrize("time", [2e-6, 1e-6, 2e-7])
@@ -239,9 +239,9 @@ def test_damping_may_make_a_column_flutter_that_is_stable_without() -> None:
 
 def test_of_many_motions_statics_says_which_were_looked_at() -> None:
     column = bar(15, push=5.0, follower=True)
-    found = flexinv.statics(with_retardation(column, 1e-5))
-    assert found.stable is True
-    assert any("30 slowest were looked at" in note for note in found.notes)
+    solution = flexinv.statics(with_retardation(column, 1e-5))
+    assert solution.stable is True
+    assert any("30 slowest were looked at" in note for note in solution.notes)
 
 
 # ---------------------------------------------------------------------------------------- large meshes, and counts
@@ -251,11 +251,11 @@ def test_of_many_motions_statics_says_which_were_looked_at() -> None:
 def test_few_roots_of_many_are_those_of_the_dense_matrices(damped: bool, monkeypatch: pytest.MonkeyPatch) -> None:
     column = bar(15, "revolute", push=5.0, follower=True)
     column = with_retardation(column, 1e-6) if damped else column
-    found = steady_modes(column, free=["root"], count=6)
+    modes = steady_modes(column, free=["root"], count=6)
     monkeypatch.setattr(steady, "ONE_AND_ALL", 10**9)
     dense = steady_modes(column, free=["root"], count=6)
     # of pairs of roots of a square bar that lie together, which its bars know
-    assert (np.abs(found.root - dense.root) <= found.rounding + dense.rounding + 1e-8 * np.abs(dense.root)).all()
+    assert (np.abs(modes.root - dense.root) <= modes.rounding + dense.rounding + 1e-8 * np.abs(dense.root)).all()
 
 
 def test_roots_within_a_circle_are_counted() -> None:

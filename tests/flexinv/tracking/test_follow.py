@@ -136,10 +136,10 @@ def test_elastic_hub_is_left_at_rest() -> None:
 
 def test_modes_with_the_rotor_locked() -> None:
     m = hub_arm(14)
-    found = flexinv.natural_modes(m, free=["hub"])
-    flat = np.abs(found.displacement[:, :, 2]).max(axis=1) < 1e-6 * np.abs(found.displacement[:, :, 1]).max(axis=1)
+    modes = flexinv.natural_modes(m, free=["hub"])
+    flat = np.abs(modes.displacement[:, :, 2]).max(axis=1) < 1e-6 * np.abs(modes.displacement[:, :, 1]).max(axis=1)
     expected = [2.732579, 17.132913, 47.992431]  # rad/s
-    np.testing.assert_allclose(2 * np.pi * found.frequency[flat][:3], expected, rtol=1e-5)
+    np.testing.assert_allclose(2 * np.pi * modes.frequency[flat][:3], expected, rtol=1e-5)
 
 
 def test_what_runs_there_and_back_is_symmetric_in_time(root: Folder) -> None:

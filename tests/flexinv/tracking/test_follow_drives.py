@@ -161,7 +161,7 @@ def turned(f: Following, line: Path, solution: flexinv.Solution) -> float:
 
 def test_drives_without_a_rotor_give_what_the_link_needs() -> None:
     """There is no inertia between torque and link: with a spring there or without, the torque is the same."""
-    found = []
+    result = []
     for stiffness in (0.0, 50.0):
         drive = Drive(ratio=2.0, stiffness=stiffness, moves="motor")
         joint = Joint("hub", "revolute", "world", "link", drive=drive)
@@ -169,6 +169,6 @@ def test_drives_without_a_rotor_give_what_the_link_needs() -> None:
         missed = f.frame.compute_poses(f.solution.nodes).x - f.wanted
         # along the arc, which is what one drive can do
         assert np.abs(np.einsum("srt,sr->st", f.reach.within, missed)).max() < 1e-10
-        found.append(f.solution.torque[:, 0])
+        result.append(f.solution.torque[:, 0])
     # the beam's axial and shear stiffness, 1e9 N, times rounding
-    assert off(found[1], found[0]) < 1e-6
+    assert off(result[1], result[0]) < 1e-6

@@ -386,13 +386,13 @@ def _list_connector_outputs(one: Joint | Closure, key: Key, number: Any) -> dict
     return {key: (number, OUT.ForceLocal), (*key, "torque"): (number, OUT.TorqueLocal)}
 
 
-def _compute_group_poses(drawing: Drawing, index: int, seen: dict[Key, Array]) -> tuple[Array, Array]:
+def _compute_group_poses(drawing: Drawing, index: int, sensor_values: dict[Key, Array]) -> tuple[Array, Array]:
     """Return position (samples, 3) [m] and rotation (samples, 3, 3) [-] of a group's frame in the world."""
     group = drawing.layout.groups[index]
     if index == 0:
-        samples = len(next(iter(seen.values())))
+        samples = len(next(iter(sensor_values.values())))
         return np.zeros((samples, 3)), np.tile(np.eye(3), (samples, 1, 1))
-    u = seen["pose", index]
+    u = sensor_values["pose", index]
     centre = _compute_mass_centre(drawing, index)
     r = turn(Z, u[:, 2])
     flat = centre + u * (1, 1, 0) + r @ (drawing.convert_pose_to_plane(group.start)[0] - centre)
@@ -408,31 +408,35 @@ def convert_to_world(drawing: Drawing, root: Frame, flat: Array) -> Array:
 
 
 def _compute_joint_wrench(
-    drawing: Drawing, joint: Joint, pose: dict[int, tuple[Array, Array]], seen: dict[Key, Array]
+    drawing: Drawing, joint: Joint, pose: dict[int, tuple[Array, Array]], sensor_values: dict[Key, Array]
 ) -> Array:
     """Return force [N] and moment [N m] on the child at the joint in the child's frame, (samples, 6)."""
-    both = _compute_connector_wrench(drawing, joint, ("pin", joint.name), pose, seen)
+    both = _compute_connector_wrench(drawing, joint, ("pin", joint.name), pose, sensor_values)
     if joint.name not in drawing.free:
-        both[:, 1] -= seen["motor", joint.name] * drawing.plane[:, 2]
+        both[:, 1] -= sensor_values["motor", joint.name] * drawing.plane[:, 2]
     child = next(k for k, g in enumerate(drawing.layout.groups) if g.joint == joint.name)
     return np.asarray(both @ pose[child][1]).reshape(len(both), 6)
 
 
 def _compute_reaction(
-    drawing: Drawing, closure: Closure, pose: dict[int, tuple[Array, Array]], seen: dict[Key, Array]
+    drawing: Drawing, closure: Closure, pose: dict[int, tuple[Array, Array]], sensor_values: dict[Key, Array]
 ) -> Array:
     """Return force [N] and moment [N m] on the second frame of a closure along its axes, (samples, 6)."""
-    both = _compute_connector_wrench(drawing, closure, ("closure", closure.name), pose, seen)
+    both = _compute_connector_wrench(drawing, closure, ("closure", closure.name), pose, sensor_values)
     second = find_attachment_frame(drawing.layout, closure.second)
     return np.asarray(both @ (pose[second.group][1] @ second.placement.rotation)).reshape(len(both), 6)
 
 
 def _compute_connector_wrench(
-    drawing: Drawing, one: Joint | Closure, key: Key, pose: dict[int, tuple[Array, Array]], seen: dict[Key, Array]
+    drawing: Drawing,
+    one: Joint | Closure,
+    key: Key,
+    pose: dict[int, tuple[Array, Array]],
+    sensor_values: dict[Key, Array],
 ) -> Array:
     """Return force [N] and moment [N m] of a connector on its second frame in the world, (samples, 2, 3)."""
     first = exudyn_flat.compute_marker_frames(drawing.layout, one, drawing.plane[:, 2])[0]
     axes = pose[first.group][1] @ first.placement.rotation
-    return exudyn_flat.compute_wrench(one.kind, seen[key], seen.get((*key, "torque")), axes, drawing.plane).reshape(
-        -1, 2, 3
-    )
+    return exudyn_flat.compute_wrench(
+        one.kind, sensor_values[key], sensor_values.get((*key, "torque")), axes, drawing.plane
+    ).reshape(-1, 2, 3)

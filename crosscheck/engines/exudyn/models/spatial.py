@@ -333,8 +333,8 @@ def _compute_offsets(drawing: Drawing, joint: Joint, q: Array) -> list[Array]:
         still = np.zeros((len(q), 6))
         turned = [np.pad(angles, ((0, 0), (3, 0)))] if can_turn(joint) else []
         return [*turned, still, np.pad((slide - slide[0])[:, None], ((0, 0), (0, 5)))]
-    seat = drawing.layout.compute_start_pose(drawing.layout.joint[joint.name])
-    return [np.hstack([(p - p[0]) @ seat.rotation.T, angles])]
+    start_pose = drawing.layout.compute_start_pose(drawing.layout.joint[joint.name])
+    return [np.hstack([(p - p[0]) @ start_pose.rotation.T, angles])]
 
 
 def _make_user_function(plan: Plan, values: Array) -> Any:
@@ -370,35 +370,39 @@ def _add_sensors(drawing: Drawing) -> tuple[Sensors, Sensors]:
     return motions, reactions
 
 
-def _compute_group_poses(d: Drawing, index: int, seen: dict[Key, Array]) -> Poses:
-    samples = len(next(iter(seen.values())))
+def _compute_group_poses(d: Drawing, index: int, sensor_values: dict[Key, Array]) -> Poses:
+    samples = len(next(iter(sensor_values.values())))
     if index == 0:
         return np.zeros((samples, 3)), np.tile(np.eye(3), (samples, 1, 1))
-    return seen["position", index], seen["rotation", index].reshape(samples, 3, 3)
+    return sensor_values["position", index], sensor_values["rotation", index].reshape(samples, 3, 3)
 
 
-def _compute_joint_wrench(drawing: Drawing, joint: Joint, pose: dict[int, Poses], seen: dict[Key, Array]) -> Array:
+def _compute_joint_wrench(
+    drawing: Drawing, joint: Joint, pose: dict[int, Poses], sensor_values: dict[Key, Array]
+) -> Array:
     """Return force [N] and moment [N m] on the child at the joint in the child's frame, (samples, 6)."""
     if joint.name in drawing.free:
-        return _compute_reaction(drawing, joint, pose, seen)
+        return _compute_reaction(drawing, joint, pose, sensor_values)
     seat = drawing.layout.joint[joint.name]
     child = drawing.find_child_group(joint.name)
     axes = _build_marker_axes(joint)
-    force = -sum(seen["force", joint.name, k] for k in range(len(drawing.model.joint[joint.name])))
+    force = -sum(sensor_values["force", joint.name, k] for k in range(len(drawing.model.joint[joint.name])))
     marker = pose[seat.group][1] @ _compute_relative_pose(drawing, seat, child).rotation @ axes
     to_child = np.swapaxes(pose[child][1], 1, 2) @ marker
-    moment = MOMENT_SIGNS * seen["moment", joint.name]
+    moment = MOMENT_SIGNS * sensor_values["moment", joint.name]
     return np.hstack([np.einsum("sij,sj->si", to_child, force), moment @ axes.T])  # (sample, component)
 
 
-def _compute_reaction(drawing: Drawing, one: Joint | Closure, pose: dict[int, Poses], seen: dict[Key, Array]) -> Array:
+def _compute_reaction(
+    drawing: Drawing, one: Joint | Closure, pose: dict[int, Poses], sensor_values: dict[Key, Array]
+) -> Array:
     """Return the wrench of a closure, or a joint without a driver, on its second frame, along its axes, (samples, 6)."""
     first, second = (pose[end.group][1] @ end.placement.rotation for end in _compute_marker_frames(drawing, one))
-    if ("moment", one.name) not in seen:
+    if ("moment", one.name) not in sensor_values:
         return np.zeros((len(first), 6))
     held = drawing.held.get(one.name, exudyn_closing.HELD[one.kind])
     wrench = exudyn_closing.compute_connector_wrench(
-        held, seen["force", one.name, 0], seen["moment", one.name], first, second
+        held, sensor_values["force", one.name, 0], sensor_values["moment", one.name], first, second
     )
     own = second @ exudyn_closing.compute_marker_axes(one)[1].T
     return np.hstack([np.einsum("sji,sj->si", own, part) for part in (wrench[:, :3], wrench[:, 3:])])

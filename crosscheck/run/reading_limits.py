@@ -43,7 +43,7 @@ from crosscheck.run.processes import (
     make_subreaper,
     read_waiting_time,
 )
-from crosscheck.run.reading import GIVEN, read
+from crosscheck.run.reading_job import GIVEN, read
 from flexinv.errors import InputError
 from flexinv.files.toml_tables import LONGEST_PATH, make_input_error
 

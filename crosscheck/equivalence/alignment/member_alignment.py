@@ -1,4 +1,4 @@
-"""Seats: how a member of B sits on the one of A that it is, and what of its joint's place is an offset of a zero."""
+"""Alignment of a member of B with the one of A that it is, and what of its joint's place is an offset of a zero."""
 
 from __future__ import annotations
 
@@ -103,7 +103,9 @@ def _has_shifted_numbers(one: Member, two: Member, sign: float, offset: float) -
     if abs(offset) <= ROUGH:
         return False
     coordinate_numbers = _list_coordinate_numbers(one, two, sign)
-    return bool(coordinate_numbers) and all(abs(ours - theirs - offset) <= ROUGH for ours, theirs in coordinate_numbers)
+    return bool(coordinate_numbers) and all(
+        abs(first - second - offset) <= ROUGH for first, second in coordinate_numbers
+    )
 
 
 def _list_coordinate_numbers(one: Member, two: Member, sign: float) -> list[tuple[float, float]]:
@@ -121,7 +123,7 @@ def _add_whole_turns(one: Member, two: Member, sign: float, offset: float) -> fl
     """
     if one.kind != "revolute" or (abs(offset) <= ROUGH and has_same_limits(one, two)):
         return offset
-    told = [ours - theirs for ours, theirs in _list_coordinate_numbers(one, two, sign)]
+    told = [first - second for first, second in _list_coordinate_numbers(one, two, sign)]
     turns = {round((way - offset) / (2 * np.pi)) for way in told}
     # Only where it is whole turns that they say: other limits are other limits.
     whole = len(turns) == 1 and all(

@@ -1,4 +1,4 @@
-"""Shelves of a run: answers of one that was cut short, kept answers of all before, and the times that jobs take."""
+"""Stores of answers: those of a run that was cut short, of all runs before, and the times that jobs take."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ from typing import Any
 
 from crosscheck.measures.record import RecordError, read_record
 from crosscheck.run.abilities import Abilities
+from crosscheck.run.answer_cache import AnswerCache
 from crosscheck.run.isolation import ProcessEnd
-from crosscheck.run.kept_answers import AnswerCache
 from crosscheck.run.questions import Question
 from crosscheck.run.run_cache import AttemptFolder
 from crosscheck.run.run_state import Job, make_job_label
@@ -40,9 +40,9 @@ class AnswerStores:
         if (
             kind == "run"
             and self.options.resume
-            and (found := self.interrupted_run.find(what, engine.name, self.options.engine))
+            and (result := self.interrupted_run.find(what, engine.name, self.options.engine))
         ):
-            return found
+            return result
         if self.cache is None or self.options.fresh:
             return None
         if kind == "run":

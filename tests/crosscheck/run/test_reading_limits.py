@@ -16,7 +16,7 @@ import pytest
 from click.testing import CliRunner
 
 from crosscheck.cli import main
-from crosscheck.run.guarded import ReadingLimits, UnreadFile, may_fork
+from crosscheck.run.reading_limits import ReadingLimits, UnreadFile, may_fork
 from flexinv.errors import InputError
 
 LIMIT = 5.0  # [s]
@@ -96,8 +96,8 @@ ENDS = {
 
 def sleepers() -> list[psutil.Process]:
     """Sleepers that have not been killed; a process that was ends a moment later."""
-    found = [one for one in psutil.process_iter(["cmdline"]) if one.info["cmdline"] == SLEEPER]
-    return psutil.wait_procs(found, timeout=10)[1]
+    result = [one for one in psutil.process_iter(["cmdline"]) if one.info["cmdline"] == SLEEPER]
+    return psutil.wait_procs(result, timeout=10)[1]
 
 
 @pytest.fixture(params=["a copy", "a fresh process"])
@@ -105,7 +105,7 @@ def guard(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> Re
     """A guard whose calls are copies of this process, or fresh ones."""
     if request.param == "a copy" and not may_fork():
         pytest.skip("other threads run in this process")
-    monkeypatch.setattr("crosscheck.run.guarded.may_fork", lambda: request.param == "a copy")
+    monkeypatch.setattr("crosscheck.run.reading_limits.may_fork", lambda: request.param == "a copy")
     monkeypatch.setenv("PYTHONPATH", str(Path(__file__).parent))
     return ReadingLimits(LIMIT if request.param == "a copy" else SLOW)
 

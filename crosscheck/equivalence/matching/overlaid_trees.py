@@ -44,30 +44,30 @@ class OverlaidTrees:
         two, theirs = join_fixed_links(second)
         return cls(PairCosts(one, two), ours, theirs)
 
-    def compute_costs(self, before: tuple[int, int], ours: list[int], theirs: list[int]) -> Array:
+    def compute_costs(self, before: tuple[int, int], first: list[int], second: list[int]) -> Array:
         """Return the costs [-] of joints of two members, (ours, theirs): what they show, and where they stand.
 
         before : the moving members that carry them, -1 the world
         """
         above = self.first.get(before[0], -1), self.second.get(before[1], -1)
-        mine = [self.first[k] for k in ours]
-        yours = [self.second[k] for k in theirs]
+        mine = [self.first[k] for k in first]
+        yours = [self.second[k] for k in second]
         shown = np.array([[compute_subtree_cost(self.plain, above, k, m) for m in yours] for k in mine])
         return shown + self._compute_placement_costs(above, mine, yours, shown) if shown.size > 1 else shown
 
     def _compute_placement_costs(
-        self, above: tuple[int, int], ours: list[int], theirs: list[int], shown: Array
+        self, above: tuple[int, int], first: list[int], second: list[int], shown: Array
     ) -> Array:
         """Costs of joints by where they stand on carriers that are laid on one another."""
         best = np.full(shown.shape, FAR)
         least = np.inf, np.inf
-        for frame in self._list_trial_frames(*above, ours, theirs):
-            found = np.array([[self._compute_joint_gap(k, m, frame) for m in theirs] for k in ours])
+        for frame in self._list_trial_frames(*above, first, second):
+            found = np.array([[self._compute_joint_gap(k, m, frame) for m in second] for k in first])
             rows, columns = scipy.optimize.linear_sum_assignment(found + shown)
             total = float((found + shown)[rows, columns].sum())
             if total > least[0] + NEAR:
                 continue
-            chosen = [(ours[i], theirs[j]) for i, j in zip(rows, columns, strict=True)]
+            chosen = [(first[i], second[j]) for i, j in zip(rows, columns, strict=True)]
             rest = sum(self._compute_pose_code_length(k, m, frame) for k, m in chosen)
             if total < least[0] - NEAR or rest < least[1] - NEAR:
                 best = found
@@ -90,12 +90,12 @@ class OverlaidTrees:
         ]
         return min(frames)
 
-    def _list_trial_frames(self, a: int, b: int, ours: list[int], theirs: list[int]) -> Iterator[Placement]:
+    def _list_trial_frames(self, a: int, b: int, first: list[int], second: list[int]) -> Iterator[Placement]:
         one = self.plain.first
         two = self.plain.second
         size = self.plain.size
         yield Placement()
-        trials = [(k, m) for k in ours for m in theirs if one.members[k].kind == two.members[m].kind]
+        trials = [(k, m) for k in first for m in second if one.members[k].kind == two.members[m].kind]
         if a < 0:
             for k, m in trials:
                 yield from MemberPoses(DescriptionLengths(one, two, {k: m}, size)).list_base_motions([k])
@@ -106,34 +106,34 @@ class OverlaidTrees:
 
     def _compute_joint_gap(self, k: int, m: int, frame: Placement) -> float:
         """Distance of two joints' axes, and of masses along these, over the size of the machines; sine of their angle."""
-        ours = self.plain.first.members[k]
-        theirs = self.plain.second.members[m]
+        first = self.plain.first.members[k]
+        second = self.plain.second.members[m]
         size = self.plain.size
-        there = apply_placement(frame, theirs.placement)
-        gap = there.position - ours.placement.position
-        if ours.kind not in SCALARS:
+        there = apply_placement(frame, second.placement)
+        gap = there.position - first.placement.position
+        if first.kind not in SCALARS:
             return min(compute_norm(gap) / size, FAR)
-        along = ours.placement.rotation @ ours.axis
-        other = there.rotation @ theirs.axis
+        along = first.placement.rotation @ first.axis
+        other = there.rotation @ second.axis
         total = compute_norm(cross(along, other))
-        if ours.kind != "prismatic":
+        if first.kind != "prismatic":
             # Two legs may turn about one line: how far along it their masses are, no zero and no frame changes.
-            way = gap + there.rotation @ theirs.com - ours.placement.rotation @ ours.com
+            way = gap + there.rotation @ second.com - first.placement.rotation @ first.com
             total += compute_norm(cross(along, gap)) / size
-            total += abs(float(along @ way)) / size if ours.mass and theirs.mass else 0.0
+            total += abs(float(along @ way)) / size if first.mass and second.mass else 0.0
         return min(total, FAR)
 
 
 def compute_subtree_cost(costs: PairCosts, before: tuple[int, int], a: int, b: int) -> float:
     """Return the cost [-] of what two members and all that they carry show; before : the moving pair before, -1 the world."""
-    own = costs.compute_invariant_cost(before, a, b)
-    if own >= IMPOSSIBLE:
+    invariant_cost = costs.compute_invariant_cost(before, a, b)
+    if invariant_cost >= IMPOSSIBLE:
         return IMPOSSIBLE
     moving_children = costs.first.list_moving_children(a)
-    theirs = costs.second.list_moving_children(b)
-    lonely = abs(len(moving_children) - len(theirs))
-    if not moving_children or not theirs:
-        return own + lonely
-    table = np.array([[compute_subtree_cost(costs, (a, b), k, m) for m in theirs] for k in moving_children])
+    second = costs.second.list_moving_children(b)
+    lonely = abs(len(moving_children) - len(second))
+    if not moving_children or not second:
+        return invariant_cost + lonely
+    table = np.array([[compute_subtree_cost(costs, (a, b), k, m) for m in second] for k in moving_children])
     rows, columns = scipy.optimize.linear_sum_assignment(table)
-    return own + lonely + float(np.minimum(table[rows, columns], 2.0).sum())
+    return invariant_cost + lonely + float(np.minimum(table[rows, columns], 2.0).sum())

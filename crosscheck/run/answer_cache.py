@@ -119,7 +119,7 @@ class AnswerCache:
         try:
             with open_scratch_folder() as folder, zipfile.ZipFile(file) as archive:
                 archive.extractall(folder)
-                found = read(json.loads((folder / "words.json").read_text(encoding="utf-8")), folder / "record")
+                result = read(json.loads((folder / "words.json").read_text(encoding="utf-8")), folder / "record")
             os.utime(file)
         except FileNotFoundError:  # another run has just removed it
             return None
@@ -128,7 +128,7 @@ class AnswerCache:
             with contextlib.suppress(OSError):
                 file.unlink()
             return None
-        return found
+        return result
 
     def _write(self, name: str, words: Mapping[str, Any], record: Record | None = None) -> None:
         if not name:
