@@ -66,7 +66,7 @@ COLUMNS = (
 
 
 @dataclass(frozen=True)
-class Arm:
+class AccuracyCase:
     """A case that is solved, by the law 'nonic'; retardation [s] of its beams; target: least ratio at 1e-6 [-], or None."""
 
     model: str
@@ -77,10 +77,10 @@ class Arm:
 
 
 ARMS = (
-    Arm("flex_one_link", "cycloid", "consistent", 0.0, ASKED),
-    Arm("flex_two_link", "cycloid", "consistent", 0.0, None),
-    Arm("spatial_arm", "reach", "static", 1e-3, ASKED),
-    Arm("four_bar_flexible", "turn", "static", 1e-4, None),
+    AccuracyCase("flex_one_link", "cycloid", "consistent", 0.0, ASKED),
+    AccuracyCase("flex_two_link", "cycloid", "consistent", 0.0, None),
+    AccuracyCase("spatial_arm", "reach", "static", 1e-3, ASKED),
+    AccuracyCase("four_bar_flexible", "turn", "static", 1e-4, None),
 )
 
 
@@ -95,7 +95,9 @@ def run_study(
     return {"text": TEXT, "columns": COLUMNS, "rows": rows}
 
 
-def list_arm_rows(arm: Arm, models: Path, errors: tuple[float, ...], seconds: float) -> Iterator[dict[str, Any]]:
+def list_arm_rows(
+    arm: AccuracyCase, models: Path, errors: tuple[float, ...], seconds: float
+) -> Iterator[dict[str, Any]]:
     """Yield the rows of one mechanism: its reference first, then each method by error [-]; seconds [s] of timing by error."""
     mechanism, motion = prepare_arm_case(arm, models)
     problem = solve_problem(mechanism, motion, min(errors), Settings(initial=arm.initial), {})
@@ -109,7 +111,7 @@ def list_arm_rows(arm: Arm, models: Path, errors: tuple[float, ...], seconds: fl
         yield from _list_method_rows(arm, Marches(timed, known), motion, asked, seconds)
 
 
-def prepare_arm_case(arm: Arm, models: Path) -> tuple[Mechanism, Motion]:
+def prepare_arm_case(arm: AccuracyCase, models: Path) -> tuple[Mechanism, Motion]:
     """Return the mechanism, and its motion by the law 'nonic'."""
     mechanism = read_mechanism(models / arm.model)
     motion = load_cases(models / arm.model, mechanism)[arm.case].motion
@@ -128,11 +130,12 @@ def compute_reference(problem: Problem, least: float) -> tuple[Array, float]:
     before = None
     apart = np.inf
     for mesh, finer in ((5, 32), (6, 64), (7, 128), (7, 192), (7, 256), (7, 384), (7, 512), (7, 768), (7, 1024)):
-        pair = [refinement.level(mesh, n) for n in (finer // 2, finer)]
+        pair = [refinement.run_level(mesh, n) for n in (finer // 2, finer)]
         if any(one is None for one in pair):
             continue
         found = mixed(
-            [one.found.rows(one.kept // KEPT) for one in pair if one is not None], weights((finer // 2, finer))
+            [one.quantities.take_samples(one.samples_per_step // KEPT) for one in pair if one is not None],
+            weights((finer // 2, finer)),
         )
         if before is not None:
             apart = compute_peak_error(before, found.torque)
@@ -165,39 +168,40 @@ class Marches:
     known: Array
     mechanism: Mechanism | None = None
 
-    def first(self, finer: int) -> tuple[Mesh, FirstStep]:
+    def run_first_step(self, finer: int) -> tuple[Mesh, FirstStep]:
         """Return a march at 1/``finer`` of the coarsest step [-], and its samples that are compared [m, rad, s, N]."""
         p = self.problem
         mechanism = self.mechanism or self.problem.mechanism
         whole = bool(mechanism.closures)
-        own = replace(p.settings, step=p.grid.spacing(finer), every=1 if whole else finer // KEPT)
-        mesh, made = p.run(mechanism, p.grid.steps(finer), p.grid.seams(finer), own)
+        own = replace(p.settings, step=p.grid.compute_longest_step(finer), every=1 if whole else finer // KEPT)
+        mesh, made = p.run(mechanism, p.grid.list_steps(finer), p.grid.list_seams(finer), own)
         return mesh, take_every_sample(made, finer // KEPT if whole else 1)
 
-    def plain(self, finer: int) -> Array:
+    def compute_plain_torques(self, finer: int) -> Array:
         """Return the torques [N m], [N] of one march."""
-        mesh, first = self.first(finer)
+        mesh, first = self.run_first_step(finer)
         return np.asarray(run_second_step(mesh, first).tau[:, mesh.mechanism.actuated])
 
     def compute_extrapolated_torques(self, finer: tuple[int, ...]) -> Array:
         """Return the torques [N m], [N] of some marches, extrapolated."""
-        marched = [self.first(n) for n in finer]
+        marched = [self.run_first_step(n) for n in finer]
         mesh, _ = marched[-1]
         first = compute_extrapolated_step(mesh.mechanism, [first for _, first in marched], weights(finer))
         return np.asarray(run_second_step(mesh, first).tau[:, mesh.mechanism.actuated])
 
-    def error(self, torque: Array) -> float:
+    def compute_error(self, torque: Array) -> float:
         """Return the error of torques [N m], [N] over their peaks [-]."""
         return compute_peak_error(torque, self.known)
 
-    def find_plain_refinement(self, asked: float) -> int | None:
+    def find_plain_refinement(self, accuracy: float) -> int | None:
         """Return the refinement at which a march reaches an error [-]."""
         known = 16 * KEPT
         return _find_least_refinement(
-            lambda finer: self.error(self.plain(finer)) <= asked, known * np.sqrt(self.error(self.plain(known)) / asked)
+            lambda finer: self.compute_error(self.compute_plain_torques(finer)) <= accuracy,
+            known * np.sqrt(self.compute_error(self.compute_plain_torques(known)) / accuracy),
         )
 
-    def longest(self, asked: float, apart: tuple[tuple[float, ...], ...]) -> tuple[int, ...] | None:
+    def find_refinements(self, accuracy: float, apart: tuple[tuple[float, ...], ...]) -> tuple[int, ...] | None:
         """Return the refinements of which marches, extrapolated, reach an error [-] by the fewest steps.
 
         apart : for each choice of marches, how much finer each is than the first
@@ -212,7 +216,7 @@ class Marches:
                 try:
                     return (
                         len({*finer(least)}) == len(finer(least))
-                        and self.error(self.compute_extrapolated_torques(finer(least))) <= asked
+                        and self.compute_error(self.compute_extrapolated_torques(finer(least))) <= accuracy
                     )
                 except ConvergenceError:
                     return False
@@ -245,54 +249,56 @@ def _find_least_refinement(reaches: Callable[[int], bool], guess: float) -> int 
 
 
 def _list_method_rows(
-    arm: Arm, marches: Marches, motion: Motion, asked: float, seconds: float
+    arm: AccuracyCase, marches: Marches, motion: Motion, accuracy: float, seconds: float
 ) -> Iterator[dict[str, Any]]:
     """Yield the rows of one mechanism and error [-]; seconds [s] of timing."""
     mechanism = marches.problem.mechanism
 
-    of_range = asked * float((np.abs(marches.known).max(axis=0) / np.ptp(marches.known, axis=0)).min())
+    of_range = accuracy * float((np.abs(marches.known).max(axis=0) / np.ptp(marches.known, axis=0)).min())
 
     def solve_to_accuracy() -> Solution:
         return solve(mechanism, motion, accuracy=of_range, initial=arm.initial)
 
-    named = {"arm": arm.model, "asked_error": asked}
+    named = {"arm": arm.model, "asked_error": accuracy}
     try:
         answer = solve_to_accuracy()
     except ConvergenceError as refused:
         yield named | {"method": "accuracy=", "verdict": "skipped", "message": str(refused)}
         return
     here = replace(marches, mechanism=answer.mechanism)
-    plain = here.find_plain_refinement(asked)
+    plain = here.find_plain_refinement(accuracy)
     calls = {"accuracy=": Call(solve_to_accuracy)}
     told = {"accuracy=": (0, _compute_sampled_error(here, answer.torque))}
     grid = here.problem.grid.total
     if plain is not None:
-        calls["plain"] = Call(lambda: here.plain(plain))
-        told["plain"] = (plain * grid, here.error(here.plain(plain)))
+        calls["plain"] = Call(lambda: here.compute_plain_torques(plain))
+        told["plain"] = (plain * grid, here.compute_error(here.compute_plain_torques(plain)))
     for method, apart in EXTRAPOLATIONS.items():
-        if (some := here.longest(asked, apart)) is not None:
+        if (some := here.find_refinements(accuracy, apart)) is not None:
             calls[method] = Call(partial(here.compute_extrapolated_torques, some))
-            told[method] = (sum(some) * grid, here.error(here.compute_extrapolated_torques(some)))
+            told[method] = (sum(some) * grid, here.compute_error(here.compute_extrapolated_torques(some)))
     times = run_calls_in_turns(calls, seconds)
     beams = {(link.beam.elements, link.beam.order) for link in answer.mechanism.links if link.beam}
     mesh = ", ".join(f"{count} x {order}" for count, order in sorted(beams))
     for method in ("plain", *EXTRAPOLATIONS, "accuracy="):
         if method not in times:
-            yield named | {"method": method, "verdict": "skipped", "message": f"{asked:g} is not reached"}
+            yield named | {"method": method, "verdict": "skipped", "message": f"{accuracy:g} is not reached"}
             continue
         steps, error = told[method]
         row = named | {"method": method, "mesh": mesh, "steps": steps or None, "error": error}
-        row |= {"time": times[method].spread().median}
-        yield add_verdict(row | _compare_with_plain_steps(arm, asked, method, times))
+        row |= {"time": times[method].compute_quartiles().median}
+        yield add_verdict(row | _compare_with_plain_steps(arm, accuracy, method, times))
 
 
-def _compare_with_plain_steps(arm: Arm, asked: float, method: str, times: dict[str, Times]) -> dict[str, Any]:
+def _compare_with_plain_steps(
+    arm: AccuracyCase, accuracy: float, method: str, times: dict[str, Times]
+) -> dict[str, Any]:
     """The time of plain steps over that of a method, judged where something is asked."""
     if method == "plain" or "plain" not in times:
         return {}
     found = compute_time_ratio(times["plain"], times[method])
-    least = arm.target if method == "one extrapolation" and asked == min(ERRORS) else None
-    name = f"{arm.model}: torque error {asked:g} by {method}, times as fast as plain steps"
+    least = arm.target if method == "one extrapolation" and accuracy == min(ERRORS) else None
+    name = f"{arm.model}: torque error {accuracy:g} by {method}, times as fast as plain steps"
     one = make_metric(name, found.median, "-", lower=least, spread=f"{found.low:.3g} .. {found.high:.3g}")
     return {"faster": found.median, "asked": least, "metric": one}
 

@@ -73,10 +73,10 @@ class _Companion:
     def __init__(self) -> None:
         self.bell = SimpleQueue[int | None]()
         self.cells = np.zeros(_CELLS, dtype=np.uint64)
-        self.thread = Thread(target=self._serve, name="companion", daemon=True)
+        self.thread = Thread(target=self._run_until_closed, name="companion", daemon=True)
         self.thread.start()
 
-    def _serve(self) -> None:
+    def _run_until_closed(self) -> None:
         x = _make_aligned_array()
         while (caller := self.bell.get()) is not None:
             move_from_processor(caller)
@@ -92,7 +92,7 @@ class _Companion:
         while self.cells[_ENOUGH]:
             clock.sleep(0)
 
-    def dismiss(self) -> None:
+    def end_thread(self) -> None:
         self.bell.put(None)
         self.thread.join()
 
@@ -113,9 +113,9 @@ class Cores:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         for one in self._companions:
-            one.dismiss()
+            one.end_thread()
 
-    def look(self, threads: int, often: int) -> float:
+    def compute_loop_time(self, threads: int, often: int) -> float:
         """Return the largest [s] of the first and the last of so many loops, as in `loop`, and of nine in ten of them."""
         taken = [self.run_loop(threads) for _ in range(often)]
         return max(taken[0], taken[-1], sorted(taken)[(9 * often - 1) // 10])
@@ -138,5 +138,5 @@ class Cores:
 
 def find_undisturbed_repetitions(loops: Array) -> NDArray[np.bool_]:
     """Return a mask of the repetitions in which the processors gave all they have; loops : (repetitions, any) [s]."""
-    found: NDArray[np.bool_] = loops.max(axis=1) <= SHARED * Cores.least
-    return found
+    undisturbed_repetitions: NDArray[np.bool_] = loops.max(axis=1) <= SHARED * Cores.least
+    return undisturbed_repetitions

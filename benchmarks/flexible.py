@@ -68,17 +68,17 @@ PLOT = {"x": "time", "y": "error", "group": "curve", "log": True}
 
 
 @dataclass(frozen=True)
-class Arm:
+class FlexibleCase:
     """A case that is run: its model and case, Exudyn's formulation, finest run of either code for the reference.
 
-    end : [s]; asked : [-] or None; reference, finest : (elements, step [s]) of flexinv (of order 8) and of Exudyn
+    end : [s]; target : [-] or None; reference, finest : (elements, step [s]) of flexinv (of order 8) and of Exudyn
     agreement : largest distance of their tips, over the length, at which the reference counts as converged [-]
     """
 
     model: str
     case: str
     formulation: str
-    asked: float | None
+    target: float | None
     reference: tuple[int, float]
     finest: tuple[int, float]
     agreement: float
@@ -87,9 +87,9 @@ class Arm:
 
 # Measured: 3e-7 in the plane, 1.2e-5 in space, where Exudyn's beams are of low order; twice to ten times that is allowed.
 ARMS = (
-    Arm("flex_one_link", "cycloid", "ancf", ASKED, (2, 2.5e-5), (32, 2.5e-5), 3e-6),
-    Arm("flex_two_link", "cycloid", "ancf", ASKED, (2, 2.5e-5), (32, 2.5e-5), 3e-6),
-    Arm("spatial_arm", "reach", "ge", None, (1, 1e-4), (32, 5e-4), 3e-5),
+    FlexibleCase("flex_one_link", "cycloid", "ancf", ASKED, (2, 2.5e-5), (32, 2.5e-5), 3e-6),
+    FlexibleCase("flex_two_link", "cycloid", "ancf", ASKED, (2, 2.5e-5), (32, 2.5e-5), 3e-6),
+    FlexibleCase("spatial_arm", "reach", "ge", None, (1, 1e-4), (32, 5e-4), 3e-5),
 )
 
 
@@ -134,7 +134,7 @@ def run_study(
     return {"text": TEXT, "columns": COLUMNS, "rows": rows, "plot": PLOT}
 
 
-def list_arm_rows(arm: Arm, models: Path, grid: Grid, seconds: float) -> list[dict[str, Any]]:
+def list_arm_rows(arm: FlexibleCase, models: Path, grid: Grid, seconds: float) -> list[dict[str, Any]]:
     """Return the rows of one arm: its reference first, then all runs; seconds [s] for their timing."""
     mechanism, motion = prepare_arm_case(arm, models)
     length = sum(link.beam.length for link in mechanism.beams if link.beam)
@@ -154,7 +154,7 @@ def list_arm_rows(arm: Arm, models: Path, grid: Grid, seconds: float) -> list[di
     errors = [compute_tip_distance(run.tips, reference) / length for run in runs]
     rows = [head | {"verdict": "within", "curve": "the two references apart"}]
     for k, run in enumerate(runs):
-        taken = times[str(k)].spread().median
+        taken = times[str(k)].compute_quartiles().median
         row = _make_row(arm, run) | {"time": taken, "per_step": 1e6 * taken * run.step / arm.end, "error": errors[k]}
         if run.method.startswith("Exudyn"):
             row |= _compare_with_flexinv(arm, run, runs, errors, k, times)
@@ -162,7 +162,7 @@ def list_arm_rows(arm: Arm, models: Path, grid: Grid, seconds: float) -> list[di
     return rows
 
 
-def prepare_arm_case(arm: Arm, models: Path) -> tuple[Mechanism, Motion]:
+def prepare_arm_case(arm: FlexibleCase, models: Path) -> tuple[Mechanism, Motion]:
     """Return the mechanism as both codes get it, and its motion."""
     mechanism = read_mechanism(models / arm.model)
     motion = load_cases(models / arm.model, mechanism)[arm.case].motion
@@ -195,7 +195,7 @@ def compute_tip_distance(ours: dict[str, Array], theirs: dict[str, Array]) -> fl
     return max(float(np.linalg.norm(ours[name] - theirs[name], axis=1).max()) for name in theirs)
 
 
-def _run_flexinv(arm: Arm, mechanism: Mechanism, motion: Motion, grid: Grid) -> Iterator[Run]:
+def _run_flexinv(arm: FlexibleCase, mechanism: Mechanism, motion: Motion, grid: Grid) -> Iterator[Run]:
     for order, meshes in ((1, grid.linear), (4, grid.spectral)):
         for elements in meshes:
             meshed = mechanism.with_mesh(elements, order)
@@ -205,7 +205,7 @@ def _run_flexinv(arm: Arm, mechanism: Mechanism, motion: Motion, grid: Grid) -> 
                 yield Run(f"flexinv, order {order}", elements, step, call, tips)
 
 
-def _run_exudyn(arm: Arm, mechanism: Mechanism, motion: Motion, grid: Grid) -> Iterator[Run]:
+def _run_exudyn(arm: FlexibleCase, mechanism: Mechanism, motion: Motion, grid: Grid) -> Iterator[Run]:
     failed = importlib.import_module("crosscheck.engines.exudyn.integration").ExudynFailure
     for elements in grid.exudyn:
         for step in grid.steps:
@@ -214,7 +214,7 @@ def _run_exudyn(arm: Arm, mechanism: Mechanism, motion: Motion, grid: Grid) -> I
 
 
 def find_fastest_setting(
-    arm: Arm, mechanism: Mechanism, motion: Motion, elements: int, step: float, any_setting: bool = False
+    arm: FlexibleCase, mechanism: Mechanism, motion: Motion, elements: int, step: float, any_setting: bool = False
 ) -> Run:
     """Return Exudyn's run with the setting that is fastest here, or with any; step [s].
 
@@ -241,13 +241,13 @@ def find_fastest_setting(
     return Run(name, elements, step, Call(march.make_runner(setting)), tips, str(setting))
 
 
-def _make_row(arm: Arm, run: Run) -> dict[str, Any]:
+def _make_row(arm: FlexibleCase, run: Run) -> dict[str, Any]:
     named = {"arm": arm.model, "method": run.method, "elements": run.elements, "step": run.step, "setting": run.setting}
     return named | {"curve": f"{run.method}, {run.elements}"}
 
 
 def _compare_with_flexinv(
-    arm: Arm, run: Run, runs: list[Run], errors: list[float], k: int, times: dict[str, Times]
+    arm: FlexibleCase, run: Run, runs: list[Run], errors: list[float], k: int, times: dict[str, Times]
 ) -> dict[str, Any]:
     """Beside the fastest run of flexinv with an error as small or smaller: how much faster it is."""
     beside = [n for n, r in enumerate(runs) if r.method == run.method and r.step == run.step]
@@ -260,12 +260,12 @@ def _compare_with_flexinv(
     own = runs[n]
     name = f"{arm.model}: times as fast as Exudyn's {run.elements} elements at {run.step:g} s, at its error or less"
     by = f"{own.elements} x order {own.method[-1]}, {own.step:g} s"
-    one = make_metric(name, found.median, "-", lower=arm.asked, spread=f"{found.low:.3g} .. {found.high:.3g}; {by}")
+    one = make_metric(name, found.median, "-", lower=arm.target, spread=f"{found.low:.3g} .. {found.high:.3g}; {by}")
     strictly = None if strict is None else compute_time_ratio(times[str(k)], times[str(strict)]).median
-    return {"faster": found.median, "asked": arm.asked, "by": by, "strictly": strictly, "metric": one}
+    return {"faster": found.median, "asked": arm.target, "by": by, "strictly": strictly, "metric": one}
 
 
 def _find_fastest_run(runs: list[Run], errors: list[float], error: float, times: dict[str, Times]) -> int | None:
     """The number of flexinv's fastest run with at most this error [-]."""
     good = [n for n, run in enumerate(runs) if run.method.startswith("flexinv") and errors[n] <= error]
-    return min(good, key=lambda n: times[str(n)].spread().median, default=None)
+    return min(good, key=lambda n: times[str(n)].compute_quartiles().median, default=None)

@@ -48,8 +48,8 @@ def run_study(models: str, arms: list[str] | None = None, steps: int = STEPS) ->
     rows = []
     for name in arms or ARMS:
         asked, stroke = ARMS[name]
-        taken = sample_latencies(remove_damping(load_mechanism(Path(models) / name)), stroke, steps)
-        rows += _list_histogram_rows(name, asked, 1e6 * taken)
+        latencies = sample_latencies(remove_damping(load_mechanism(Path(models) / name)), stroke, steps)
+        rows += _list_histogram_rows(name, asked, 1e6 * latencies)
     return {"text": TEXT, "columns": COLUMNS, "rows": rows, "plot": PLOT}
 
 
@@ -71,7 +71,7 @@ def sample_latencies(mechanism: Mechanism, stroke: float, steps: int) -> Array:
     controller.start(*rows[0])
     for row in rows[1:]:  # once to and fro before it counts
         controller.step(*row)
-    taken = np.empty(steps)
+    latencies = np.empty(steps)
     was = gc.isenabled()
     gc.disable()
     try:
@@ -79,11 +79,11 @@ def sample_latencies(mechanism: Mechanism, stroke: float, steps: int) -> Array:
             row = rows[k % len(rows)]
             start = clock.perf_counter()
             controller.step(*row)
-            taken[k] = clock.perf_counter() - start
+            latencies[k] = clock.perf_counter() - start
     finally:
         if was:
             gc.enable()
-    return taken
+    return latencies
 
 
 def _list_histogram_rows(name: str, asked: float | None, taken: Array) -> list[dict[str, Any]]:

@@ -56,7 +56,7 @@ def run_study(models: str = "", loops: list[int] | None = None, seconds: float =
     for count in counts:
         work = _prepare_calls(count)
         for method, own in run_calls_in_turns({name: Call(call) for name, (call, _) in work.items()}, seconds).items():
-            time = 1e6 * own.spread().median / work[method][1]
+            time = 1e6 * own.compute_quartiles().median / work[method][1]
             times.setdefault(method, {})[count] = time
             rows.append({"loops": count, "method": method, "time": time, "per_loop": time / count})
     last = max(counts)

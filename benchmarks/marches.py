@@ -89,7 +89,7 @@ def _list_element_rows(
     rows: list[dict[str, Any]] = []
     for n in meshes:
         iterations = float(solve(meshed[n], motion, SAMPLE, end=end).iterations.mean())
-        taken = times[str(n)].spread().median
+        taken = times[str(n)].compute_quartiles().median
         named = {"arm": model, "order": order, "elements": n, "curve": f"{model}, order {order}"}
         rows.append(named | {"time": 1e6 * taken * SAMPLE / end, "iterations": iterations})
     grown = compute_time_ratio(times[str(meshes[-1])], times[str(meshes[-2])]).median
@@ -138,8 +138,8 @@ def _list_rigid_loop_rows(folder: Path, seconds: float) -> list[dict[str, Any]]:
     closed = load_mechanism(folder / "five_bar")
     case = load_cases(folder / "five_bar", closed)["reach"]
     step = 1e-3
-    found = solve(closed, case.motion, step, start=case.start)
-    given = Motion.from_samples(found.time, found.q, [joint.name for joint in closed.joints if joint.nv])
+    solution = solve(closed, case.motion, step, start=case.start)
+    given = Motion.from_samples(solution.time, solution.q, [joint.name for joint in closed.joints if joint.nv])
     tree = replace(closed, closures=())
     solved = {
         "closed, given": Call(lambda: solve(closed, given, step)),
@@ -160,9 +160,9 @@ def _list_prepared_loop_rows(folder: Path, model: str, most: float, seconds: flo
     """A closed mechanism and its tree through prepared functions, coordinate-major."""
     closed = load_mechanism(folder / model)
     case = next(iter(load_cases(folder / model, closed).values()))
-    found = solve(closed, case.motion, case.end / (LOOP_SAMPLES - 1), start=case.start)
+    solution = solve(closed, case.motion, case.end / (LOOP_SAMPLES - 1), start=case.start)
     calls = {
-        name: _make_torque_call(m, found)
+        name: _make_torque_call(m, solution)
         for name, m in (("closed, given", closed), ("tree", replace(closed, closures=())))
     }
     name = f"rigid loop with a given motion, {model}, torques"
@@ -184,7 +184,7 @@ def _compare_loop_with_tree(
     """Rows of times, the trees' with how many times as long the closed mechanism takes."""
     rows = []
     for method, own in times.items():
-        row: dict[str, Any] = {"what": what, "method": method, "time": 1e3 * own.spread().median}
+        row: dict[str, Any] = {"what": what, "method": method, "time": 1e3 * own.compute_quartiles().median}
         if method.startswith("tree"):
             found = compute_time_ratio(times[first], own)
             one = make_metric(
@@ -214,7 +214,7 @@ def _list_thread_rows(folder: Path, seconds: float) -> list[dict[str, Any]]:
         times = run_calls_in_turns(calls, 2 * seconds)  # long calls, of which a busy host spoils many
         for n in counts:
             row: dict[str, Any] = {"what": f"solve_many, {scenarios} times {model}", "method": f"{n} threads"}
-            row["time"] = 1e3 * times[str(n)].spread().median
+            row["time"] = 1e3 * times[str(n)].compute_quartiles().median
             if n > 1:
                 found = compute_time_ratio(times["1"], times[str(n)])
                 message = describe_disturbance(times[str(n)])

@@ -104,7 +104,7 @@ def list_robot_rows(robot: str, mechanism: Mechanism, samples: int, seconds: flo
 
 
 def _make_row(robot: str, samples: int, method: str, threads: int, times: Times, per: int) -> dict[str, Any]:
-    spread = times.spread()
+    spread = times.compute_quartiles()
     return {
         "robot": robot,
         "samples": samples,
@@ -144,17 +144,17 @@ def prepare_methods(mechanism: Mechanism, state: State) -> Mapping[tuple[str, in
     pinocchio = open_calls("pinocchio")
     mujoco = open_calls("mujoco")
     few: State = (state[0][:IN_A_LOOP], state[1][:IN_A_LOOP], state[2][:IN_A_LOOP])
-    found: dict[tuple[str, int], Method] = {}
+    methods: dict[tuple[str, int], Method] = {}
     counts = sorted({1, min(2, count_processors())})
     for threads in counts:
         for order in ORDERS:
-            found[f"flexinv by {order[:-1]}", threads] = _make_flexinv_method(mechanism, state, order, threads)
-        found["rneaInParallel", threads] = _make_method(
+            methods[f"flexinv by {order[:-1]}", threads] = _make_flexinv_method(mechanism, state, order, threads)
+        methods["rneaInParallel", threads] = _make_method(
             pinocchio.prepare_parallel(mechanism, *state, threads), len(state[0]), threads
         )
-    found["pin.rnea in a loop", 1] = _make_method(pinocchio.prepare_loop(mechanism, *few), len(few[0]))
-    found["mj_inverse in a loop", 1] = _make_method(mujoco.prepare_loop(mechanism, *few), len(few[0]))
-    return found
+    methods["pin.rnea in a loop", 1] = _make_method(pinocchio.prepare_loop(mechanism, *few), len(few[0]))
+    methods["mj_inverse in a loop", 1] = _make_method(mujoco.prepare_loop(mechanism, *few), len(few[0]))
+    return methods
 
 
 def _make_method(work: Work, samples: int, threads: int = 1) -> Method:

@@ -92,7 +92,7 @@ def _list_single_sample_rows(robot: str, mechanism: Mechanism, seconds: float) -
 
 
 def _make_row(what: str, method: str, times: Times) -> dict[str, Any]:
-    s = times.spread()
+    s = times.compute_quartiles()
     quartiles = f"{1e6 * s.low:.3g} .. {1e6 * s.high:.3g}"
     return {"what": what, "method": method, "time": 1e6 * s.median, "quartiles": quartiles}
 
@@ -123,10 +123,16 @@ def build_rod_chain(joints: int) -> Mechanism:
     """Return a chain of rods of 0.3 m and 1 kg [-], every joint turned by 90 degrees against the one before."""
     rod = Body("rod", Inertia(1.0, np.array([0.15, 0.0, 0.0]), np.diag([1e-4, 7.5e-3, 7.5e-3])))
     turned = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
-    seat = Placement(np.array([0.3, 0.0, 0.0]), turned)
+    placement = Placement(np.array([0.3, 0.0, 0.0]), turned)
     links = tuple(Link(f"rod{k}", (rod,)) for k in range(joints))
     made = tuple(
-        Joint(f"joint{k}", "revolute", "world" if k == 0 else f"rod{k - 1}", f"rod{k}", Placement() if k == 0 else seat)
+        Joint(
+            f"joint{k}",
+            "revolute",
+            "world" if k == 0 else f"rod{k - 1}",
+            f"rod{k}",
+            Placement() if k == 0 else placement,
+        )
         for k in range(joints)
     )
     return Mechanism(f"chain of {joints}", links, made, gravity=np.array([0.0, 0.0, -9.81]))
@@ -148,7 +154,7 @@ def run_chain_study(models: str = "", joints: list[int] | None = None, seconds: 
         }
         times = run_calls_in_turns(calls, seconds)
         for method, own in times.items():
-            value = 1e9 * own.spread().median / CHAIN_SAMPLES
+            value = 1e9 * own.compute_quartiles().median / CHAIN_SAMPLES
             row = {"joints": count, "method": method, "time": value, "per_joint": value / count}
             if method == "flexinv":
                 row["faster"] = compute_time_ratio(times["rneaInParallel"], own).median

@@ -94,7 +94,7 @@ class Times:
             whole=self.whole[which],
         )
 
-    def spread(self) -> Spread:
+    def compute_quartiles(self) -> Spread:
         """Return the quartiles [s]."""
         return _compute_quartiles(self.find_usable_times())
 
@@ -119,8 +119,8 @@ def compute_time_ratio(slow: Times, fast: Times) -> Spread:
         and _has_enough_repetitions(fast.whole)
         and (slow.threads != fast.threads or not _has_enough_repetitions(both))
     ):
-        a = slow.spread()
-        b = fast.spread()
+        a = slow.compute_quartiles()
+        b = fast.compute_quartiles()
         return Spread(a.low / b.high, a.median / b.median, a.high / b.low)
     if _has_enough_repetitions(both):
         slow = slow._take_repetitions(both)
@@ -144,7 +144,7 @@ def run_calls_in_turns(calls: Mapping[str, Call], seconds: float) -> dict[str, T
     Short calls are repeated within a repetition; the times are those of one run.
     """
     often = {name: _count(call) for name, call in calls.items()}
-    taken: dict[str, list[_Taken]] = {name: [] for name in calls}
+    taken: dict[str, list[_Repetition]] = {name: [] for name in calls}
     settled = SETTLED if any(call.threads > 1 for call in calls.values()) else 0.0
     start = clock.perf_counter()
     before = _read_system_time()
@@ -163,29 +163,29 @@ def run_calls_in_turns(calls: Mapping[str, Call], seconds: float) -> dict[str, T
     return {name: _assemble_times(rows, calls[name].threads, others) for name, rows in taken.items()}
 
 
-class _Taken(NamedTuple):
+class _Repetition(NamedTuple):
     """One repetition: seconds of a run on the clock and of the processor, whether clean, the loops [s] before and after."""
 
     wall: float
-    own: float
+    processor: float
     clean: bool
     loops: tuple[float, float]
     long: bool
 
 
-def _assemble_times(rows: list[_Taken], threads: int, others: float) -> Times:
+def _assemble_times(rows: list[_Repetition], threads: int, others: float) -> Times:
     wall, own, clean = (np.array(column) for column in list(zip(*rows, strict=True))[:3])
     return Times(wall, own, clean, _find_undisturbed_repetitions(rows), threads, others)
 
 
-def _find_undisturbed_repetitions(rows: list[_Taken]) -> NDArray[np.bool_]:
+def _find_undisturbed_repetitions(rows: list[_Repetition]) -> NDArray[np.bool_]:
     """Return a mask of the repetitions with whole processors: before and after, and within long ones."""
-    own = np.array([row.own for row in rows])
+    own = np.array([row.processor for row in rows])
     steady = own <= STEADY * own.min() if rows[0].long else np.ones(len(rows), dtype=bool)
     return np.asarray(find_undisturbed_repetitions(np.array([row.loops for row in rows])) & steady)
 
 
-def _has_enough_common_turns(taken: Mapping[str, list[_Taken]], calls: Mapping[str, Call]) -> bool:
+def _has_enough_common_turns(taken: Mapping[str, list[_Repetition]], calls: Mapping[str, Call]) -> bool:
     """Return True if enough turns had whole cores, in all calls with as many threads, as those are compared."""
     for threads in {call.threads for call in calls.values()}:
         own = [_find_undisturbed_repetitions(rows) for name, rows in taken.items() if calls[name].threads == threads]
@@ -194,9 +194,9 @@ def _has_enough_common_turns(taken: Mapping[str, list[_Taken]], calls: Mapping[s
     return True
 
 
-def _run_repetition(call: Call, times: int, long: bool, settled: float, cores: Cores) -> _Taken:
+def _run_repetition(call: Call, times: int, long: bool, settled: float, cores: Cores) -> _Repetition:
     looks = LOOKS if long else 1
-    loop = cores.look(call.threads, looks)
+    loop = cores.compute_loop_time(call.threads, looks)
     begun = clock.perf_counter()
     while not long:
         call.run()
@@ -210,7 +210,7 @@ def _run_repetition(call: Call, times: int, long: bool, settled: float, cores: C
     wall = clock.perf_counter() - start
     own = clock.process_time() - own
     clean = _count_interruptions() == before
-    return _Taken(wall / times, own / times, clean, (loop, cores.look(call.threads, looks)), long)
+    return _Repetition(wall / times, own / times, clean, (loop, cores.compute_loop_time(call.threads, looks)), long)
 
 
 def _count(call: Call) -> tuple[int, bool]:

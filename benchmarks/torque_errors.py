@@ -70,7 +70,7 @@ COLUMNS = (
 
 
 @dataclass(frozen=True)
-class Arm:
+class TorqueErrorCase:
     """A case, Exudyn's formulation ("ancf" or "ge"), and what is asked at 1e-6 [-], or None."""
 
     model: str
@@ -80,10 +80,10 @@ class Arm:
 
 
 ARMS = (
-    Arm("flex_one_link", "cycloid", "ancf", ASKED),
-    Arm("flex_two_link", "cycloid", "ancf", None),
-    Arm("spatial_arm", "reach", "ge", ASKED),
-    Arm("four_bar_flexible", "turn", "ancf", None),
+    TorqueErrorCase("flex_one_link", "cycloid", "ancf", ASKED),
+    TorqueErrorCase("flex_two_link", "cycloid", "ancf", None),
+    TorqueErrorCase("spatial_arm", "reach", "ge", ASKED),
+    TorqueErrorCase("four_bar_flexible", "turn", "ancf", None),
 )
 
 
@@ -104,7 +104,7 @@ def run_study(
 
 
 def list_arm_rows(
-    arm: Arm, models: Path, errors: tuple[float, ...], seconds: float, longest: float
+    arm: TorqueErrorCase, models: Path, errors: tuple[float, ...], seconds: float, longest: float
 ) -> Iterator[dict[str, Any]]:
     """Yield the rows of one mechanism: its reference, then both codes by error [-]; seconds [s] of timing by error."""
     mechanism, case = prepare_arm_case(arm, models)
@@ -114,14 +114,16 @@ def list_arm_rows(
     yield head
     if head["verdict"] != "within":
         return
-    ladder = Ladder(arm, mechanism, case, known, problem.grid, longest)
+    ladder = RunLadder(arm, mechanism, case, known, problem.grid, longest)
     for asked in errors:
         yield from _list_code_rows(arm, Marches(problem, known), ladder, asked, seconds)
 
 
-def prepare_arm_case(arm: Arm, models: Path) -> tuple[Mechanism, Case]:
+def prepare_arm_case(arm: TorqueErrorCase, models: Path) -> tuple[Mechanism, Case]:
     """Return the mechanism as both codes get it, and its case, the motion by the law 'nonic'."""
-    mechanism, motion = accuracy.prepare_arm_case(accuracy.Arm(arm.model, arm.case, "consistent", 0.0, None), models)
+    mechanism, motion = accuracy.prepare_arm_case(
+        accuracy.AccuracyCase(arm.model, arm.case, "consistent", 0.0, None), models
+    )
     case = replace(load_cases(models / arm.model, mechanism)[arm.case], motion=motion, initial="consistent")
     if arm.formulation == "ancf":
         mechanism = replace_beams(mechanism, make_slender_beam)
@@ -139,7 +141,7 @@ def make_equal_steps(problem: Problem) -> Problem:
 
 
 @dataclass(frozen=True)
-class Reached:
+class ExudynRun:
     """A run of Exudyn: what it was, its torque error [-], and the time it took with its sensors [s]."""
 
     march: Any
@@ -148,48 +150,48 @@ class Reached:
 
 
 @dataclass
-class Ladder:
+class RunLadder:
     """Runs of Exudyn that were made for one mechanism, by elements and way of Newton, from few steps to many.
 
     known : torques (samples, drives) [N m], [N]; longest : [s] of one run
     """
 
-    arm: Arm
+    arm: TorqueErrorCase
     mechanism: Mechanism
     case: Case
     known: Array
     grid: StepGrid
     longest: float
-    made: dict[tuple[int, bool], list[Reached]] = field(default_factory=dict)
+    made: dict[tuple[int, bool], list[ExudynRun]] = field(default_factory=dict)
     begun: dict[tuple[int, bool], int] = field(default_factory=dict)
 
-    def find_fastest_run(self, asked: float) -> Reached:
+    def find_fastest_run(self, accuracy: float) -> ExudynRun:
         """Return the fastest run that reaches an error [-], else the one that took longest."""
         for elements in MESHES:
             for keeps in (True, False):
                 self._run_finer_steps(
                     elements,
                     keeps,
-                    asked,
-                    min((one.time for one in self._list_accurate_runs(asked)), default=self.longest),
+                    accuracy,
+                    min((one.time for one in self._list_accurate_runs(accuracy)), default=self.longest),
                 )
         return min(
-            self._list_accurate_runs(asked),
+            self._list_accurate_runs(accuracy),
             key=lambda one: one.time,
             default=max(self._list_runs(), key=lambda one: one.time),
         )
 
-    def _list_runs(self) -> list[Reached]:
+    def _list_runs(self) -> list[ExudynRun]:
         return [one for own in self.made.values() for one in own]
 
-    def _list_accurate_runs(self, asked: float) -> list[Reached]:
-        return [one for one in self._list_runs() if one.error <= asked]
+    def _list_accurate_runs(self, accuracy: float) -> list[ExudynRun]:
+        return [one for one in self._list_runs() if one.error <= accuracy]
 
-    def _run_finer_steps(self, elements: int, keeps: bool, asked: float, longest: float) -> None:
+    def _run_finer_steps(self, elements: int, keeps: bool, accuracy: float, longest: float) -> None:
         """Take more steps until an error is reached, the mesh allows none smaller, or a run takes longer than ``longest`` [s]."""
         runs = self.made.setdefault((elements, keeps), [])
         first = self.begun.setdefault((elements, keeps), self._find_first_level(elements, keeps))
-        while not runs or runs[-1].error > asked:
+        while not runs or runs[-1].error > accuracy:
             stuck = len(runs) > 1 and runs[-1].error > STUCK * runs[-2].error
             if stuck or (runs and MORE * runs[-1].time > longest):
                 return
@@ -204,7 +206,7 @@ class Ladder:
         before = (MESHES[coarser], keeps)
         return max(0, self.begun[before] + len(self.made[before]) - AGAIN) if coarser >= 0 else 0
 
-    def _run(self, elements: int, keeps: bool, finer: int) -> Reached | None:
+    def _run(self, elements: int, keeps: bool, finer: int) -> ExudynRun | None:
         exudyn = open_calls("exudyn")
         finer = KEPT * max(1, round(finer / KEPT))
         steps = finer * self.grid.total
@@ -217,41 +219,48 @@ class Ladder:
             torque = march.torques()
         except exudyn.ExudynFailure:
             return None
-        return Reached(
+        return ExudynRun(
             march, compute_peak_error(torque[:, self.mechanism.actuated], self.known), clock.perf_counter() - start
         )
 
 
-def find_coarsest_mesh(marches: Marches, asked: float) -> tuple[Marches, tuple[int, ...]] | None:
+def find_coarsest_mesh(marches: Marches, accuracy: float) -> tuple[Marches, tuple[int, ...]] | None:
     """Return the coarsest mesh on which two marches, extrapolated, reach an error [-], and their refinements [-]."""
     for mesh in range(len(MESHES_OF_BEAMS)):
         here = replace(marches, mechanism=apply_mesh(marches.problem.mechanism, mesh))
-        if here.error(here.compute_extrapolated_torques(SHORTEST)) <= asked:
-            pair = here.longest(asked, EXTRAPOLATIONS["one extrapolation"])
+        if here.compute_error(here.compute_extrapolated_torques(SHORTEST)) <= accuracy:
+            pair = here.find_refinements(accuracy, EXTRAPOLATIONS["one extrapolation"])
             return None if pair is None else (here, pair)
     return None
 
 
 def _list_code_rows(
-    arm: Arm, marches: Marches, ladder: Ladder, asked: float, seconds: float
+    arm: TorqueErrorCase, marches: Marches, ladder: RunLadder, asked: float, seconds: float
 ) -> Iterator[dict[str, Any]]:
     """Yield the rows of one mechanism and error [-]; seconds [s] of timing."""
     named = {"arm": arm.model, "asked_error": asked}
-    ours = find_coarsest_mesh(marches, asked)
-    theirs = ladder.find_fastest_run(asked)
-    if ours is None:
+    coarsest_mesh = find_coarsest_mesh(marches, asked)
+    fastest_run = ladder.find_fastest_run(asked)
+    if coarsest_mesh is None:
         yield named | {"method": "flexinv", "verdict": "skipped", "message": f"{asked:g} is not reached"}
         return
-    here, pair = ours
+    here, pair = coarsest_mesh
     times = run_calls_in_turns(
-        {"flexinv": Call(lambda: here.compute_extrapolated_torques(pair)), "Exudyn": Call(theirs.march.make_runner())},
+        {
+            "flexinv": Call(lambda: here.compute_extrapolated_torques(pair)),
+            "Exudyn": Call(fastest_run.march.make_runner()),
+        },
         seconds,
     )
     order = max(link.beam.order for link in here.mechanism.beams if link.beam) if here.mechanism else 0
     setting = f"order {order}, {sum(pair) * here.problem.grid.total} steps"
-    own = {"method": "flexinv", "setting": setting, "error": here.error(here.compute_extrapolated_torques(pair))}
-    yield add_verdict(named | own | {"time": times["flexinv"].spread().median})
-    reaches = theirs.error <= asked
+    own = {
+        "method": "flexinv",
+        "setting": setting,
+        "error": here.compute_error(here.compute_extrapolated_torques(pair)),
+    }
+    yield add_verdict(named | own | {"time": times["flexinv"].compute_quartiles().median})
+    reaches = fastest_run.error <= asked
     found = compute_time_ratio(times["Exudyn"], times["flexinv"])
     more = "" if reaches else ", at least"
     target = arm.target if asked == min(accuracy.ERRORS) else None
@@ -260,8 +269,8 @@ def _list_code_rows(
     method = "Exudyn" if reaches else "Exudyn, not reached"
     row = {
         "method": method,
-        "setting": str(theirs.march),
-        "error": theirs.error,
-        "time": times["Exudyn"].spread().median,
+        "setting": str(fastest_run.march),
+        "error": fastest_run.error,
+        "time": times["Exudyn"].compute_quartiles().median,
     }
     yield add_verdict(named | row | {"faster": found.median, "asked": target, "metric": one})

@@ -130,10 +130,10 @@ def first_event(function: Event, level: float) -> float:
 
 def highest(function: Callable[[float], float], low: float, high: float) -> float:
     """Return where a function is highest between two times [s], by golden sections to the root of rounding."""
-    found = scipy.optimize.minimize_scalar(
+    result = scipy.optimize.minimize_scalar(
         lambda t: -function(t), bounds=(low, high), method="bounded", options={"xatol": 1e-13}
     )
-    return float(found.x)
+    return float(result.x)
 
 
 # ------------------------------------------------------------------------------------------------------------- limits
@@ -197,8 +197,8 @@ def solved(
     try:
         flexinv.solve(mechanism, motion, step=step, start=start)
     except flexinv.ConvergenceError as error:
-        found = re.search(r"t = (\S+) s", str(error))
-        return (float(found[1]) if found else -1.0), str(error)
+        match = re.search(r"t = (\S+) s", str(error))
+        return (float(match[1]) if match else -1.0), str(error)
     return None, ""
 
 
@@ -234,8 +234,8 @@ def loop_outcome(
     kind: str, number: int, step: float, mechanism: Mechanism, start: dict[str, float], crank: Crank
 ) -> Outcome:
     """Solve a loop whose crank goes to its singular angle, and say what came."""
-    found, said = solved(mechanism, crank.motion, step, start)
-    return Outcome(kind, number, crank.case, crank.expected, found, said)
+    result, said = solved(mechanism, crank.motion, step, start)
+    return Outcome(kind, number, crank.case, crank.expected, result, said)
 
 
 def four_bar_case(random: Random, number: int) -> Outcome:
@@ -358,8 +358,8 @@ def five_bar_case(random: Random, number: int) -> Outcome:
     motion = flexinv.Motion.merge(
         flexinv.Motion.from_samples(values[0], {"L": values[1]}), flexinv.Motion.from_samples(time, {"R": other})
     )
-    found, said = solved(mechanism, motion, float(random.choice(STEPS)), start)
-    return Outcome("five-bar", number, case, expected, found, said)
+    result, said = solved(mechanism, motion, float(random.choice(STEPS)), start)
+    return Outcome("five-bar", number, case, expected, result, said)
 
 
 # --------------------------------------------------------------------------------------------------------------- springs

@@ -152,8 +152,8 @@ def run(folder: Path, faults: list[dict[str, str]]) -> list[Result]:
 
 def read_results(folder: Path, faults: list[dict[str, str]]) -> list[Result]:
     """Return what the report in a folder says of each answer."""
-    found = json.loads((folder / "report" / "results.json").read_text())
-    return [judge(row, bars, found) for row, bars in answers(faults)]
+    result = json.loads((folder / "report" / "results.json").read_text())
+    return [judge(row, bars, result) for row, bars in answers(faults)]
 
 
 def judge(row: dict[str, str], bars: str, found: dict) -> Result:

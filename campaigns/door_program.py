@@ -57,7 +57,7 @@ def answer_rigid(kit, out, row):
     honest = rigid.Robot
     share = rigid.shared
 
-    class Faulty(honest):
+    class FaultyRobot(honest):
         def __init__(self, folder):
             super().__init__(folder)
             if change:
@@ -65,7 +65,7 @@ def answer_rigid(kit, out, row):
             if getattr(self, "cut", False):
                 rigid.shared = lambda g, driven, weights, tau: tau[driven]
 
-    rigid.Robot = Faulty
+    rigid.Robot = FaultyRobot
     try:
         rigid.answer(kit, out)
     finally:

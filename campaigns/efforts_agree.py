@@ -15,7 +15,7 @@ from typing import Any
 import mujoco
 import numpy as np
 import pinocchio as pin
-from retelling import Told
+from retelling import RewrittenMechanism
 from scipy.spatial.transform import Rotation
 
 from crosscheck.engines.pinocchio.model import build
@@ -41,26 +41,26 @@ class State:
 
 
 @dataclass(frozen=True)
-class Written:
-    """A machine as it is written: path of a file, or a mechanism in memory; told : how; form : urdf, mjcf or memory."""
+class WrittenMachine:
+    """A machine as it is written: path of a file, or a mechanism in memory; rewritten : how; form : urdf, mjcf or memory."""
 
-    told: Told
+    rewritten: RewrittenMechanism
     form: str
     path: Path | None = None
 
 
-def disagreement(one: Written, other: Written, seed: int) -> float:
+def disagreement(one: WrittenMachine, other: WrittenMachine, seed: int) -> float:
     """Return the largest difference of a joint's effort over the largest effort [-], on random states."""
     dice = np.random.default_rng(seed)
-    first = one.told.mechanism
+    first = one.rewritten.mechanism
     worst = 0.0
     for _ in range(SAMPLES):
         state = _drawn(first, dice)
-        ours, theirs = _efforts(one, state), _efforts(other, _carried(first, other.told, state))
+        ours, theirs = _efforts(one, state), _efforts(other, _carried(first, other.rewritten, state))
         largest = max((float(np.abs(x).max()) for x in ours.values()), default=0.0) or 1.0
-        for name, count in other.told.joints.items():
+        for name, count in other.rewritten.joints.items():
             if name in ours:
-                back = _back(first, other.told, name, theirs[count.name])
+                back = _back(first, other.rewritten, name, theirs[count.name])
                 worst = max(worst, float(np.abs(ours[name] - back).max()) / largest)
     return worst
 
@@ -108,12 +108,12 @@ def _named(model: Any, name: str) -> str:
     return name if model.existJointName(name) else str(model.names[1])
 
 
-def _carried(first: Mechanism, told: Told, state: State) -> State:
+def _carried(first: Mechanism, rewritten: RewrittenMechanism, state: State) -> State:
     """The state of the first machine in the coordinates of another that was told from it."""
     q: dict[str, Any] = {}
     qd: dict[str, Any] = {}
     qdd: dict[str, Any] = {}
-    for name, count in told.joints.items():
+    for name, count in rewritten.joints.items():
         if name not in state.q:
             continue
         joint = first.joint_of[name]
@@ -121,18 +121,18 @@ def _carried(first: Mechanism, told: Told, state: State) -> State:
             q[count.name] = count.sign * (state.q[name] - count.offset)
             qd[count.name], qdd[count.name] = count.sign * state.qd[name], count.sign * state.qdd[name]
         elif joint.kind == "spherical":
-            turn = told.links[joint.child].frame.rotation
+            turn = rewritten.links[joint.child].frame.rotation
             q[count.name] = turn.T @ state.q[name] @ turn
             qd[count.name], qdd[count.name] = turn.T @ state.qd[name], turn.T @ state.qdd[name]
         else:
             q[count.name], qd[count.name], qdd[count.name] = state.q[name], state.qd[name], state.qdd[name]
     if state.pose is None:
         return State(q, qd, qdd)
-    root = next(j.child for j in told.mechanism.joints if j.kind == "free")
-    link, seat = next((name, seat) for name, seat in told.links.items() if seat.name == root)
+    root = next(j.child for j in rewritten.mechanism.joints if j.kind == "free")
+    link, seat = next((name, seat) for name, seat in rewritten.links.items() if seat.name == root)
     pose, push = _of_link(first, link, state)
     push = np.concatenate(_shifted(seat.frame, push))
-    return State(q, qd, qdd, apply_placement(apply_placement(told.world, pose), seat.frame), push)
+    return State(q, qd, qdd, apply_placement(apply_placement(rewritten.world, pose), seat.frame), push)
 
 
 def _shifted(frame: Placement, push: Array) -> tuple[Array, Array]:
@@ -152,10 +152,10 @@ def _of_link(mechanism: Mechanism, link: str, state: State) -> tuple[Placement, 
     return Placement(pose.translation, pose.rotation), push.vector
 
 
-def _efforts(written: Written, state: State) -> dict[str, Array]:
+def _efforts(written: WrittenMachine, state: State) -> dict[str, Array]:
     if written.form == "mjcf":
         return _by_mujoco(written, state)
-    mechanism = written.told.mechanism
+    mechanism = written.rewritten.mechanism
     if written.form == "memory":
         model = build(mechanism).model
     else:
@@ -164,14 +164,14 @@ def _efforts(written: Written, state: State) -> dict[str, Array]:
         model.gravity = pin.Motion(mechanism.gravity, np.zeros(3))
     model.armature[:] = 0.0
     q, v, a = _of_pinocchio(model, mechanism, state)
-    found = pin.rnea(model, model.createData(), q, v, a)
+    result = pin.rnea(model, model.createData(), q, v, a)
     out = {}
     for joint in mechanism.joints:
         if joint.kind in (*SCALARS, "spherical"):
             own = model.joints[model.getJointId(joint.name)]
-            out[joint.name] = found[own.idx_v : own.idx_v + own.nv]
+            out[joint.name] = result[own.idx_v : own.idx_v + own.nv]
         elif joint.kind == "universal":
-            out[joint.name] = np.concatenate([found[s] for s in _universal(model, joint.name, "v")])
+            out[joint.name] = np.concatenate([result[s] for s in _universal(model, joint.name, "v")])
     return out
 
 
@@ -220,7 +220,7 @@ def _of_pinocchio(model: Any, mechanism: Mechanism, state: State) -> tuple[Array
     return q, v, a
 
 
-def _by_mujoco(written: Written, state: State) -> dict[str, Array]:
+def _by_mujoco(written: WrittenMachine, state: State) -> dict[str, Array]:
     model = mujoco.MjModel.from_xml_path(str(written.path))
     model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_CONSTRAINT)
     model.dof_damping[:] = 0.0
@@ -228,7 +228,7 @@ def _by_mujoco(written: Written, state: State) -> dict[str, Array]:
     model.jnt_stiffness[:] = 0.0
     data = mujoco.MjData(model)
     places: dict[str, slice] = {}
-    for joint in written.told.mechanism.joints:
+    for joint in written.rewritten.mechanism.joints:
         names = [f"{joint.name}.1", f"{joint.name}.2"] if joint.kind == "universal" else [joint.name]
         for k, name in enumerate(names if joint.nv else []):
             own = model.joint(name)
@@ -251,15 +251,15 @@ def _by_mujoco(written: Written, state: State) -> dict[str, Array]:
             data.qpos[at], data.qvel[vat], data.qacc[vat] = value, rate, push
             places[name] = slice(vat, vat + 1)
     mujoco.mj_inverse(model, data)
-    found = {name: np.array(data.qfrc_inverse[at]) for name, at in places.items()}
-    for joint in written.told.mechanism.joints:
+    result = {name: np.array(data.qfrc_inverse[at]) for name, at in places.items()}
+    for joint in written.rewritten.mechanism.joints:
         if joint.kind == "universal":
-            found[joint.name] = np.concatenate([found.pop(f"{joint.name}.{k}") for k in (1, 2)])
-    return found
+            result[joint.name] = np.concatenate([result.pop(f"{joint.name}.{k}") for k in (1, 2)])
+    return result
 
 
-def _back(first: Mechanism, told: Told, name: str, effort: Array) -> Array:
+def _back(first: Mechanism, rewritten: RewrittenMechanism, name: str, effort: Array) -> Array:
     joint = first.joint_of[name]
     if joint.kind == "spherical":
-        return np.asarray(told.links[joint.child].frame.rotation @ effort)
-    return np.asarray(told.joints[name].sign * effort)
+        return np.asarray(rewritten.links[joint.child].frame.rotation @ effort)
+    return np.asarray(rewritten.joints[name].sign * effort)

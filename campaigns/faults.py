@@ -41,11 +41,17 @@ def plant(mechanism: Mechanism, dice: Dice) -> Planted | None:
     return next((made for kind in kinds if (made := kind(mechanism, dice)) is not None), None)
 
 
-def fits(fault: Fault, found: Difference) -> bool:
+def fits(fault: Fault, difference: Difference) -> bool:
     """Return True if a difference names the fault: quantity, element, size."""
-    words = found.place.removeprefix("link ").removeprefix("joint ").removeprefix("body ").partition(" (on link ")[0]
+    words = (
+        difference.place.removeprefix("link ").removeprefix("joint ").removeprefix("body ").partition(" (on link ")[0]
+    )
     words = words.partition("/")[0]  # a writer of MJCF gives each body of a link one of its own, "link/body"
-    return found.cause == fault.cause and words == fault.element and abs(found.size - fault.size) <= SIZE * fault.size
+    return (
+        difference.cause == fault.cause
+        and words == fault.element
+        and abs(difference.size - fault.size) <= SIZE * fault.size
+    )
 
 
 def _mass(mechanism: Mechanism, dice: Dice) -> Planted | None:

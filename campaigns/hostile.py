@@ -61,12 +61,12 @@ assert hostile_robots.xacro.__name__ in MAKERS
 
 
 @dataclass(frozen=True)
-class Ended:
+class CommandEnd:
     """How a command ended: exit code (None: it was killed at the limit), what it printed, what it left, and seconds."""
 
     code: int | None
     printed: str
-    left: tuple[str, ...]
+    leftover_files: tuple[str, ...]
     seconds: float
 
 
@@ -96,7 +96,7 @@ def find_marked(mark: str) -> list[tuple[int, str]]:
     return found
 
 
-def call(words: list[str], folder: Path, limit: float = LIMIT) -> Ended:
+def call(words: list[str], folder: Path, limit: float = LIMIT) -> CommandEnd:
     """Run a command in a folder, its input a pipe that nobody writes into."""
     mark = uuid.uuid4().hex
     surroundings = os.environ | {MARK: mark, "OMP_NUM_THREADS": "1", "COLUMNS": "2000", "PYTHONPATH": str(folder)}
@@ -118,7 +118,7 @@ def call(words: list[str], folder: Path, limit: float = LIMIT) -> Ended:
     assert child.stdin is not None
     child.stdin.close()
     printed = (folder / "printed.txt").read_text(encoding="utf-8", errors="replace")
-    return Ended(code, printed, tuple(words for _, words in left) if code is not None else (), seconds)
+    return CommandEnd(code, printed, tuple(words for _, words in left) if code is not None else (), seconds)
 
 
 def wait_for_none(mark: str, patience: float = 3.0) -> list[tuple[int, str]]:
@@ -148,7 +148,7 @@ def command_of(row: dict[str, str], file: Path, folder: Path) -> list[str]:
     return lines[row["command"]]
 
 
-def run_file(row: dict[str, str]) -> Ended:
+def run_file(row: dict[str, str]) -> CommandEnd:
     """Write a file into a folder of its own, and let its command read it."""
     draw = random.Random(f"{SEED} {row['file']}")
     with tempfile.TemporaryDirectory(prefix="hostile-", ignore_cleanup_errors=True) as spare:
@@ -161,14 +161,14 @@ def run_file(row: dict[str, str]) -> Ended:
         return call(command_of(row, file, folder), folder)
 
 
-def judge_file(row: dict[str, str], ended: Ended) -> str:
+def judge_file(row: dict[str, str], ended: CommandEnd) -> str:
     """Return what is wrong with how a command ended, "" where nothing is."""
     if ended.code is None:
         return f"it hangs: killed after {ended.seconds:.0f} s"
     if TRACEBACK in ended.printed:
         return "a traceback"
-    if ended.left:
-        return f"it left {ended.left[0]}"
+    if ended.leftover_files:
+        return f"it left {ended.leftover_files[0]}"
     if str(ended.code) != row["code"]:
         return f"exit code {ended.code}, expected {row['code']}: {one_line(ended.printed)[-200:]}"
     if not re.search(row["words"], one_line(ended.printed)):
@@ -181,7 +181,7 @@ def one_line(printed: str) -> str:
     return " ".join(re.sub(r"[\u2500-\u257f]", " ", printed).split())
 
 
-def run_files(only: tuple[str, ...], found: Path | None) -> int:
+def run_files(only: tuple[str, ...], path: Path | None) -> int:
     """Run all files, say how each ended, and return the number of failures."""
     rows = read_table("files.csv", only)
     failures = 0
@@ -192,8 +192,8 @@ def run_files(only: tuple[str, ...], found: Path | None) -> int:
         failures += bool(problem)
         click.echo(f"{row['id']} {row['file']:24} {row['command']:8} {ended.seconds:5.1f} s  {problem or 'right'}")
         seen.append({**row, "code": str(ended.code), "words": one_line(ended.printed)[-400:]})
-    if found is not None:
-        write_table(found / "files.csv", FILE_COLUMNS, seen)
+    if path is not None:
+        write_table(path / "files.csv", FILE_COLUMNS, seen)
     click.echo(f"{len(rows)} files: {len(rows) - failures} right, {failures} not")
     return failures
 
@@ -226,7 +226,7 @@ def make_project(rows: list[dict[str, str]], folder: Path) -> None:
     (folder / "crosscheck.toml").write_text("\n".join(tables), encoding="utf-8")
 
 
-def run_answers(only: tuple[str, ...], found: Path | None, folder: Path) -> int:
+def run_answers(only: tuple[str, ...], path: Path | None, folder: Path) -> int:
     """Run all answers in one run, say how each is told, and return the number of failures."""
     rows = read_table("answers.csv", only)
     make_project(rows, folder)
@@ -234,23 +234,23 @@ def run_answers(only: tuple[str, ...], found: Path | None, folder: Path) -> int:
     words += ["--engines", ",".join(["flexinv", *(row["id"] for row in rows)]), "--timeout", f"{ANSWER_TIMEOUT:g}"]
     ended = call([*words, "--jobs", "2", "--out", "report"], folder, 3600.0)
     problems = judge_run(ended, folder)
-    told = read_report(folder)
+    report = read_report(folder)
     seen = []
     for row in rows:
-        status, said = told.get(row["id"], ("no row", ""))
+        status, said = report.get(row["id"], ("no row", ""))
         problem = judge_answer(row, status, said)
         click.echo(f"{row['id']} {row['door']:8} {row['kind']:22} {status:9} {problem or 'right'}")
         problems += [problem] if problem else []
         seen.append({**row, "status": status, "words": said[:300]})
-    if found is not None:
-        write_table(found / "answers.csv", ANSWER_COLUMNS, seen)
+    if path is not None:
+        write_table(path / "answers.csv", ANSWER_COLUMNS, seen)
     for line in problems:
         click.echo(line[:600])
     click.echo(f"{len(rows)} answers in {ended.seconds:.0f} s, exit code {ended.code}: {len(problems)} problems")
     return len(problems)
 
 
-def judge_run(ended: Ended, folder: Path) -> list[str]:
+def judge_run(ended: CommandEnd, folder: Path) -> list[str]:
     """Return what is wrong with the run as a whole."""
     problems = judge_file({"code": "2", "words": "engine|deviat"}, ended)
     if problems:
@@ -267,18 +267,18 @@ def read_report(folder: Path) -> dict[str, tuple[str, str]]:
     if not file.exists():
         return {}
     results = json.loads(file.read_text(encoding="utf-8"))
-    told = {row["engine"]: (row["status"], row["message"]) for row in results["runs"]}
+    report = {row["engine"]: (row["status"], row["message"]) for row in results["runs"]}
     for row in results["comparisons"]:
-        if row["quantity"] == "torque" and told[row["engine"]][0] == "ok":
-            told[row["engine"]] = (row["verdict"], row["message"])
-    return told
+        if row["quantity"] == "torque" and report[row["engine"]][0] == "ok":
+            report[row["engine"]] = (row["verdict"], row["message"])
+    return report
 
 
-def judge_answer(row: dict[str, str], status: str, said: str) -> str:
+def judge_answer(row: dict[str, str], status: str, text: str) -> str:
     """Return what is wrong with the row of an engine, "" where nothing is."""
     if row["status"] not in (ANY, status):
-        return f"{status}, expected {row['status']}: {said[:200]}"
-    return "" if re.search(row["words"], " ".join(said.split())) else f"other words: {said[:300]}"
+        return f"{status}, expected {row['status']}: {text[:200]}"
+    return "" if re.search(row["words"], " ".join(text.split())) else f"other words: {text[:300]}"
 
 
 @click.command()

@@ -60,12 +60,12 @@ COMMANDS = {
 
 
 @dataclass(frozen=True)
-class Ended:
+class CommandEnd:
     """How a command ended: its exit code (None: it did not), what it printed, what it left, and seconds after the signal."""
 
     code: int | None
     printed: str
-    left: tuple[str, ...]
+    leftover_files: tuple[str, ...]
     seconds: float
 
 
@@ -80,7 +80,7 @@ def make_project(folder: Path) -> None:
     assert ended.code in (0, 1), ended.printed
 
 
-def call(words: list[str], folder: Path, after: float | None = None, number: int = 0) -> Ended:
+def call(words: list[str], folder: Path, after: float | None = None, number: int = 0) -> CommandEnd:
     """Run a command; ``after`` so many seconds from its first line send a signal to its group."""
     mark = uuid.uuid4().hex
     if words[0] == "identify":
@@ -110,17 +110,17 @@ def call(words: list[str], folder: Path, after: float | None = None, number: int
             child.wait()
     seconds = clock.monotonic() - begun
     left = tuple(words for _, words in wait_for_none(mark))
-    return Ended(code, log.read_text(encoding="utf-8", errors="replace"), left, seconds)
+    return CommandEnd(code, log.read_text(encoding="utf-8", errors="replace"), left, seconds)
 
 
-def judge(ended: Ended) -> str:
+def judge(ended: CommandEnd) -> str:
     """Return what is wrong with an end, "" where nothing is: of every command."""
     if ended.code is None:
         return f"it did not end within {PATIENCE:g} s"
     if TRACEBACK in ended.printed:
         return "a traceback: " + ended.printed.strip().splitlines()[-1][:200]
-    if ended.left:
-        return f"it left {ended.left[0]}"
+    if ended.leftover_files:
+        return f"it left {ended.leftover_files[0]}"
     if ended.code not in (0, 1, 2):
         return f"exit code {ended.code}"
     if ended.code == 2 and "interrupted" not in ended.printed:

@@ -153,9 +153,9 @@ def bare(mechanism: Mechanism) -> Mechanism:
 def weigh(row: Row, description: Description, proof: str, states: States, judgement: Judgement) -> Row:
     """Return the row with its outcome: the mechanism's efforts beside the reader's own, and what is named between them."""
     mechanism = bare(description.mechanism)
-    ours = joint_torques(mechanism, states.q, states.qd, states.qdd, threads=1)
+    torques = joint_torques(mechanism, states.q, states.qd, states.qdd, threads=1)
     held = SINGLE if judgement.single or description.precision else HELD
-    gap, joint = _largest(mechanism, ours, judgement.efforts, held)
+    gap, joint = _largest(mechanism, torques, judgement.efforts, held)
     named = {feature.name for feature in description.features if feature.felt}
     rubbing = [
         name
@@ -170,7 +170,7 @@ def weigh(row: Row, description: Description, proof: str, states: States, judgem
         return replace(row, outcome=RIGHT if said else DOUBTED if proof == LOST else INCOMPARABLE)
     rest, place = gap, joint
     if judgement.without is not None and not rubbing:
-        rest, place = _largest(mechanism, ours, judgement.without, held)
+        rest, place = _largest(mechanism, torques, judgement.without, held)
     unnamed = sorted(set(judgement.parts) - named)
     if rest <= held and not unnamed:
         return replace(row, outcome=NAMED if said else DOUBTED if proof == LOST else INCOMPARABLE)
@@ -234,7 +234,7 @@ def judge_apart(path: Path, reader: str, patience: float = PATIENCE) -> Row:
 
 def default_folders() -> list[Path]:
     """Return the folders of robots of installed packages, and of this project."""
-    found = [ROOT / "models", ROOT / "tests"]
+    result = [ROOT / "models", ROOT / "tests"]
     for package, folder in (
         ("mujoco", "testdata"),
         ("pydrake", "share"),
@@ -244,10 +244,10 @@ def default_folders() -> list[Path]:
     ):
         spec = find_spec(package)
         if spec is not None and spec.origin is not None:
-            found.append(Path(spec.origin).parent / folder)
+            result.append(Path(spec.origin).parent / folder)
     with suppress(InputError):  # it is not installed
-        found.append(find_robots_folder())
-    return [folder for folder in found if folder.is_dir()]
+        result.append(find_robots_folder())
+    return [folder for folder in result if folder.is_dir()]
 
 
 def kept_rows(keep: Path | None, again: Iterable[str]) -> dict[tuple[str, str], Row]:

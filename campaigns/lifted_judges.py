@@ -176,7 +176,7 @@ def _inverse(model: Any, mechanism: Mechanism, seats: Mapping[str, int], states:
     import mujoco
 
     data = mujoco.MjData(model)
-    found = np.empty_like(states.qd)
+    result = np.empty_like(states.qd)
     for k in range(len(states.qd)):
         for joint in mechanism.joints:
             if joint.nv:
@@ -189,8 +189,8 @@ def _inverse(model: Any, mechanism: Mechanism, seats: Mapping[str, int], states:
             own = np.array(data.qfrc_inverse[first : first + joint.nv])
             if joint.kind == "free":
                 own[:3] = find_pose(joint, states.q[k, mechanism.q_slices[joint.name]])[1].T @ own[:3]
-            found[k, mechanism.v_slices[joint.name]] = own
-    return found
+            result[k, mechanism.v_slices[joint.name]] = own
+    return result
 
 
 def _place(data: Any, model: Any, index: int, joint: Joint, mechanism: Mechanism, states: States, k: int) -> None:
@@ -224,8 +224,8 @@ def find_pose(joint: Joint, place: Array) -> tuple[Array, Array]:
 
 def find_quaternion(turn: Array) -> Array:
     """Return the quaternion w, x, y, z [-] of a rotation."""
-    found: Array = Rotation.from_matrix(turn).as_quat()[[3, 0, 1, 2]]
-    return found
+    quaternion: Array = Rotation.from_matrix(turn).as_quat()[[3, 0, 1, 2]]
+    return quaternion
 
 
 def _turn(quaternion: Array) -> Array:

@@ -39,7 +39,7 @@ def judge_by_pinocchio(path: Path, mechanism: Mechanism, states: States) -> Judg
     model.gravity = pin.Motion(np.array(mechanism.gravity), np.zeros(3))
     data = model.createData()
     rotors = _rotors(path)
-    found = np.empty_like(states.qd)
+    result = np.empty_like(states.qd)
     for k in range(len(states.qd)):
         q, v, a = pin.neutral(model), np.zeros(model.nv), np.zeros(model.nv)
         for joint in moving:
@@ -52,14 +52,14 @@ def judge_by_pinocchio(path: Path, mechanism: Mechanism, states: States) -> Judg
             seat = seats[joint.name]
             own = efforts[seat.idx_v : seat.idx_v + seat.nv]
             rotor = rotors.get(joint.name, 0.0) * states.qdd[k, mechanism.v_slices[joint.name]]
-            found[k, mechanism.v_slices[joint.name]] = own + rotor
+            result[k, mechanism.v_slices[joint.name]] = own + rotor
     friction = {name: float(model.upperDryFrictionLimit[seat.idx_v]) for name, seat in seats.items()}
-    return Judgement(found, friction)
+    return Judgement(result, friction)
 
 
 def _rotors(path: Path) -> dict[str, float]:
     """Inertias of rotors, reflected by their gears, as Drake's tags state them, by joint [kg m^2]."""
-    found: dict[str, float] = {}
+    result: dict[str, float] = {}
     for transmission in read_xml(path).iter("transmission"):
         joint = transmission.find("joint")
         for actuator in transmission.iter("actuator"):
@@ -70,8 +70,8 @@ def _rotors(path: Path) -> dict[str, float]:
                     numbers[key] = float(part.get("value", "nan"))
             if joint is not None and numbers["rotor_inertia"]:
                 name = joint.get("name", "")
-                found[name] = found.get(name, 0.0) + numbers["rotor_inertia"] * numbers["gear_ratio"] ** 2
-    return found
+                result[name] = result.get(name, 0.0) + numbers["rotor_inertia"] * numbers["gear_ratio"] ** 2
+    return result
 
 
 # Drake
@@ -103,7 +103,7 @@ def judge_by_drake(path: Path, mechanism: Mechanism, states: States) -> Judgemen
     if plant.num_velocities() != mechanism.nv:
         raise NoJudge(f"Drake has {plant.num_velocities()} rates, the mechanism {mechanism.nv}")
     context = plant.CreateDefaultContext()
-    found = np.empty_like(states.qd)
+    result = np.empty_like(states.qd)
     for k in range(len(states.qd)):
         push = np.zeros(plant.num_velocities())
         turns: dict[str, Array] = {}
@@ -116,8 +116,8 @@ def judge_by_drake(path: Path, mechanism: Mechanism, states: States) -> Judgemen
         for name, seat in seats.items():
             first = seat.velocity_start()
             theirs = np.array(efforts[first : first + seat.num_velocities()])
-            found[k, mechanism.v_slices[name]] = turns[name].T @ theirs
-    return Judgement(found, {})
+            result[k, mechanism.v_slices[name]] = turns[name].T @ theirs
+    return Judgement(result, {})
 
 
 def _place_in_drake(

@@ -159,9 +159,9 @@ def own_gap(one: str, two: str, seed: int = 5) -> float:
             data.qacc[:] = acceleration
             mujoco.mj_inverse(model, data)
             rows[-1].append(data.qfrc_inverse.copy())
-    found = np.array(rows)
-    gap = np.abs(found[:, 0] - found[:, 1]).max(axis=0)
-    return float((gap / np.abs(found).max(axis=(0, 1))).max())
+    result = np.array(rows)
+    gap = np.abs(result[:, 0] - result[:, 1]).max(axis=0)
+    return float((gap / np.abs(result).max(axis=(0, 1))).max())
 
 
 SEED, FELT = 34, 1e-9
@@ -170,18 +170,18 @@ SEED, FELT = 34, 1e-9
 def cases(count: int) -> dict[str, str]:
     """Return texts by what is edited: each edit alone, then ``count`` of two or three at once that do not touch one another."""
     every = {**EDITS, **UNFELT}
-    found = {name: edited(edit) for name, edit in every.items()}
+    result = {name: edited(edit) for name, edit in every.items()}
     rng = np.random.default_rng(SEED)
-    wanted = len(found) + count
-    while len(found) < wanted:
+    wanted = len(result) + count
+    while len(result) < wanted:
         names = [str(name) for name in rng.choice(list(every), rng.integers(2, 4), replace=False)]
         text = MODEL
         for name in names:
             before, after = every[name]
             text = text.replace(before, after) if before in text else ""
         if text and _is_read(text):
-            found[" and ".join(names)] = text
-    return dict(islice(found.items(), wanted))
+            result[" and ".join(names)] = text
+    return dict(islice(result.items(), wanted))
 
 
 def _is_read(text: str) -> bool:
@@ -207,12 +207,12 @@ def main() -> int:
         first = describe(write(Path(folder), "a.xml", MODEL))
         for name, text in cases(count).items():
             gap = own_gap(MODEL, text)
-            found = compare(first, write(Path(folder), "b.xml", text))
-            right = found.state == ("different" if gap > FELT else "equal") and not found.unexplained
-            counts[found.state] = counts.get(found.state, 0) + 1
+            comparison = compare(first, write(Path(folder), "b.xml", text))
+            right = comparison.state == ("different" if gap > FELT else "equal") and not comparison.unexplained
+            counts[comparison.state] = counts.get(comparison.state, 0) + 1
             if not right:
                 wrong += 1
-                sys.stdout.write(f"wrong: {name}: MuJoCo's own efforts differ by {gap:.2g}; {found.sentence}\n")
+                sys.stdout.write(f"wrong: {name}: MuJoCo's own efforts differ by {gap:.2g}; {comparison.sentence}\n")
     sys.stdout.write(", ".join(f"{state}: {number}" for state, number in counts.items()) + f"; wrong: {wrong}\n")
     return 1 if wrong else 0
 

@@ -188,11 +188,11 @@ def scale(pattern: str, factor: float) -> Callable[[str], str]:
     """Return an edit that multiplies the first number after a pattern."""
 
     def edit(text: str) -> str:
-        found = re.search(pattern + r"(-?[\d.]+(?:e-?\d+)?)", text)
-        if found is None:
+        match = re.search(pattern + r"(-?[\d.]+(?:e-?\d+)?)", text)
+        if match is None:
             raise SystemExit(f"nothing in the file is like {pattern}")
-        start, end = found.span(1)
-        return f"{text[:start]}{float(found.group(1)) * factor!r}{text[end:]}"
+        start, end = match.span(1)
+        return f"{text[:start]}{float(match.group(1)) * factor!r}{text[end:]}"
 
     return edit
 
@@ -221,27 +221,27 @@ def list_changes() -> list[Change]:
         (strip + "mechanism.toml", r"mass_per_length_kg_per_m = "),
         (strip + "cases.toml", r"to_deg = "),
     ]
-    found = []
+    changes = []
     for k, size in enumerate(np.geomspace(1e-5, 0.5, 16)):
         file, pattern = model[(5 * k) % len(model)]
         _, mechanism, name = file.split("/")
         edit = scale(pattern, 1.0 + float(size))
-        found.append(Change(f"{file} {pattern} {size:+.2g}", file, edit, f"the model {mechanism} ({name})"))
+        changes.append(Change(f"{file} {pattern} {size:+.2g}", file, edit, f"the model {mechanism} ({name})"))
     sizes = [float(size) for size in np.geomspace(1e-5, 0.5, 8)]
     for k, size in enumerate(sizes):
         engine = list(BARS)[k % len(BARS)]
         edit = set_own(engine, version="1.1", factor=1.0 + size)
         words = f"the version of {engine} (1.0 -> 1.1)"
-        found.append(Change(f"version of {engine} {size:+.2g}", "own.json", edit, words))
+        changes.append(Change(f"version of {engine} {size:+.2g}", "own.json", edit, words))
     for k, size in enumerate(sizes):
         engine = list(BARS)[(k + 1) % len(BARS)]
         edit = set_own(engine, gain=2.0, factor=1.0 - size)
-        found.append(Change(f"settings of {engine} {-size:+.2g}", "own.json", edit, f"the settings of {engine}"))
+        changes.append(Change(f"settings of {engine} {-size:+.2g}", "own.json", edit, f"the settings of {engine}"))
     for k, size in enumerate(sizes):
         engine = ("pinocchio", "mujoco", "flexinv", "exudyn")[k % 4]
         file = f"code/crosscheck/engines/{engine}/adapter.py"
-        found.append(Change(f"adapter of {engine} {size:+.2g}", file, append(size), "our own code (crosscheck)"))
-    return found
+        changes.append(Change(f"adapter of {engine} {size:+.2g}", file, append(size), "our own code (crosscheck)"))
+    return changes
 
 
 def append(size: float) -> Callable[[str], str]:
@@ -268,7 +268,7 @@ def moved_by(before: dict[str, Series], after: dict[str, Series], quantities: li
     return most
 
 
-def judge(project: Project, words: str, code: int, results: dict[str, Any], said: str) -> tuple[list[str], str]:
+def judge(project: Project, words: str, code: int, results: dict[str, Any], text: str) -> tuple[list[str], str]:
     """Return what is wrong in a night, and a summary; words : what has to be said of what moved, "" where nothing was changed."""
     wrong = []
     after = project.series(results)
@@ -294,19 +294,19 @@ def judge(project: Project, words: str, code: int, results: dict[str, Any], said
         wrong.append(f"exit code {code} in a night in which values moved")
     deviate = any(row["verdict"] not in ("within", "skipped") for row in results["comparisons"])
     if not told and not deviate and code != 0:
-        wrong.append(f"exit code {code} in a silent night: {said[-300:]}")
+        wrong.append(f"exit code {code} in a silent night: {text[-300:]}")
     return wrong, ", ".join(f"{count} {kind}" for kind, count in counts.items())
 
 
 def plant(project: Project, change: Change) -> tuple[list[str], str]:
     """Run a night with a change, judge it, and undo the change."""
     file = project.folder / change.file
-    kept = file.read_text()
-    file.write_text(change.edit(kept))
+    text = file.read_text()
+    file.write_text(change.edit(text))
     try:
         return judge(project, change.words, *project.night())
     finally:
-        file.write_text(kept)
+        file.write_text(text)
 
 
 @click.command()

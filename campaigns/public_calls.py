@@ -33,7 +33,7 @@ import numpy as np
 if __name__ == "__main__":
     sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
-from campaigns.dresses import KINDS, NOTHING, Dress
+from campaigns.dresses import KINDS, NOTHING, ArgumentForm
 from campaigns.public_entrances import Entrance, entrances
 from flexinv.errors import FlexinvError
 from flexinv.model.by_value import is_same
@@ -49,7 +49,7 @@ class Trial:
 
     number: int
     entrance: Entrance
-    given: dict[str, Any]
+    arguments: dict[str, Any]
     clean: dict[str, Any] | None
     taken: bool
     words: str
@@ -78,7 +78,7 @@ def trial(number: int, seed: int) -> Trial:
     for name in random.choice(names, count, replace=False):
         slot = entrance.slots[name]
         dresses = [dress for dress in KINDS[slot.kind] if dress.name not in slot.may]
-        dress: Dress = dresses[int(random.integers(len(dresses)))]
+        dress: ArgumentForm = dresses[int(random.integers(len(dresses)))]
         given[name], own = dress.make(slot.value, random)
         meant = meant and own is not NOTHING
         taken = taken and dress.taken
@@ -89,20 +89,20 @@ def trial(number: int, seed: int) -> Trial:
 
 def judged(one: Trial) -> Outcome:
     """Return what becomes of a call and of its clean twin."""
-    found, error = attempt(one.entrance.call, one.given)
+    result, error = attempt(one.entrance.call, one.arguments)
     if error is None:
         if one.clean is None:
-            return Outcome("nonsense", f"accepted: {found!r:.200}")
+            return Outcome("nonsense", f"accepted: {result!r:.200}")
         expected, own = attempt(one.entrance.call, one.clean)
         if own is not None:
             return Outcome("nonsense", f"accepted, and the clean twin is refused: {own}")
         return (
             Outcome("right")
-            if is_same(found, expected)
-            else Outcome("nonsense", f"{found!r:.150} is not {expected!r:.150}")
+            if is_same(result, expected)
+            else Outcome("nonsense", f"{result!r:.150} is not {expected!r:.150}")
         )
     if not isinstance(error, FlexinvError):
-        own_signature = isinstance(error, TypeError) and "wrong_argument" in one.given
+        own_signature = isinstance(error, TypeError) and "wrong_argument" in one.arguments
         return Outcome("refused", str(error)) if own_signature else Outcome("raw", f"{type(error).__name__}: {error}")
     if len(str(error)) < SHORTEST:
         return Outcome("raw", f"no words: {error}")
@@ -137,7 +137,7 @@ def main(calls: int, seed: int, only: int | None) -> None:
     if only is not None:
         one = trial(only, seed)
         click.echo(f"{one.entrance.name}({one.words}): {judged(one)}")
-        error = attempt(one.entrance.call, one.given)[1]
+        error = attempt(one.entrance.call, one.arguments)[1]
         if error is not None:
             click.echo("".join(traceback.format_exception(error)))
         return

@@ -22,10 +22,10 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
-from efforts_agree import Written, disagreement
+from efforts_agree import WrittenMachine, disagreement
 from faults import Fault, fits, plant
 from machines import ROOT, machine, names_of_machines
-from retelling import CHANGES, Told, told_first, turn_base, turn_world
+from retelling import CHANGES, RewrittenMechanism, told_first, turn_base, turn_world
 
 from crosscheck.engines.mujoco.export import build_mjcf
 from crosscheck.engines.shared.export_files import NotExported
@@ -49,8 +49,8 @@ class Pair:
     number: int
     name: str
     changes: tuple[str, ...]
-    first: Written
-    second: Written
+    first: WrittenMachine
+    second: WrittenMachine
     fault: Fault | None = None
 
     @property
@@ -65,7 +65,7 @@ class Outcome:
     """What came of a pair: named are the differences that are no conventions; asked : the joints had to be told."""
 
     pair: Pair
-    found: Comparison | None
+    comparison: Comparison | None
     words: str = ""
     apart: float = 0.0
     asked: bool = False
@@ -74,7 +74,9 @@ class Outcome:
     @property
     def same(self) -> bool:
         """Return True where nothing but conventions is named, and efforts agree."""
-        return self.found is not None and not self.named and self.found.judged.after <= self.found.tolerance
+        return (
+            self.comparison is not None and not self.named and self.comparison.judged.after <= self.comparison.tolerance
+        )
 
     @property
     def refused(self) -> bool:
@@ -85,15 +87,17 @@ class Outcome:
     def told(self) -> bool:
         """Return True where the fault that was planted is named."""
         assert self.pair.fault is not None
-        return self.found is not None and any(fits(self.pair.fault, d) for d in self.found.differences)
+        return self.comparison is not None and any(fits(self.pair.fault, d) for d in self.comparison.differences)
 
     @property
     def false(self) -> list[str]:
         """Return what is named beside the fault."""
         assert self.pair.fault is not None
-        if self.found is None:
+        if self.comparison is None:
             return []
-        return [d.words for d in self.found.differences if d.family != "convention" and not fits(self.pair.fault, d)]
+        return [
+            d.words for d in self.comparison.differences if d.family != "convention" and not fits(self.pair.fault, d)
+        ]
 
 
 def pair_of(number: int, folder: Path, faulty: bool = False, seed: int = SEED) -> Pair | None:
@@ -153,12 +157,12 @@ def _sayable(mechanism: Mechanism, form: str) -> bool:
         return False
 
 
-def _written(told: Told, form: str, folder: Path, name: str) -> Written:
+def _written(rewritten: RewrittenMechanism, form: str, folder: Path, name: str) -> WrittenMachine:
     if form == "memory":
-        return Written(told, form)
+        return WrittenMachine(rewritten, form)
     path = folder / f"{name}.{'urdf' if form == 'urdf' else 'xml'}"
-    path.write_text(write_urdf(told.mechanism) if form == "urdf" else build_mjcf(told.mechanism)[1])
-    return Written(told, form, path)
+    path.write_text(write_urdf(rewritten.mechanism) if form == "urdf" else build_mjcf(rewritten.mechanism)[1])
+    return WrittenMachine(rewritten, form, path)
 
 
 def tried(pair: Pair) -> Outcome:
@@ -177,9 +181,9 @@ def tried(pair: Pair) -> Outcome:
         try:
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore")
-                found = compare(*sides, match=match)
-            named = [d.words for d in found.differences if d.family != "convention"]
-            return Outcome(pair, found, found.sentence, apart, asked, named)
+                comparison = compare(*sides, match=match)
+            named = [d.words for d in comparison.differences if d.family != "convention"]
+            return Outcome(pair, comparison, comparison.sentence, apart, asked, named)
         except InputError as error:
             if "--match" not in str(error) or match is not None:
                 return Outcome(pair, None, " ".join(str(error).split())[:300], apart, asked)
@@ -191,13 +195,13 @@ def tried(pair: Pair) -> Outcome:
 
 def _counterparts(pair: Pair) -> dict[str, str]:
     """By joint of the first the joint of the second that it is."""
-    found = {}
+    result = {}
     for name, count in pair.second.told.joints.items():
         kind = pair.first.told.mechanism.joint_of[name].kind
         ends = (".1", ".2") if kind == "universal" else ("",)
         if name != ROOT and kind != "free":
-            found |= {name + end: count.name + end for end in ends}
-    return found
+            result |= {name + end: count.name + end for end in ends}
+    return result
 
 
 def outcomes(numbers: Iterable[int], faulty: bool = False, seed: int = SEED) -> Iterator[Outcome]:
@@ -229,9 +233,9 @@ def say(*words: object) -> None:
     sys.stdout.flush()
 
 
-def followed(made: Iterable[Outcome]) -> Iterator[Outcome]:
+def followed(outcomes: Iterable[Outcome]) -> Iterator[Outcome]:
     """Yield outcomes, with a line on the error output for each as it comes."""
-    for one in made:
+    for one in outcomes:
         right = one.same if one.pair.fault is None else one.told and not one.false
         sys.stderr.write(f"{time.strftime('%H:%M:%S')} {'ok' if right else 'MISS'} {one.pair.words}\n")
         sys.stderr.flush()
@@ -242,11 +246,13 @@ def _say_pair(one: Outcome, whole: bool) -> None:
     say(one.pair.words, "|", "" if one.pair.fault is None else one.pair.fault.words, "|", one.words)
     for words in one.named if one.pair.fault is None else one.false:
         say("    named:", words)
-    if whole and one.found is not None:
+    if whole and one.comparison is not None:
         for group in ("causes", "conventions", "limits", "rounding", "unseen"):
-            for d in getattr(one.found.judged, group):
+            for d in getattr(one.comparison.judged, group):
                 say(f"    {group}: {d.words}")
-        say(f"    engines differ by {one.apart:.1e}; repaired to {one.found.judged.after:.1e}; {one.found.matched}")
+        say(
+            f"    engines differ by {one.apart:.1e}; repaired to {one.comparison.judged.after:.1e}; {one.comparison.matched}"
+        )
 
 
 def main() -> None:
@@ -270,9 +276,9 @@ def main() -> None:
     say(f"{time.perf_counter() - begun:.0f} s")
 
 
-def _say_pairs(made: Iterable[Outcome], whole: bool, seed: int) -> None:
+def _say_pairs(outcomes: Iterable[Outcome], whole: bool, seed: int) -> None:
     every = []
-    for one in followed(made):
+    for one in followed(outcomes):
         every.append(one)
         if whole or not one.same:
             _say_pair(one, whole)
@@ -280,15 +286,15 @@ def _say_pairs(made: Iterable[Outcome], whole: bool, seed: int) -> None:
     asked = sum(one.asked for one in every)
     say(f"the same machine: {sum(one.same for one in every)} of {len(every)}, joints asked for in {asked}")
     say(f"  refused by the engines that judge: {sum(one.refused for one in every)}")
-    repaired = sum(one.found is not None and one.found.judged.after <= REPAIRED for one in every)
+    repaired = sum(one.comparison is not None and one.comparison.judged.after <= REPAIRED for one in every)
     say(f"  efforts agree to {REPAIRED:g} of their range: {repaired}")
     counted = Counter(change for one in every for change in one.pair.changes)
     say("  changes:", ", ".join(f"{count} x {change}" for change, count in counted.items()))
 
 
-def _say_faults(made: Iterable[Outcome], whole: bool, seed: int) -> None:
+def _say_faults(outcomes: Iterable[Outcome], whole: bool, seed: int) -> None:
     every = []
-    for one in followed(made):
+    for one in followed(outcomes):
         every.append(one)
         if whole or not one.told or one.false:
             _say_pair(one, whole)

@@ -37,7 +37,7 @@ if __name__ == "__main__":
     sys.path.insert(0, str(Path(__file__).resolve().parent))
 
 from spectra_closed_forms import closed_forms
-from spectra_machines import Drawn, drawn
+from spectra_machines import DrawnMachine, drawn
 from spectra_reference import Residual, Spectrum, pencil_of, spectrum_of
 
 import flexinv
@@ -84,7 +84,7 @@ class Outcome:
     has: tuple[str, ...] = ()
 
 
-def reference_of(one: Drawn, rates: dict[str, float], free: tuple[str, ...], damped: bool = True) -> Spectrum:
+def reference_of(one: DrawnMachine, rates: dict[str, float], free: tuple[str, ...], damped: bool = True) -> Spectrum:
     """Return the dense spectrum [1/s] of a mechanism where `flexinv` has found that it stands or turns."""
     mesh, at, names = resolve_setup(one.mechanism, None, free, None)
     motion = steady.build_steady_motion(mesh, at, rates, set(names))
@@ -100,23 +100,23 @@ def reference_of(one: Drawn, rates: dict[str, float], free: tuple[str, ...], dam
     return spectrum_of(pencil)
 
 
-def judged(one: Drawn, number: int) -> Outcome:
+def judged(one: DrawnMachine, number: int) -> Outcome:
     """Return what becomes of a mechanism: all that is said about its small motions against the reference [1/s]."""
     with warnings.catch_warnings(record=True) as heard:
         warnings.simplefilter("always")
         try:
-            found = steady_modes(one.mechanism, None, one.rates, one.free)
+            modes = steady_modes(one.mechanism, None, one.rates, one.free)
         except FlexinvError as refused:
             return Outcome(number, name_refusal(refused), str(refused), has=one.words)
-        exact = reference_of(one, one.rates, found.free)
+        exact = reference_of(one, one.rates, modes.free)
         try:
-            said = dict(_spoken(one, found, exact))
+            said = dict(_spoken(one, modes, exact))
         except FlexinvError as refused:
             return Outcome(number, name_refusal(refused), str(refused), has=one.words)
     has = one.words
     if any(UNPROVED in str(warning.message) for warning in heard):
         has = (*has, UNPROVED_COUNT)
-    if are_wide(found.root, found.rounding, exact):
+    if are_wide(modes.root, modes.rounding, exact):
         has = (*has, WIDE)
     wrong = [f"{verb}: {words}" for verb, (words, _) in said.items() if words]
     worst = max(ratio for _, ratio in said.values())
@@ -135,7 +135,7 @@ def are_wide(root: Complex, bars: Array, exact: Spectrum) -> bool:
     return bool((bars > np.maximum(NO_DIGIT * np.abs(root), known)).any())
 
 
-def _spoken(one: Drawn, found: steady.SteadyModes, exact: Spectrum) -> Iterator[tuple[str, tuple[str, float]]]:
+def _spoken(one: DrawnMachine, found: steady.SteadyModes, exact: Spectrum) -> Iterator[tuple[str, tuple[str, float]]]:
     """Yield each verb with what is wrong in words, and its largest difference."""
     yield "steady_modes", compared(_with_twins(found.root), np.real(_with_twins(found.root, found.rounding)), exact)
     if not one.rates:
@@ -162,7 +162,7 @@ def _spoken(one: Drawn, found: steady.SteadyModes, exact: Spectrum) -> Iterator[
     yield from _stable(one)
 
 
-def _stable(one: Drawn) -> Iterator[tuple[str, tuple[str, float]]]:
+def _stable(one: DrawnMachine) -> Iterator[tuple[str, tuple[str, float]]]:
     """Yield whether `statics` has the word for all joints held."""
     if one.rates or one.mechanism.is_rigid or one.mechanism.closures:
         return

@@ -71,11 +71,11 @@ def _cantilevers() -> Iterator[tuple[str, float, float]]:
                 [[0, 1, 0, 1 / shear], [0, 0, 1, 0], [0, -rotary * squared, 0, -1], [-squared, 0, 0, 0]], dtype=complex
             )
 
-        found = natural_modes(_beam(shear, rotary), count=3)
+        modes = natural_modes(_beam(shear, rotary), count=3)
         for k in range(3):
-            exact = np.sqrt(_root(_determinant(system), complex(found.squared[k])).real)
-            off = abs(2 * np.pi * found.frequency[k] / exact - 1)
-            yield f"cantilever of {name}, mode {k + 1}", off, found.frequency_error[k] / found.frequency[k] + SLENDER
+            exact = np.sqrt(_root(_determinant(system), complex(modes.squared[k])).real)
+            off = abs(2 * np.pi * modes.frequency[k] / exact - 1)
+            yield f"cantilever of {name}, mode {k + 1}", off, modes.frequency_error[k] / modes.frequency[k] + SLENDER
 
 
 def _columns() -> Iterator[tuple[str, float, float]]:
@@ -89,10 +89,10 @@ def _columns() -> Iterator[tuple[str, float, float]]:
             across[3, 1] = push
             return np.asarray(scipy.linalg.logm(across @ scipy.linalg.expm(inner)))
 
-        found = natural_modes(_beam(STIFF, 0.0, push), count=2)
-        exact = _root(_determinant(system), complex(found.squared[0]))
-        off = abs(found.squared[0] / exact - 1)
-        bar = 4 * np.pi * found.frequency_error[0] / np.sqrt(abs(exact))
+        modes = natural_modes(_beam(STIFF, 0.0, push), count=2)
+        exact = _root(_determinant(system), complex(modes.squared[0]))
+        off = abs(modes.squared[0] / exact - 1)
+        bar = 4 * np.pi * modes.frequency_error[0] / np.sqrt(abs(exact))
         yield f"Beck's column, P = {push:g}", off, bar + SLENDER
 
 
@@ -119,14 +119,14 @@ def _pendulums() -> Iterator[tuple[str, float, float]]:
             [[np.zeros((2, 2)), np.eye(2)], [-np.linalg.solve(m, k), -np.linalg.solve(m, np.diag(damping))]]
         )
         exact = np.linalg.eigvals(first)
-        found = steady_modes(ziegler(push, damping), free=["a", "b"])
-        off = max(float(np.abs(exact - root).min() / abs(root)) for root in found.root)
+        modes = steady_modes(ziegler(push, damping), free=["a", "b"])
+        off = max(float(np.abs(exact - root).min() / abs(root)) for root in modes.root)
         # Undamped below 2.09 roots are simple; the distance of pairs makes them some ten times as sensitive.
         yield f"Ziegler's pendulum, P = {push:g}, c = {damping[0]:g}", off, 1e3 * ROUNDING
         stable = bool((exact.real <= 1e-12).all())
         yield (
             f"  its stability ({'stable' if stable else 'flutter'})",
-            float(stable != (found.root.real <= 0.0).all()),
+            float(stable != (modes.root.real <= 0.0).all()),
             0.5,
         )
 
@@ -143,10 +143,10 @@ def _shafts() -> Iterator[tuple[str, float, float]]:
     body = Body("table", Inertia(1.0, np.zeros(3), 0.1 * np.eye(3)))
     rotor = Mechanism("rotor", (Link("table", (body,)), Link("slide"), ball), joints, gravity=np.zeros(3))
     for rate in (0.0, 2.0, 4.9, 5.5, 12.0):
-        found = steady_modes(rotor, rates={"table": rate}, free=["x", "y"])
+        modes = steady_modes(rotor, rates={"table": rate}, free=["x", "y"])
         exact = np.roots([1.0, 2j * rate + 0.2, 25.0 - rate**2])
         both = np.concatenate([exact, exact.conj()])
-        off = max(float(np.abs(both - root).min() / abs(root)) for root in found.root)
+        off = max(float(np.abs(both - root).min() / abs(root)) for root in modes.root)
         yield f"Jeffcott's rotor at {rate:g} rad/s", off, 1e3 * ROUNDING
-        unstable = bool((found.root.real > 0.0).any())
+        unstable = bool((modes.root.real > 0.0).any())
         yield f"  its stability ({'unstable' if rate > 5.0 else 'stable'})", float(unstable != (rate > 5.0)), 0.5

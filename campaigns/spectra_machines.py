@@ -32,16 +32,16 @@ Z = np.array([0.0, 0.0, 1.0])
 
 
 @dataclass(frozen=True)
-class Drawn:
+class DrawnMachine:
     """A mechanism, the joints that are free, the rates of those that turn [rad/s], and in words what it has."""
 
     mechanism: Mechanism
     free: tuple[str, ...]
     rates: dict[str, float]
-    words: tuple[str, ...]
+    features: tuple[str, ...]
 
 
-def drawn(seed: int, number: int) -> Drawn:
+def drawn(seed: int, number: int) -> DrawnMachine:
     """Return mechanism ``number`` of a seed [m, kg, rad]: the same one each time."""
     dice = np.random.default_rng([34, seed, number])
     turning = dice.random() < 0.35
@@ -66,7 +66,7 @@ def drawn(seed: int, number: int) -> Drawn:
         loose = tuple(replace(j, actuated=j.name not in passive) for j in mechanism.joints)
         mechanism = replace(mechanism, joints=loose)
     rates = {"joint 0": float(dice.uniform(1.0, 30.0))} if turning else {}
-    return Drawn(mechanism, tuple(moving), rates, _words(mechanism, inertia, rates))
+    return DrawnMachine(mechanism, tuple(moving), rates, _words(mechanism, inertia, rates))
 
 
 def _words(mechanism: Mechanism, inertia: str, rates: dict[str, float]) -> tuple[str, ...]:
@@ -234,7 +234,7 @@ def _closed(dice: Dice, mechanism: Mechanism) -> Mechanism:
     arm = np.zeros(3) if link.beam is not None else link.tip
     turn = motion.rotation[0, node]
     there = Placement(motion.x[0, node] + turn @ arm, turn)
-    own = Attachment(link.name, Placement(arm), None if link.beam is None else 1.0)
+    attachment = Attachment(link.name, Placement(arm), None if link.beam is None else 1.0)
     kind = str(dice.choice(["spherical", "point-on-line", "cylindrical", "universal"]))
-    tie = Closure("loop", kind, Attachment(WORLD, there), own)
+    tie = Closure("loop", kind, Attachment(WORLD, there), attachment)
     return replace(mechanism, closures=(tie,))

@@ -29,7 +29,7 @@ from scipy.spatial.transform import Rotation
 from flexinv.dynamics.generalized_alpha import DYNAMIC, STATICS
 from flexinv.dynamics.solver import Solver
 from flexinv.kinematics.tree import Joints
-from flexinv.linearized.steady_modes import Turning
+from flexinv.linearized.steady_modes import SteadyRotation
 from flexinv.typing import Array, Complex, Mask
 
 # Central differences of sixth order: of geometric functions a step of 2e-3 leaves 1e-17 of truncation where elements are a tenth
@@ -97,7 +97,7 @@ class Spectrum:
 class Residual:
     """The residual of a mechanism as a function of small motions about where a solver stands."""
 
-    def __init__(self, solver: Solver, joints: Joints, turning: Turning | None = None) -> None:
+    def __init__(self, solver: Solver, joints: Joints, turning: SteadyRotation | None = None) -> None:
         """Remember the state [m], [rad/s]; ``turning`` : steady rotation of the nodes."""
         self.solver = solver
         self.joints = joints
@@ -217,9 +217,9 @@ def spectrum_of(pencil: Pencil) -> Spectrum:
     finite = np.abs(beta) > INFINITE * np.abs(alpha)
     root = fast * alpha[finite] / beta[finite]
     x, y = right[:size, finite], left[massive:, finite]
-    found = _corrected((mass, damping, stiffness), LARGEST * pencil.largest * unit, root, x, y)
+    result = _corrected((mass, damping, stiffness), LARGEST * pencil.largest * unit, root, x, y)
     held = float(np.sqrt(np.abs(stiffness[:massive, :massive]).max(initial=0.0)))
-    return replace(found, fastest=held or np.inf)
+    return replace(result, fastest=held or np.inf)
 
 
 def _split(pencil: Pencil) -> tuple[Array, Array, Array, float]:

@@ -27,7 +27,7 @@ HOLDER = ".crosscheck.running"
 OWN = (LIST, LOCK, HOLDER)
 
 
-class Busy(InputError):
+class FolderBusy(InputError):
     """Somebody else writes into the same folder."""
 
 
@@ -217,7 +217,7 @@ def take_folder_lock(
         one = filelock.FileLock(folder.resolve() / lock, is_singleton=True)
         busy = not _can_acquire(one)
     if busy:
-        raise Busy(f"{what} {folder}{_describe_holder(folder / holder)}: wait until it has ended")
+        raise FolderBusy(f"{what} {folder}{_describe_holder(folder / holder)}: wait until it has ended")
     first = one.lock_counter == 1
     try:
         if first:

@@ -18,14 +18,14 @@ import pytest
 
 if TYPE_CHECKING:
     from crosscheck.engines import Engine
-    from crosscheck.run.isolation import Children
-    from crosscheck.run.pair_runner import Shared
+    from crosscheck.run.isolation import ChildProcesses
+    from crosscheck.run.pair_runner import RunContext
     from crosscheck.verdicts.compare import Comparison
     from crosscheck.verdicts.plan import Task
 
 FOLDER = pytest.StashKey[str]()
 OWNED = pytest.StashKey[bool]()
-CHILDREN = pytest.StashKey["Children"]()
+CHILDREN = pytest.StashKey["ChildProcesses"]()
 SAID = pytest.StashKey[set[str]]()
 
 
@@ -90,13 +90,13 @@ def _make_records_folder(config: pytest.Config) -> Path:
     return Path(config.stash[FOLDER])
 
 
-def _prepare_children(config: pytest.Config) -> Children:
+def _prepare_children(config: pytest.Config) -> ChildProcesses:
     """Return the processes of this run: what engines need is imported once, not for every run of one."""
     if CHILDREN not in config.stash:
         from crosscheck.run.forking import ForkServers
-        from crosscheck.run.isolation import Children
+        from crosscheck.run.isolation import ChildProcesses
 
-        config.stash[CHILDREN] = Children(servers=ForkServers())
+        config.stash[CHILDREN] = ChildProcesses(servers=ForkServers())
     return config.stash[CHILDREN]
 
 
@@ -198,11 +198,11 @@ class ComparisonItem(pytest.Item):
         from crosscheck.measures.limits import find_worst_verdict
         from crosscheck.run.pair_runner import compare_engines, describe_pair_cause
 
-        shared = self._shared()
+        shared = self._build_shared()
         pair = compare_engines(shared, self.task, *self.pair)
         rows = [row for row in pair if row.quantity == self.quantity]
         for row in rows:
-            self._note(row)
+            self._add_junit_properties(row)
         verdict = find_worst_verdict(row.verdict for row in rows)
         messages = "; ".join(dict.fromkeys(row.message for row in rows if row.verdict == verdict and row.message))
         if verdict == "skipped":
@@ -216,15 +216,15 @@ class ComparisonItem(pytest.Item):
             why = describe_pair_cause(shared, self.task, pair) if any(row.maximum is not None for row in wrong) else ""
             raise ComparisonFailed("\n\n".join(describe_failure(row, why) for row in wrong))
 
-    def _shared(self) -> Shared:
-        from crosscheck.run.pair_runner import Shared
+    def _build_shared(self) -> RunContext:
+        from crosscheck.run.pair_runner import RunContext
 
         baseline = _find_baseline(self.config, self.task.folder.parent)
         limit = float(self.config.getoption("--crosscheck-timeout"))
         engines = {engine.name: engine for engine in self.pair}
-        return Shared(_make_records_folder(self.config), baseline, limit, engines, _prepare_children(self.config))
+        return RunContext(_make_records_folder(self.config), baseline, limit, engines, _prepare_children(self.config))
 
-    def _note(self, row: Comparison) -> None:
+    def _add_junit_properties(self, row: Comparison) -> None:
         """Give the numbers to JUnit."""
         unit = f" [{row.unit}]" if row.unit else ""
         numbers = {f"difference{unit}": row.maximum, f"error bar{unit}": row.error_bar}

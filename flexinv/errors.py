@@ -22,10 +22,10 @@ class OpenLoops(ConvergenceError):
         has another name than ``start`` says with it what to write
     """
 
-    def __init__(self, said: str, advice: str, example: str = "") -> None:
+    def __init__(self, text: str, advice: str, example: str = "") -> None:
         """Keep the parts apart."""
-        super().__init__(said, advice, example)
-        self.said = said
+        super().__init__(text, advice, example)
+        self.said = text
         self.advice = advice
         self.example = example
 

@@ -41,7 +41,7 @@ _MADE = {
 }
 
 
-class _Words(Repr):
+class _ShortRepr(Repr):
     """Values in a few words, also those within lists and tables."""
 
     def repr_instance(self, value: Any, level: int) -> str:
@@ -58,7 +58,7 @@ class _Words(Repr):
         return f"a{'n' * (kind[0] in 'aeiou')} {kind}"
 
 
-_WORDS = _Words()
+_WORDS = _ShortRepr()
 _WORDS.maxstring = _WORDS.maxother = 80  # paths among them
 shown = _WORDS.repr
 
@@ -70,36 +70,36 @@ def refuse(name: str, value: object, expected: str, write: str = "") -> NoReturn
 
 def check_whole_number(name: str, value: object, least: int, expected: str = "") -> int:
     """Return a whole number [-], ``least`` or more; of floats none is, whole or not."""
-    found = None
+    result = None
     if not isinstance(value, bool | np.bool_):
         with suppress(TypeError):
-            found = operator.index(value)  # type: ignore[arg-type]
-    if found is None or found < least:
-        meant = _convert_to_float(value, text=True) if found is None else None
+            result = operator.index(value)  # type: ignore[arg-type]
+    if result is None or result < least:
+        meant = _convert_to_float(value, text=True) if result is None else None
         write = f"{meant:.0f}" if meant is not None and meant >= least and meant.is_integer() else ""
-        kind = "a whole number: " if found is None else ""
+        kind = "a whole number: " if result is None else ""
         refuse(name, value, kind + (expected or f"{least} or more"), write)
-    if found > LARGEST_INTEGER:
+    if result > LARGEST_INTEGER:
         refuse(name, value, f"a whole number of {LARGEST_INTEGER} at most")
-    return found
+    return result
 
 
 def resolve_index(name: str, value: object, count: int) -> int:
     """Return the number of one of ``count`` [-], counted from the end where it is below 0."""
     expected = f"a number from 0 to {count - 1}, or from -{count} to -1 counted from the end"
-    found = check_whole_number(name, value, -count, expected)
-    if found >= count:
+    index = check_whole_number(name, value, -count, expected)
+    if index >= count:
         refuse(name, value, expected)
-    return found
+    return index
 
 
 def check_number(name: str, value: object, expected: str) -> float:
     """Return a real number [any unit] as a float; neither a text nor a truth is one."""
-    found = _convert_to_float(value)
-    if found is None:
+    result = _convert_to_float(value)
+    if result is None:
         meant = _convert_to_float(value, text=True)
         refuse(name, value, expected, "" if meant is None else f"{meant:g}")
-    return found
+    return result
 
 
 def check_seconds(name: str, value: object, expected: str, zero: bool = False) -> float:

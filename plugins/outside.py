@@ -136,8 +136,8 @@ def installed(folder: Path) -> list[str]:
 
 def engines(folder: Path) -> list[str]:
     """Return the names of the outside engines that are there."""
-    stated = (folder / "crosscheck.toml").read_text(encoding="utf-8")
-    return [*installed(folder), *(name for name in ("simbody", "fmu") if f"[engines.{name}]" in stated)]
+    text = (folder / "crosscheck.toml").read_text(encoding="utf-8")
+    return [*installed(folder), *(name for name in ("simbody", "fmu") if f"[engines.{name}]" in text)]
 
 
 def crosscheck(folder: Path, command: str, *words: object) -> int:

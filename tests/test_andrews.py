@@ -145,8 +145,8 @@ def test_power_of_the_motor_and_the_spring_balances(solution: flexinv.Solution) 
 
 
 def test_one_freedom_and_three_redundant_constraints(solution: flexinv.Solution) -> None:
-    found = compute_mobility(solution.mesh, solution.q[0])
-    assert vars(found) == {"freedoms": 1, "constraints": 9, "redundant": 3}
+    mobility = compute_mobility(solution.mesh, solution.q[0])
+    assert vars(mobility) == {"freedoms": 1, "constraints": 9, "redundant": 3}
 
 
 def test_the_case_file_is_this_motion(squeezer: tuple[Mechanism, Case], truth: andrews.Series) -> None:

@@ -69,13 +69,13 @@ def test_model_has_a_second_engine(name: str) -> None:
     others = [
         e for e in ENGINES.values() if e.name != "flexinv" and not e.native and describe_missing_package(e) is None
     ]
-    found = [
+    result = [
         engine.name
         for case in load_cases(MODELS / name, mechanism).values()
         for engine in others
         if adapter(engine).unsupported(mechanism, case, engine.name) is None
     ]
-    assert found
+    assert result
 
 
 def test_readme_has_no_other_models() -> None:
@@ -128,10 +128,10 @@ def test_slow_beams_are_where_was_published(name: str, length: float, near: floa
     assert len(numbers) in (2, 16)
     for series, at, value in numbers:
         quantity, link, axis = series.split("/")
-        found = {"tip": s.tip, "deflection": s.deflection}[quantity][link][
+        result = {"tip": s.tip, "deflection": s.deflection}[quantity][link][
             np.abs(s.time - at).argmin(), "xyz".index(axis)
         ]
-        assert abs(found - value) < near * length, (series, at)
+        assert abs(result - value) < near * length, (series, at)
     # nearly at rest the drive holds the moment of the load about its axis: inertia is 1.5e-5 of it while the load grows
     # along straight lines, whose corners shake the beam
     (force,), (tip,) = mechanism.forces, s.tip.values()
@@ -187,9 +187,9 @@ def test_examples_of_the_readme_load(tmp_path: Path) -> None:
 
 def tables() -> list[type[Table]]:
     modules: list[Any] = [schema, sections, joints, closures, case_schema]
-    found = [thing for module in modules for thing in vars(module).values()]
-    found += [table for kinds in (case_schema.MOVES, case_schema.STARTS) for table, _, _ in kinds.values()]
-    return [thing for thing in found if isinstance(thing, type) and issubclass(thing, Table)]
+    result = [thing for module in modules for thing in vars(module).values()]
+    result += [table for kinds in (case_schema.MOVES, case_schema.STARTS) for table, _, _ in kinds.values()]
+    return [thing for thing in result if isinstance(thing, type) and issubclass(thing, Table)]
 
 
 def test_readme_names_every_key() -> None:

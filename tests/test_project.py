@@ -52,13 +52,13 @@ def test_a_missing_or_wrong_pin_is_found() -> None:
 def not_lowest(groups: dict[str, list[Requirement]], lowest: dict[str, str]) -> list[str]:
     """Requirements whose lower bound is not the version of the list of lower bounds, and names that nothing asks for."""
     asked = [r for lines in groups.values() for r in lines if r.name != PROJECT]
-    found = []
+    result = []
     for r in asked:
         bounds = [Version(one.version) for one in r.specifier if one.operator in (">=", "==")]
         own = lowest.get(canonicalize_name(r.name))
         if own is None or bounds != [Version(own)]:
-            found.append(f"{r}: {own}")
-    return found + sorted(set(lowest) - {canonicalize_name(r.name) for r in asked})
+            result.append(f"{r}: {own}")
+    return result + sorted(set(lowest) - {canonicalize_name(r.name) for r in asked})
 
 
 def test_lower_bounds_are_the_versions_that_were_tried(root: Path) -> None:

@@ -165,7 +165,7 @@ def test_pages_fit_are_quiet_have_contrast_and_are_reached_by_keyboard(
     In the dark every third page is seen, for what depends on it, contrast: all take their colours from one sheet.  The list of
     pages beside each of them is the same on all, and is gone through by keyboard once.
     """
-    found: dict[str, list[str]] = {}
+    result: dict[str, list[str]] = {}
     for k, file in enumerate(visited(site)[:: 3 if dark else 1]):
         page.open(address(file), 1400, 900, dark)
         wrong = page.complaints() + readable.faint(page)
@@ -179,8 +179,8 @@ def test_pages_fit_are_quiet_have_contrast_and_are_reached_by_keyboard(
             page.resize(width)
             wrong += [] if page.evaluate(WIDE) else [f"wider than {width} px"]
         if wrong:
-            found[str(file.relative_to(site))] = wrong
-    assert found == {}
+            result[str(file.relative_to(site))] = wrong
+    assert result == {}
 
 
 @pytest.mark.browser
@@ -212,8 +212,8 @@ def asked(page: chromium.Browser, site: Path, question: str) -> list[str]:
     page.press("Enter", 13)
     words = json.dumps(urllib.parse.quote_plus(question))
     page.wait(f"location.search.includes({words}) && /found|did not match/.test(document.body.innerText)")
-    found: list[str] = page.evaluate(RESULTS)
-    return found
+    result: list[str] = page.evaluate(RESULTS)
+    return result
 
 
 @pytest.mark.browser
@@ -222,9 +222,9 @@ def test_a_question_is_answered_by_search_alone_in_two_clicks(
     page: chromium.Browser, site: Path, where: str, question: str
 ) -> None:
     """The first click sends the question, the second opens a result."""
-    found = asked(page, site, question)
-    places = [k for k, link in enumerate(found[:FIRST]) if where in link]
-    assert places, f"{question}: {found[:5]}"
+    result = asked(page, site, question)
+    places = [k for k, link in enumerate(result[:FIRST]) if where in link]
+    assert places, f"{question}: {result[:5]}"
     page.evaluate(f"document.querySelectorAll('#search-results li a')[{places[0]}].click()")
     page.wait(f"location.href.includes({json.dumps(where)}) && document.readyState === 'complete'")
     assert ANSWERS[where] in " ".join(page.evaluate("document.querySelector('article').innerText").split())

@@ -62,7 +62,7 @@ DRAWING = "loads what draws, or what the page is written with, when it is asked 
 # Modules that one other imports and that fit into it, and why they stay apart.
 ALONE = {
     "crosscheck.studies.robot_sweep": "states and torques of many robots, which the benchmarks take, too",
-    "crosscheck.causes.beside": "what no effort shows, a question of its own",
+    "crosscheck.causes.quantity_causes": "what no effort shows, a question of its own",
     "crosscheck.causes.repair": "full runs that prove a cause, apart from the words of a diagnosis",
     "flexinv.dynamics.idle_joints": "it needs the linearisation and the start, which need the solver that asks it",
     "flexinv.kernels.kernel_compiler": "Numba's compiler; keeping what it makes on the disk is another matter",
@@ -70,7 +70,7 @@ ALONE = {
     "crosscheck.doors.program_files": "a walk through folders, apart from engines and their trust",
     "crosscheck.doors.fmu_replay": "FMUs that move, which know nothing of those that answer",
     "crosscheck.run.cluster": "workers on other machines, which few runs have",
-    "crosscheck.run.shelves": "answers of earlier runs, apart from the doing of jobs",
+    "crosscheck.run.answer_stores": "answers of earlier runs, apart from the doing of jobs",
     "crosscheck.engines.exudyn.own_dynamics": ASKED,
     "crosscheck.engines.pinocchio.own_dynamics": ASKED,
     "flexinv.rigid.derivative_kernel": KERNEL,
@@ -86,8 +86,8 @@ ALONE = {
     "crosscheck.engines.pinocchio.adapter": "found by its name: an engine's adapter",
     "crosscheck.identification.causes.dictionary": "a table of causes, beside others",
     "crosscheck.identification.causes.encoders": EQUATIONS,
-    "crosscheck.identification.causes.gross": EQUATIONS,
-    "crosscheck.identification.causes.wide": EQUATIONS,
+    "crosscheck.identification.causes.gross_faults": EQUATIONS,
+    "crosscheck.identification.causes.wide_rows": EQUATIONS,
     "crosscheck.identification.causes.signals": "faults that need no model",
     "crosscheck.kit.tree": "a file of kits for programs that want no JSON",
     "crosscheck.kit.page": "the page of a kit in words, apart from its data",
@@ -256,9 +256,9 @@ BAD = {
 @pytest.mark.parametrize("complaint", BAD)
 def test_a_broken_rule_is_found(complaint: str) -> None:
     rule, text = BAD[complaint]
-    found = rule(text)
-    assert len(found) == 1
-    assert complaint in found[0]
+    result = rule(text)
+    assert len(result) == 1
+    assert complaint in result[0]
 
 
 MISPLACED = {
@@ -288,9 +288,9 @@ MISPLACED = {
 
 @pytest.mark.parametrize("complaint", MISPLACED)
 def test_a_misplaced_import_is_found(complaint: str) -> None:
-    found = rules.layering(*MISPLACED[complaint])
-    assert len(found) == 1
-    assert complaint in found[0]
+    result = rules.layering(*MISPLACED[complaint])
+    assert len(result) == 1
+    assert complaint in result[0]
 
 
 def test_imports_in_their_place_are_silent() -> None:

@@ -18,14 +18,14 @@ STEP = re.compile(r"^(?:`(\S+)`:\n\n)?```(console|c|toml)\n(.*?)^```$", re.M | r
 
 def steps() -> list[tuple[str, str]]:
     """Files (name, text) and commands ("", line) of the page, in its order."""
-    found = []
+    result = []
     for name, language, text in STEP.findall(PAGE.read_text()):
         if language == "console":
-            found += [("", line.removeprefix("$ ")) for line in text.splitlines()]
+            result += [("", line.removeprefix("$ ")) for line in text.splitlines()]
         else:
             assert name, f"a block of {language} without the name of its file"
-            found.append((name, text))
-    return found
+            result.append((name, text))
+    return result
 
 
 def test_the_page_has_all_three_ways() -> None:

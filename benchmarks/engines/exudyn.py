@@ -63,21 +63,21 @@ class March:
     end: float
     spectral_radius: float = 0.8
 
-    def settings(self) -> list[Setting]:
+    def list_settings(self) -> list[Setting]:
         """Return the settings worth trying, the stricter tolerance first; dense matrices where there are few unknowns."""
         kinds = [(True, False), (False, False), *([(True, True)] if self.elements <= 16 else [])]
         return [Setting(modified, dense, tolerance) for tolerance in TOLERANCES for modified, dense in kinds]
 
     def make_runner(self, setting: Setting) -> Callable[[], None]:
         """Return a function that marches from the start to the end.  Raises ExudynFailure where Newton fails."""
-        return self.runs(_build_simulation_settings(self, setting), str(setting))
+        return self.make_simulation_runner(_build_simulation_settings(self, setting), str(setting))
 
-    def runs(self, simulation: Any, setting: str) -> Callable[[], None]:
+    def make_simulation_runner(self, simulation: Any, setting: str) -> Callable[[], None]:
         """Return a function that marches by Exudyn's own settings, which errors call ``setting``."""
         mbs, _ = self._build_system(sensors=False)
         return self._make_solver_call(mbs, simulation, setting)
 
-    def tips(self, setting: Setting, every: float) -> dict[str, Array]:
+    def sample_tips(self, setting: Setting, every: float) -> dict[str, Array]:
         """Return the positions of the beams' ends, (samples, 3) [m], every so many seconds [s]."""
         mbs, sensors = self._build_system(sensors=True)
         self._make_solver_call(mbs, _build_simulation_settings(self, setting), str(setting))()
@@ -142,7 +142,7 @@ class TorqueMarch:
             self.end, self.end / self.steps, self.end / self.samples, False, RADIUS, INCREMENT, keeps=self.keeps
         )
 
-    def torques(self) -> Array:
+    def compute_torques(self) -> Array:
         """Return the efforts (samples + 1, nv) [N m], [N].  Raises ExudynFailure where Newton fails."""
         model = self._build_model()
         with quiet():
@@ -165,7 +165,7 @@ class TorqueMarch:
             return make_quiet_call(lambda: integrate_model(model, self.elements, plan))
         motion = self.case.motion
         march = March(self.mechanism, motion, self.formulation, self.elements, self.end / self.steps, self.end)
-        return march.runs(build_solver_settings(self.plan), f"{self.steps} steps")
+        return march.make_simulation_runner(build_solver_settings(self.plan), f"{self.steps} steps")
 
     def __str__(self) -> str:
         return f"{self.elements} elements, {self.steps} steps, Jacobian {'kept' if self.keeps else 'once a step'}"
@@ -196,7 +196,7 @@ def _build_planar_march(
     mbs = d.model.mbs
     motors = []
     for joint in _list_moving_joints(march.mechanism):
-        axis = layout.start(layout.joint[joint.name]).rotation @ joint.axis
+        axis = layout.compute_start_pose(layout.joint[joint.name]).rotation @ joint.axis
         angle = float(plane[:, 2] @ axis) * compute_scalar_coordinate(joint, take_joint_q(march.mechanism, joint, q))
         motors.append((d.model.joint[joint.name][1], (angle - angle[0]).tolist()))
     per_step = 1.0 / march.step
@@ -219,8 +219,10 @@ def _build_spatial_march(march: March, layout: Layout, q: Array, sensors: bool) 
     mbs = d.model.mbs
     per_step = 1.0 / march.step
     for joint in _list_moving_joints(march.mechanism):
-        own = take_joint_q(march.mechanism, joint, q)
-        for number, rows in zip(d.model.joint[joint.name], exudyn_spatial._compute_offsets(d, joint, own), strict=True):
+        joint_q = take_joint_q(march.mechanism, joint, q)
+        for number, rows in zip(
+            d.model.joint[joint.name], exudyn_spatial._compute_offsets(d, joint, joint_q), strict=True
+        ):
             mbs.SetObjectParameter(number, "offsetUserFunction", _make_row_lookup(rows.tolist(), per_step))
     return mbs, _add_tip_sensors(d, sensors, lambda name, place: place)
 

@@ -12,14 +12,14 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
-from campaigns.beyond.catalogue import Drawn, draw
+from campaigns.beyond.catalogue import DrawnFault, draw
 from campaigns.beyond.judge import compute_shares, is_new
-from campaigns.beyond.trial import Place
+from campaigns.beyond.trial import TrialLocation
 from crosscheck.checkout import ROOT
 from crosscheck.engines import ENGINES, describe_missing_package
 from crosscheck.measures.limits import REFERENCE
 from crosscheck.run.forking import ForkServers
-from crosscheck.run.isolation import Children, ask, open_scratch_folder
+from crosscheck.run.isolation import ChildProcesses, ask, open_scratch_folder
 
 MODULE = "campaigns.beyond.trial"
 ENOUGH = 0.5  # of the faults above the bars are named, alone or in a set
@@ -32,14 +32,14 @@ PATIENCE = 900.0  # [s] that one fault may take: a beam in space with three refi
 class Bench:
     """A mechanism with one of its cases, the engines in which faults are planted, and how often it is drawn [-].
 
-    own : a mechanism of this package instead of one of the project's models
+    in_package : a mechanism of this package instead of one of the project's models
     """
 
     mechanism: str
     case: str
     engines: tuple[str, ...]
     weight: float = 1.0
-    own: bool = False
+    in_package: bool = False
 
 
 OWN = Path(__file__).parent / "mechanisms"
@@ -74,8 +74,8 @@ FIRST = Campaign(
         Bench("flex_one_link_damped", "cycloid", BEAMS),
         Bench("four_bar_flexible", "turn", BEAMS, 2.0),
         Bench("spatial_arm", "reach", ("exudyn-ge",), 0.8),
-        Bench("service_arm", "reach", ("pinocchio", "mujoco"), 2.0, own=True),
-        Bench("boom", "slew", ("exudyn-ge",), 0.5, own=True),
+        Bench("service_arm", "reach", ("pinocchio", "mujoco"), 2.0, in_package=True),
+        Bench("boom", "slew", ("exudyn-ge",), 0.5, in_package=True),
     ),
     180,
     20260729,
@@ -95,7 +95,7 @@ SECOND = Campaign(
         Bench("flex_one_link", "bang_bang", ("exudyn-ge",), 1.0),
         Bench("four_bar_flexible", "fast", BEAMS, 1.5),
         Bench("ur5_flexible_forearm", "reach", ("exudyn-ge",), 0.8),
-        Bench("rocker_press", "stroke", LOOPS, 2.0, own=True),
+        Bench("rocker_press", "stroke", LOOPS, 2.0, in_package=True),
     ),
     180,
     7041776,
@@ -105,7 +105,7 @@ Notify = Callable[[int, int, Mapping[str, Any]], None]
 
 
 @dataclass(frozen=True)
-class Wanted:
+class CampaignRequest:
     """Request to run a campaign or a part of it: folders of models and results, and the number of processes.
 
     mechanisms, only : names and numbers of faults to be left with; none: all
@@ -118,23 +118,23 @@ class Wanted:
     mechanisms: tuple[str, ...] = ()
     only: tuple[int, ...] = ()
 
-    def place(self, bench: Bench, engine: str, folder: Path) -> Place:
+    def make_place(self, bench: Bench, engine: str, folder: Path) -> TrialLocation:
         """Return the Place at which faults of an engine are tried; folder : of all files that nobody needs afterwards."""
-        models = OWN if bench.own else self.models
-        return Place(str(models.resolve()), bench.mechanism, bench.case, engine, str(folder / "unharmed"))
+        models = OWN if bench.in_package else self.models
+        return TrialLocation(str(models.resolve()), bench.mechanism, bench.case, engine, str(folder / "unharmed"))
 
 
 @dataclass
-class _Work:
+class _CampaignProgress:
     """Work in progress of a campaign: processes, rows that came in, and the callback for them; threads share it.
 
     pool : of as many threads as wanted; they live as long as the work, for what they have started dies with them
     """
 
-    wanted: Wanted
+    wanted: CampaignRequest
     notify: Notify
     pool: ThreadPoolExecutor
-    children: Children
+    children: ChildProcesses
     total: int = 0
     rows: list[dict[str, Any]] = field(default_factory=list)
     lock: threading.Lock = field(default_factory=threading.Lock)
@@ -147,60 +147,61 @@ class _Work:
                 self.notify(len(self.rows), self.total, row)
 
 
-def run(wanted: Wanted, notify: Notify = lambda done, total, row: None) -> dict[str, Any]:
+def run(request: CampaignRequest, notify: Notify = lambda done, total, row: None) -> dict[str, Any]:
     """Run a campaign; return and write its results: every fault with its outcome, and the sums.
 
     One that is interrupted writes what it has.  Raises RuntimeError where an unharmed engine cannot be run.
     """
     start = clock.monotonic()
     servers = ForkServers()
-    wanted.out.mkdir(parents=True, exist_ok=True)
-    with ThreadPoolExecutor(wanted.jobs) as pool:
-        work = _Work(wanted, notify, pool, Children(servers=servers))
+    request.out.mkdir(parents=True, exist_ok=True)
+    with ThreadPoolExecutor(request.jobs) as pool:
+        work = _CampaignProgress(request, notify, pool, ChildProcesses(servers=servers))
         try:
             with open_scratch_folder() as folder:
                 _run_campaign_steps(work, folder)
         except KeyboardInterrupt:
-            work.children.stop()
+            work.children.end_processes()
             _write(
-                wanted, {**make_results(wanted, work.rows, clock.monotonic() - start), "met": False, "finished": False}
+                request,
+                {**make_results(request, work.rows, clock.monotonic() - start), "met": False, "finished": False},
             )
             raise
         finally:
             servers.close()
-    results = {**make_results(wanted, work.rows, clock.monotonic() - start), "finished": True}
-    _write(wanted, results)
+    results = {**make_results(request, work.rows, clock.monotonic() - start), "finished": True}
+    _write(request, results)
     return results
 
 
-def _write(wanted: Wanted, results: Mapping[str, Any]) -> None:
-    (wanted.out / "beyond.json").write_text(json.dumps(results, indent=1) + "\n", encoding="utf-8")
+def _write(request: CampaignRequest, results: Mapping[str, Any]) -> None:
+    (request.out / "beyond.json").write_text(json.dumps(results, indent=1) + "\n", encoding="utf-8")
 
 
-def _run_campaign_steps(work: _Work, folder: Path) -> None:
+def _run_campaign_steps(work: _CampaignProgress, folder: Path) -> None:
     """Run unharmed engines, draw faults, and try them; records stand in a folder that is thrown away."""
     wanted = work.wanted
     chosen = work.wanted.campaign
     scenes = [(bench, engine) for bench in chosen.benches for engine in bench.engines]
-    places = [wanted.place(*one, folder) for one in scenes]
-    _run_unharmed_engines(work, [wanted.place(bench, REFERENCE, folder) for bench in chosen.benches])
+    places = [wanted.make_place(*one, folder) for one in scenes]
+    _run_unharmed_engines(work, [wanted.make_place(bench, REFERENCE, folder) for bench in chosen.benches])
     weights = [bench.weight / len(bench.engines) for bench, _ in scenes]
-    drawn = draw([place.scene() for place in places], weights, chosen.count, chosen.seed)
+    drawn = draw([place.read_setup() for place in places], weights, chosen.count, chosen.seed)
     tried = [d for d in drawn if _is_wanted(wanted, places[d.scene], d)]
     used = sorted({d.scene for d in tried})
     _run_unharmed_engines(work, [places[k] for k in used])
-    controls = [] if wanted.only else [Drawn(0, k, (), (), chosen.seed) for k in used]
+    controls = [] if wanted.only else [DrawnFault(0, k, (), (), chosen.seed) for k in used]
     work.total = len(tried) + len(controls)
     _run_faults(work, places, [*controls, *tried], folder)
 
 
-def _is_wanted(wanted: Wanted, place: Place, drawn: Drawn) -> bool:
-    here = not wanted.mechanisms or place.mechanism in wanted.mechanisms
+def _is_wanted(request: CampaignRequest, place: TrialLocation, drawn_fault: DrawnFault) -> bool:
+    here = not request.mechanisms or place.mechanism in request.mechanisms
     there = describe_missing_package(ENGINES[place.engine]) is None
-    return here and there and (not wanted.only or drawn.number in wanted.only)
+    return here and there and (not request.only or drawn_fault.number in request.only)
 
 
-def _run_unharmed_engines(work: _Work, places: Sequence[Place]) -> None:
+def _run_unharmed_engines(work: _CampaignProgress, places: Sequence[TrialLocation]) -> None:
     """Run engines unharmed, in processes; those of one mechanism in one."""
     groups: dict[str, list[dict[str, str]]] = {}
     for place in places:
@@ -225,7 +226,7 @@ def _run_unharmed_engines(work: _Work, places: Sequence[Place]) -> None:
     _run_side_by_side(work, [functools.partial(run_group, group) for group in groups.values()])
 
 
-def _run_side_by_side(work: _Work, things: Sequence[Callable[[], None]]) -> None:
+def _run_side_by_side(work: _CampaignProgress, things: Sequence[Callable[[], None]]) -> None:
     """Do things side by side, as many at a time as wanted; Ctrl-C ends what is under way and begins nothing more."""
     futures = [work.pool.submit(thing) for thing in things]
     try:
@@ -233,26 +234,28 @@ def _run_side_by_side(work: _Work, things: Sequence[Callable[[], None]]) -> None
     except KeyboardInterrupt:
         for future in futures:
             future.cancel()
-        work.children.stop()
+        work.children.end_processes()
         raise
     for future in futures:
         future.result()
 
 
-def _run_faults(work: _Work, places: Sequence[Place], drawn: Sequence[Drawn], folder: Path) -> None:
+def _run_faults(
+    work: _CampaignProgress, places: Sequence[TrialLocation], drawn: Sequence[DrawnFault], folder: Path
+) -> None:
     """Try faults, in processes of some faults each; the slow ones begin first."""
-    chunks: list[tuple[Place, list[Drawn]]] = []
+    chunks: list[tuple[TrialLocation, list[DrawnFault]]] = []
     for k, place in enumerate(places):
         mine = [d for d in drawn if d.scene == k]
         chunks += [(place, mine[i : i + CHUNK]) for i in range(0, len(mine), CHUNK)]
-    chunks.sort(key=lambda chunk: chunk[0].scene().rigid)
+    chunks.sort(key=lambda chunk: chunk[0].read_setup().rigid)
     _run_side_by_side(
         work,
         [functools.partial(_run_fault_group, work, *chunk, folder / f"chunk{n}") for n, chunk in enumerate(chunks)],
     )
 
 
-def _run_fault_group(work: _Work, place: Place, drawn: list[Drawn], folder: Path) -> None:
+def _run_fault_group(work: _CampaignProgress, place: TrialLocation, drawn: list[DrawnFault], folder: Path) -> None:
     """Try some faults in one process, and the rest in another where it dies; tell of each when it is done."""
     left = list(drawn)
     attempt = 0
@@ -263,7 +266,7 @@ def _run_fault_group(work: _Work, place: Place, drawn: list[Drawn], folder: Path
         options: dict[str, Any] = {"place": asdict(place), "drawn": [asdict(d) for d in left]}
         options |= {"lines": str(lines), "scratch": str(here.resolve())}
         job = {"kind": "study", "path": str(ROOT), "module": MODULE, "function": "run_trials", "options": options}
-        with Followed(lines, work):
+        with RowFollower(lines, work):
             _, ending = ask(job, PATIENCE * len(left), work.children)
         done = {row["number"] for row in _read_rows(lines)}
         left = [d for d in left if d.number not in done]
@@ -278,10 +281,10 @@ def _run_fault_group(work: _Work, place: Place, drawn: list[Drawn], folder: Path
         attempt += 1
 
 
-class Followed:
+class RowFollower:
     """Takes rows from a file while another process writes them."""
 
-    def __init__(self, lines: Path, work: _Work) -> None:
+    def __init__(self, lines: Path, work: _CampaignProgress) -> None:
         """Follow a file."""
         self.lines = lines
         self.work = work
@@ -289,7 +292,7 @@ class Followed:
         self.over = threading.Event()
         self.thread = threading.Thread(target=self._take_until_end, daemon=True)
 
-    def __enter__(self) -> Followed:
+    def __enter__(self) -> RowFollower:
         self.thread.start()
         return self
 
@@ -317,7 +320,7 @@ def _read_rows(file: Path) -> list[dict[str, Any]]:
     return [json.loads(line) for line in text[: text.rfind("\n") + 1].splitlines()]
 
 
-def make_results(wanted: Wanted, rows: Sequence[dict[str, Any]], elapsed: float) -> dict[str, Any]:
+def make_results(request: CampaignRequest, rows: Sequence[dict[str, Any]], elapsed: float) -> dict[str, Any]:
     """Return the results: campaign, seed, sums over all and by topic and by engine, and every row in order."""
     ordered = sorted(rows, key=lambda row: (row["number"], row["mechanism"], row["engine"]))
     faults = [row for row in ordered if row["number"]]
@@ -333,9 +336,9 @@ def make_results(wanted: Wanted, rows: Sequence[dict[str, Any]], elapsed: float)
     whole = compute_group_shares(faults)
     spoilt = [row for row in ordered if not row["number"] and row["outcome"] != "silent"]
     return {
-        "campaign": wanted.campaign.name,
-        "seed": wanted.campaign.seed,
-        "count": wanted.campaign.count,
+        "campaign": request.campaign.name,
+        "seed": request.campaign.seed,
+        "count": request.campaign.count,
         "elapsed": elapsed,
         "met": whole["bad"] == 0 and not spoilt and whole["share"] >= ENOUGH,
         "sums": whole,

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from campaigns.beyond import bodies, drives, inside, kinematics, loops, sections, signals
-from campaigns.beyond.fault import Array, Fault, Recipe, Scene, draw_one, join_faults
+from campaigns.beyond.fault import Array, Fault, FaultScenario, Recipe, draw_one, join_faults
 
 RECIPES: tuple[Recipe, ...] = tuple(
     recipe
@@ -21,7 +21,7 @@ TRIES = 40  # scenes in which a recipe may find nothing to get wrong before it i
 
 
 @dataclass(frozen=True)
-class Drawn:
+class DrawnFault:
     """One fault of a campaign: its number, where, which recipes, and the seed that makes it again.
 
     scene : number of the mechanism and engine; recipes : numbers in ``RECIPES``, two of them for two faults at once
@@ -45,19 +45,19 @@ class Drawn:
         return " + ".join(dict.fromkeys(RECIPES[k].topic for k in self.recipes))
 
 
-def make_fault(drawn: Drawn, scene: Scene) -> Fault | None:
+def make_fault(drawn_fault: DrawnFault, scenario: FaultScenario) -> Fault | None:
     """Return the fault itself, the same one every time; None where the scene has nothing to get wrong so."""
     faults = []
-    for k, (recipe, size) in enumerate(zip(drawn.recipes, drawn.sizes, strict=True)):
-        rng = np.random.default_rng([drawn.seed, drawn.number, k])
-        faults.append(RECIPES[recipe].draw(scene, rng, RECIPES[recipe].sizes[size]))
+    for k, (recipe, size) in enumerate(zip(drawn_fault.recipes, drawn_fault.sizes, strict=True)):
+        rng = np.random.default_rng([drawn_fault.seed, drawn_fault.number, k])
+        faults.append(RECIPES[recipe].draw(scenario, rng, RECIPES[recipe].sizes[size]))
     known = [fault for fault in faults if fault is not None]
     if len(known) < len(faults):
         return None
     return known[0] if len(known) == 1 else join_faults(*known)
 
 
-def draw(scenes: Sequence[Scene], weights: Sequence[float], count: int, seed: int) -> list[Drawn]:
+def draw(scenes: Sequence[FaultScenario], weights: Sequence[float], count: int, seed: int) -> list[DrawnFault]:
     """Return so many faults: recipes in turns, each in a scene by lot where it finds something to get wrong.
 
     weights : of the scenes [-]; a scene that took a fault is drawn again only when the others had theirs
@@ -65,9 +65,9 @@ def draw(scenes: Sequence[Scene], weights: Sequence[float], count: int, seed: in
     rng = np.random.default_rng(seed)
     chance = np.array(weights, dtype=float) / np.sum(weights)
     taken = np.zeros(len(scenes))
-    found: list[Drawn] = []
+    result: list[DrawnFault] = []
     for recipe in _draw_recipe_order(rng):
-        if len(found) >= count:
+        if len(result) >= count:
             break
         two = rng.random() < PAIRS
         other = (int(rng.integers(len(RECIPES))),) if two else ()
@@ -75,12 +75,12 @@ def draw(scenes: Sequence[Scene], weights: Sequence[float], count: int, seed: in
             scene = int(draw_one(rng, _draw_candidates(chance, taken, rng)))
             recipes = (recipe, *other)
             sizes = tuple(_draw_size_number(RECIPES[k], rng) for k in recipes)
-            one = Drawn(len(found) + 1, scene, recipes, sizes, seed)
+            one = DrawnFault(len(result) + 1, scene, recipes, sizes, seed)
             if make_fault(one, scenes[scene]) is not None:
-                found.append(one)
+                result.append(one)
                 taken[scene] += 1.0
                 break
-    return found
+    return result
 
 
 def _draw_size_number(recipe: Recipe, rng: np.random.Generator) -> int:

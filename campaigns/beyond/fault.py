@@ -20,7 +20,7 @@ RESTING = 1e-12  # of the fastest joint's rate: a joint that turns no faster is 
 
 
 @dataclass(frozen=True)
-class Truth:
+class CorrectAnswer:
     """An answer that is right: one of these quantities, at one of these places (no place: anywhere).
 
     kinds : keys of `judge.KINDS`; places : names of joints, links, bodies, closures, springs, or ``ALL``
@@ -31,7 +31,7 @@ class Truth:
 
 
 @dataclass(frozen=True)
-class Scene:
+class FaultScenario:
     """Scene of planted faults: a mechanism, its motion, the engine that has the fault, and the reference's sizes.
 
     reference : the unharmed reference's record, from which faults take their sizes
@@ -76,7 +76,7 @@ class Scene:
             if j.nv == 1
         }
 
-    def effort(self, joint: str) -> float:
+    def find_largest_effort(self, joint: str) -> float:
         """Return the largest effort of a joint with one coordinate [N m] or [N], of all where its own is nothing."""
         peaks = {n: float(np.abs(s.values).max()) for n, s in self.reference.series.items() if s.quantity == "torque"}
         return peaks.get(f"torque/{joint}", 0.0) or max(peaks.values())
@@ -111,13 +111,13 @@ class Fault:
         that gives all of them at once is right as well
     mechanism, case, options : what the engine is given instead; record : what becomes of what it returns
     raw : what becomes of the series of every single run inside the engine, before its error bars are made
-    built : what becomes of the engine's own model once it is built (Pinocchio's and MuJoCo's ``Built``)
+    built : what becomes of the engine's own model once it is built (Pinocchio's and MuJoCo's ``BuiltModel``)
     bars : whether the engine's own error bars tell of the fault, as of a coarse mesh: then they count as bars
     """
 
     words: str
-    parts: tuple[tuple[Truth, ...], ...]
-    near: tuple[Truth, ...] = ()
+    parts: tuple[tuple[CorrectAnswer, ...], ...]
+    near: tuple[CorrectAnswer, ...] = ()
     mechanism: Callable[[Mechanism], Mechanism] = copy_mechanism
     case: Callable[[Mechanism, Case], Case] = copy_case
     record: Callable[[Record, Mechanism, Case], Record] = copy_record
@@ -125,7 +125,7 @@ class Fault:
     built: Callable[[Any, Mechanism], None] | None = None
     options: Mapping[str, Any] = field(default_factory=dict)
     bars: bool = False
-    same: tuple[tuple[Truth, ...], ...] = ()
+    same: tuple[tuple[CorrectAnswer, ...], ...] = ()
 
 
 def join_faults(first: Fault, second: Fault) -> Fault:
@@ -156,7 +156,7 @@ def join_faults(first: Fault, second: Fault) -> Fault:
     )
 
 
-Draw = Callable[[Scene, np.random.Generator, float], Fault | None]
+Draw = Callable[[FaultScenario, np.random.Generator, float], Fault | None]
 
 
 @dataclass(frozen=True)
@@ -172,7 +172,7 @@ class Recipe:
     draw: Draw
 
 
-class Chapter:
+class RecipeTopic:
     """The recipes of one topic: ``chapter("name", sizes)`` adds the function below it."""
 
     def __init__(self, topic: str) -> None:

@@ -10,7 +10,7 @@ import re
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, Literal, get_args
 
-from campaigns.beyond.fault import ALL, Fault, Truth
+from campaigns.beyond.fault import ALL, CorrectAnswer, Fault
 
 LARGEST = 3  # names in a set that helps a reader
 Outcome = Literal[
@@ -274,7 +274,7 @@ def find_kinds(named: Mapping[str, Any]) -> tuple[str, ...]:
     return ()
 
 
-def is_true_cause(named: Mapping[str, Any], truth: Truth) -> bool:
+def is_true_cause(named: Mapping[str, Any], truth: CorrectAnswer) -> bool:
     """Return True if a named cause gives one of the quantities of a truth, at one of its places."""
     if not set(find_kinds(named)) & set(truth.kinds):
         return False
@@ -308,7 +308,7 @@ def judge_answer(named: Mapping[str, Any], fault: Fault) -> Literal["right", "ne
     return "near" if all(any(is_true_cause(cause, truth) for truth in half) for cause in found) else "wrong"
 
 
-def _is_complete(found: Sequence[Mapping[str, Any]], parts: Sequence[Sequence[Truth]]) -> bool:
+def _is_complete(found: Sequence[Mapping[str, Any]], parts: Sequence[Sequence[CorrectAnswer]]) -> bool:
     """Return True if the causes give every part, and nothing else."""
     met = [any(is_true_cause(cause, truth) for cause in found for truth in part) for part in parts]
     true = [any(is_true_cause(cause, truth) for part in parts for truth in part) for cause in found]

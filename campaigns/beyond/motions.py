@@ -17,7 +17,7 @@ Array = NDArray[np.float64]
 Change = Callable[[Mechanism, Array, Array, Array], tuple[Array, Array, Array]]
 
 
-class Other:
+class ReplacedMotion:
     """A motion that is evaluated by another function, and is the old one in everything else."""
 
     def __init__(self, motion: Motion, evaluate: Callable[..., tuple[Array, ...]]) -> None:
@@ -41,7 +41,7 @@ def replace_motion(case: Case, change: Change) -> Case:
     def evaluate(mechanism: Mechanism, time: Array, *side: Any) -> tuple[Array, ...]:
         return change(mechanism, *old.evaluate(mechanism, time, *side))
 
-    return replace(case, motion=cast(Motion, Other(old, evaluate)))
+    return replace(case, motion=cast(Motion, ReplacedMotion(old, evaluate)))
 
 
 def replace_time(case: Case, clock: Callable[[Array], Array], rate: float = 1.0) -> Case:
@@ -52,7 +52,7 @@ def replace_time(case: Case, clock: Callable[[Array], Array], rate: float = 1.0)
         q, qd, qdd = old.evaluate(mechanism, clock(time), *side)
         return q, rate * qd, rate**2 * qdd
 
-    return replace(case, motion=cast(Motion, Other(old, evaluate)))
+    return replace(case, motion=cast(Motion, ReplacedMotion(old, evaluate)))
 
 
 def replace_by_differences(case: Case, step: float, backward: bool) -> Case:
@@ -73,4 +73,4 @@ def replace_by_differences(case: Case, step: float, backward: bool) -> Case:
             qd = np.divide(after[0] - before[0], span, out=np.zeros_like(qd), where=span > 0.0)
         return q, qd, qdd
 
-    return replace(case, motion=cast(Motion, Other(old, evaluate)))
+    return replace(case, motion=cast(Motion, ReplacedMotion(old, evaluate)))

@@ -8,45 +8,45 @@ from dataclasses import replace
 import numpy as np
 
 from campaigns.beyond import edits
-from campaigns.beyond.fault import ALL, Chapter, Fault, Scene, Truth, draw_one
+from campaigns.beyond.fault import ALL, CorrectAnswer, Fault, FaultScenario, RecipeTopic, draw_one
 from flexinv.model.mechanism import Link, Section
 
-CHAPTER = Chapter("beams")
+CHAPTER = RecipeTopic("beams")
 UNSEEN = {"GJ": 0.8, "EI_y": 0.8}  # how often not in a plane, where neither of them shows
 NAMES = ("EA", "GA_y", "GA_z", "GJ", "EI_y", "EI_z")
 DEGREE = np.pi / 180.0
 
 
-def _draw_beam(scene: Scene, rng: np.random.Generator) -> Link | None:
-    found: Link | None = draw_one(rng, scene.mechanism.beams)
-    return found
+def _draw_beam(scenario: FaultScenario, rng: np.random.Generator) -> Link | None:
+    link: Link | None = draw_one(rng, scenario.mechanism.beams)
+    return link
 
 
-def _list_place_names(scene: Scene, link: Link) -> tuple[str, ...]:
-    return edits.list_body_names(scene.mechanism, link.name)
+def _list_place_names(scenario: FaultScenario, link: Link) -> tuple[str, ...]:
+    return edits.list_body_names(scenario.mechanism, link.name)
 
 
 def _make_section_fault(
-    scene: Scene, link: Link, words: str, kinds: tuple[str, ...], change: Callable[[Section], Section]
+    scenario: FaultScenario, link: Link, words: str, kinds: tuple[str, ...], change: Callable[[Section], Section]
 ) -> Fault:
     """A fault in the section of one beam."""
     near = tuple(k for k in (*NAMES, "stiffness", "beam mass", "rho I", "section size", "E") if k not in kinds)
-    at = _list_place_names(scene, link)
-    weight = Truth(("beam mass", "mass"), at)
-    springs = Truth(("stiffness", "E", *NAMES), at)
+    at = _list_place_names(scenario, link)
+    weight = CorrectAnswer(("beam mass", "mass"), at)
+    springs = CorrectAnswer(("stiffness", "E", *NAMES), at)
     return Fault(
         f"{words} of {link.name}",
-        ((Truth(kinds, at),),),
-        (Truth(near, at),),
+        ((CorrectAnswer(kinds, at),),),
+        (CorrectAnswer(near, at),),
         lambda m: edits.replace_section(m, link.name, change),
         same=((weight,), (springs,)) if "section size" in kinds else (),
     )
 
 
-def _is_planar(scene: Scene) -> bool:
+def _is_planar(scenario: FaultScenario) -> bool:
     """Return True if hinges are parallel to the world's z axis and gravity normal to it: bending in the plane only."""
-    joints = [j for j in scene.mechanism.joints if j.nv]
-    return all(j.kind == "prismatic" or abs(j.axis[2]) == 1.0 for j in joints) and not scene.mechanism.gravity[2]
+    joints = [j for j in scenario.mechanism.joints if j.nv]
+    return all(j.kind == "prismatic" or abs(j.axis[2]) == 1.0 for j in joints) and not scenario.mechanism.gravity[2]
 
 
 def _scale_stiffness(section: Section, *factors: float) -> Section:
@@ -54,16 +54,18 @@ def _scale_stiffness(section: Section, *factors: float) -> Section:
     return replace(section, stiffness=section.stiffness * np.array(factors), damping=damping)
 
 
-def _make_stiffness_recipe(name: str) -> Callable[[Scene, np.random.Generator, float], Fault | None]:
+def _make_stiffness_recipe(name: str) -> Callable[[FaultScenario, np.random.Generator, float], Fault | None]:
     """A recipe: one of the six stiffnesses is so many times as large."""
 
-    def draw(scene: Scene, rng: np.random.Generator, size: float) -> Fault | None:
-        if (link := _draw_beam(scene, rng)) is None or (
-            name in UNSEEN and _is_planar(scene) and rng.random() < UNSEEN[name]
+    def draw(scenario: FaultScenario, rng: np.random.Generator, size: float) -> Fault | None:
+        if (link := _draw_beam(scenario, rng)) is None or (
+            name in UNSEEN and _is_planar(scenario) and rng.random() < UNSEEN[name]
         ):
             return None
         factors = [size if n == name else 1.0 for n in NAMES]
-        return _make_section_fault(scene, link, f"{name} x{size:.5g}", (name,), lambda s: _scale_stiffness(s, *factors))
+        return _make_section_fault(
+            scenario, link, f"{name} x{size:.5g}", (name,), lambda s: _scale_stiffness(s, *factors)
+        )
 
     return draw
 
@@ -75,32 +77,34 @@ CHAPTER("EA", 1.05, 1e-3)(_make_stiffness_recipe("EA"))
 
 
 @CHAPTER("modulus", 1.0002, 1.05, 0.95, 1.12, 0.1)
-def make_modulus_fault(scene: Scene, rng: np.random.Generator, size: float) -> Fault | None:
+def make_modulus_fault(scenario: FaultScenario, rng: np.random.Generator, size: float) -> Fault | None:
     """Young's modulus, and with it the shear modulus, is another one."""
-    if (link := _draw_beam(scene, rng)) is None:
+    if (link := _draw_beam(scenario, rng)) is None:
         return None
     kinds = ("E", "stiffness", "EI_z", "EI_y")
-    return _make_section_fault(scene, link, f"E and G x{size:.5g}", kinds, lambda s: _scale_stiffness(s, *[size] * 6))
+    return _make_section_fault(
+        scenario, link, f"E and G x{size:.5g}", kinds, lambda s: _scale_stiffness(s, *[size] * 6)
+    )
 
 
 @CHAPTER("shear correction", 1.2, 100.0, 0.01)
-def make_shear_stiffness_fault(scene: Scene, rng: np.random.Generator, size: float) -> Fault | None:
+def make_shear_stiffness_fault(scenario: FaultScenario, rng: np.random.Generator, size: float) -> Fault | None:
     """The shear stiffness without its correction, or rigid, or far too soft."""
-    if (link := _draw_beam(scene, rng)) is None:
+    if (link := _draw_beam(scenario, rng)) is None:
         return None
     kinds = ("GA", "GA_y", "GA_z")
     return _make_section_fault(
-        scene, link, f"GA x{size:.5g}", kinds, lambda s: _scale_stiffness(s, 1.0, size, size, 1.0, 1.0, 1.0)
+        scenario, link, f"GA x{size:.5g}", kinds, lambda s: _scale_stiffness(s, 1.0, size, size, 1.0, 1.0, 1.0)
     )
 
 
 @CHAPTER("density of a beam", 1.0002, 1.01, 1.05, 0.453592)
-def make_density_fault(scene: Scene, rng: np.random.Generator, size: float) -> Fault | None:
+def make_density_fault(scenario: FaultScenario, rng: np.random.Generator, size: float) -> Fault | None:
     """The density of a beam's material is another one."""
-    if (link := _draw_beam(scene, rng)) is None:
+    if (link := _draw_beam(scenario, rng)) is None:
         return None
     return _make_section_fault(
-        scene,
+        scenario,
         link,
         f"density x{size:.5g}",
         ("beam mass", "mass"),
@@ -109,12 +113,12 @@ def make_density_fault(scene: Scene, rng: np.random.Generator, size: float) -> F
 
 
 @CHAPTER("mass per length", 1.0002, 1.02, 1.1)
-def make_linear_density_fault(scene: Scene, rng: np.random.Generator, size: float) -> Fault | None:
+def make_linear_density_fault(scenario: FaultScenario, rng: np.random.Generator, size: float) -> Fault | None:
     """The mass per length of a beam is another one, its rotary inertia is not."""
-    if (link := _draw_beam(scene, rng)) is None:
+    if (link := _draw_beam(scenario, rng)) is None:
         return None
     return _make_section_fault(
-        scene,
+        scenario,
         link,
         f"mass per length x{size:.5g}",
         ("beam mass", "mass"),
@@ -123,12 +127,12 @@ def make_linear_density_fault(scene: Scene, rng: np.random.Generator, size: floa
 
 
 @CHAPTER("rotary inertia of a section", 0.0, 2.0, 100.0)
-def make_rotary_inertia_fault(scene: Scene, rng: np.random.Generator, size: float) -> Fault | None:
+def make_rotary_inertia_fault(scenario: FaultScenario, rng: np.random.Generator, size: float) -> Fault | None:
     """The rotary inertia of the section is left out or too large."""
-    if (link := _draw_beam(scene, rng)) is None:
+    if (link := _draw_beam(scenario, rng)) is None:
         return None
     return _make_section_fault(
-        scene,
+        scenario,
         link,
         f"rotary inertia x{size:.5g}",
         ("rho I",),
@@ -137,9 +141,9 @@ def make_rotary_inertia_fault(scene: Scene, rng: np.random.Generator, size: floa
 
 
 @CHAPTER("width of a strip", 1.0002, 1.02, 1.1)
-def make_width_fault(scene: Scene, rng: np.random.Generator, size: float) -> Fault | None:
+def make_width_fault(scenario: FaultScenario, rng: np.random.Generator, size: float) -> Fault | None:
     """A strip is wider: along z, so that it bends in its x-y plane with the same thickness."""
-    if (link := _draw_beam(scene, rng)) is None:
+    if (link := _draw_beam(scenario, rng)) is None:
         return None
 
     def update_section(section: Section) -> Section:
@@ -150,13 +154,13 @@ def make_width_fault(scene: Scene, rng: np.random.Generator, size: float) -> Fau
             wider, mass_per_length=section.mass_per_length * size, rotary_inertia=np.stack([y + z, y, z], axis=1)
         )
 
-    return _make_section_fault(scene, link, f"width x{size:.5g}", ("section size",), update_section)
+    return _make_section_fault(scenario, link, f"width x{size:.5g}", ("section size",), update_section)
 
 
 @CHAPTER("thickness of a strip", 1.0002, 1.02, 1.1)
-def make_thickness_fault(scene: Scene, rng: np.random.Generator, size: float) -> Fault | None:
+def make_thickness_fault(scenario: FaultScenario, rng: np.random.Generator, size: float) -> Fault | None:
     """A strip is thicker: along y, so that it bends in its x-y plane with the cube of it."""
-    if (link := _draw_beam(scene, rng)) is None:
+    if (link := _draw_beam(scenario, rng)) is None:
         return None
 
     def update_section(section: Section) -> Section:
@@ -167,13 +171,13 @@ def make_thickness_fault(scene: Scene, rng: np.random.Generator, size: float) ->
             thicker, mass_per_length=section.mass_per_length * size, rotary_inertia=np.stack([y + z, y, z], axis=1)
         )
 
-    return _make_section_fault(scene, link, f"thickness x{size:.5g}", ("section size",), update_section)
+    return _make_section_fault(scenario, link, f"thickness x{size:.5g}", ("section size",), update_section)
 
 
 @CHAPTER("wall of a tube", 1.0002, 1.02, 1.1)
-def make_wall_thickness_fault(scene: Scene, rng: np.random.Generator, size: float) -> Fault | None:
+def make_wall_thickness_fault(scenario: FaultScenario, rng: np.random.Generator, size: float) -> Fault | None:
     """A thin tube has a thicker wall: everything per length grows with it."""
-    if (link := _draw_beam(scene, rng)) is None:
+    if (link := _draw_beam(scenario, rng)) is None:
         return None
 
     def update_section(section: Section) -> Section:
@@ -183,13 +187,13 @@ def make_wall_thickness_fault(scene: Scene, rng: np.random.Generator, size: floa
             rotary_inertia=section.rotary_inertia * size,
         )
 
-    return _make_section_fault(scene, link, f"wall x{size:.5g}", ("section size",), update_section)
+    return _make_section_fault(scenario, link, f"wall x{size:.5g}", ("section size",), update_section)
 
 
 @CHAPTER("diameter", 1.0002, 1.01, 2.0)
-def make_diameter_fault(scene: Scene, rng: np.random.Generator, size: float) -> Fault | None:
+def make_diameter_fault(scenario: FaultScenario, rng: np.random.Generator, size: float) -> Fault | None:
     """All dimensions of the section are larger: radius for diameter, or a rounded drawing."""
-    if (link := _draw_beam(scene, rng)) is None:
+    if (link := _draw_beam(scenario, rng)) is None:
         return None
 
     def update_section(section: Section) -> Section:
@@ -201,13 +205,13 @@ def make_diameter_fault(scene: Scene, rng: np.random.Generator, size: float) -> 
             rotary_inertia=section.rotary_inertia * fourth,
         )
 
-    return _make_section_fault(scene, link, f"diameter x{size:.5g}", ("section size",), update_section)
+    return _make_section_fault(scenario, link, f"diameter x{size:.5g}", ("section size",), update_section)
 
 
 @CHAPTER("width for height", 1.0)
-def make_exchanged_sides_fault(scene: Scene, rng: np.random.Generator, size: float) -> Fault | None:
+def make_exchanged_sides_fault(scenario: FaultScenario, rng: np.random.Generator, size: float) -> Fault | None:
     """The section lies on its side: width and height are exchanged."""
-    if (link := _draw_beam(scene, rng)) is None:
+    if (link := _draw_beam(scenario, rng)) is None:
         return None
 
     def update_section(section: Section) -> Section:
@@ -221,32 +225,32 @@ def make_exchanged_sides_fault(scene: Scene, rng: np.random.Generator, size: flo
             damping=damping,
         )
 
-    return _make_section_fault(scene, link, "width and height exchanged", ("section turned",), update_section)
+    return _make_section_fault(scenario, link, "width and height exchanged", ("section turned",), update_section)
 
 
 @CHAPTER("length of a beam", 1.0002, 1.01, 1.05)
-def make_beam_length_fault(scene: Scene, rng: np.random.Generator, size: float) -> Fault | None:
+def make_beam_length_fault(scenario: FaultScenario, rng: np.random.Generator, size: float) -> Fault | None:
     """A beam is longer; what hangs at its end moves out."""
-    if (link := _draw_beam(scene, rng)) is None:
+    if (link := _draw_beam(scenario, rng)) is None:
         return None
     return Fault(
         f"length of {link.name} x{size:.5g}",
-        ((Truth(("beam length", "length"), _list_place_names(scene, link)),),),
-        (Truth(("beam mass", "placement", "EI_z", "stiffness"), _list_place_names(scene, link)),),
+        ((CorrectAnswer(("beam length", "length"), _list_place_names(scenario, link)),),),
+        (CorrectAnswer(("beam mass", "placement", "EI_z", "stiffness"), _list_place_names(scenario, link)),),
         lambda m: edits.replace_beam(m, link.name, lambda b: replace(b, length=b.length * size)),
     )
 
 
 @CHAPTER("clamp off the axis", 1e-6, 1e-3, 4e-3, 2e-2)
-def make_clamp_position_fault(scene: Scene, rng: np.random.Generator, size: float) -> Fault | None:
+def make_clamp_position_fault(scenario: FaultScenario, rng: np.random.Generator, size: float) -> Fault | None:
     """The root of a beam is clamped beside the axis, in the plane of its section or along the beam."""
-    if (link := _draw_beam(scene, rng)) is None:
+    if (link := _draw_beam(scenario, rng)) is None:
         return None
     way = np.array(draw_one(rng, [[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]]))
     return Fault(
         f"clamp of {link.name} off by {(size * way).tolist()} m",
-        ((Truth(("clamp", "placement", "length"), _list_place_names(scene, link)),),),
-        (Truth(("beam length", "com", "angle offset"), _list_place_names(scene, link)),),
+        ((CorrectAnswer(("clamp", "placement", "length"), _list_place_names(scenario, link)),),),
+        (CorrectAnswer(("beam length", "com", "angle offset"), _list_place_names(scenario, link)),),
         lambda m: edits.replace_beam(
             m,
             link.name,
@@ -256,15 +260,21 @@ def make_clamp_position_fault(scene: Scene, rng: np.random.Generator, size: floa
 
 
 @CHAPTER("clamp turned", 1e-5, 0.5 * DEGREE, 3 * DEGREE)
-def make_clamp_angle_fault(scene: Scene, rng: np.random.Generator, size: float) -> Fault | None:
+def make_clamp_angle_fault(scenario: FaultScenario, rng: np.random.Generator, size: float) -> Fault | None:
     """A beam is clamped at an angle; about its own axis the section turns."""
-    if (link := _draw_beam(scene, rng)) is None:
+    if (link := _draw_beam(scenario, rng)) is None:
         return None
     axis = np.array(draw_one(rng, [[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]))
     return Fault(
         f"clamp of {link.name} turned by {size / DEGREE:.3g} degrees about {axis.tolist()}",
-        ((Truth(("clamp", "angle offset", "orientation", "section angle"), _list_place_names(scene, link)),),),
-        (Truth(("axis tilt", "section turned", "placement"), _list_place_names(scene, link)),),
+        (
+            (
+                CorrectAnswer(
+                    ("clamp", "angle offset", "orientation", "section angle"), _list_place_names(scenario, link)
+                ),
+            ),
+        ),
+        (CorrectAnswer(("axis tilt", "section turned", "placement"), _list_place_names(scenario, link)),),
         lambda m: edits.replace_beam(
             m, link.name, lambda b: replace(b, placement=edits.turn_placement(b.placement, axis, size))
         ),
@@ -272,18 +282,18 @@ def make_clamp_angle_fault(scene: Scene, rng: np.random.Generator, size: float) 
 
 
 @CHAPTER("bent at rest", 1e-4, 0.02, 0.2)
-def make_curvature_fault(scene: Scene, rng: np.random.Generator, size: float) -> Fault | None:
+def make_curvature_fault(scenario: FaultScenario, rng: np.random.Generator, size: float) -> Fault | None:
     """A beam that should be straight is bowed: by so many radians over its length."""
-    if (link := _draw_beam(scene, rng)) is None or link.beam is None:
+    if (link := _draw_beam(scenario, rng)) is None or link.beam is None:
         return None
     way = np.array([0.0, 0.0, size / link.beam.length])
     return Fault(
         f"{link.name} bowed by {size:.3g} rad",
-        ((Truth(("curvature",), _list_place_names(scene, link)),),),
+        ((CorrectAnswer(("curvature",), _list_place_names(scenario, link)),),),
         (
-            Truth(
+            CorrectAnswer(
                 ("clamp", "angle offset"),
-                (*_list_place_names(scene, link), *edits.list_child_joints(scene.mechanism, link.name)),
+                (*_list_place_names(scenario, link), *edits.list_child_joints(scenario.mechanism, link.name)),
             ),
         ),
         lambda m: edits.replace_beam(m, link.name, lambda b: replace(b, curvature=b.curvature + way)),
@@ -291,9 +301,9 @@ def make_curvature_fault(scene: Scene, rng: np.random.Generator, size: float) ->
 
 
 @CHAPTER("damping of a beam", 1e-5, 1e-3, 1e-2)
-def make_added_damping_fault(scene: Scene, rng: np.random.Generator, size: float) -> Fault | None:
+def make_added_damping_fault(scenario: FaultScenario, rng: np.random.Generator, size: float) -> Fault | None:
     """A beam has damping that the other model has not: so many times the time of a bending wave along it."""
-    if (link := _draw_beam(scene, rng)) is None or link.beam is None:
+    if (link := _draw_beam(scenario, rng)) is None or link.beam is None:
         return None
     section = link.beam.section
     length = link.beam.length
@@ -303,47 +313,47 @@ def make_added_damping_fault(scene: Scene, rng: np.random.Generator, size: float
         old = 0.0 if section.damping is None else section.damping
         return replace(section, damping=old + size * period * section.stiffness)
 
-    return _make_section_fault(scene, link, f"damping of {size * period:.3g} s", ("beam damping",), update_section)
+    return _make_section_fault(scenario, link, f"damping of {size * period:.3g} s", ("beam damping",), update_section)
 
 
 @CHAPTER("damping of a beam lost", 0.0, 2.0)
-def make_missing_damping_fault(scene: Scene, rng: np.random.Generator, size: float) -> Fault | None:
+def make_missing_damping_fault(scenario: FaultScenario, rng: np.random.Generator, size: float) -> Fault | None:
     """The damping of a beam is left out, or is taken for twice what it is (ratio for loss factor)."""
-    known = [b for b in scene.mechanism.beams if b.beam is not None and b.beam.section.damping is not None]
+    known = [b for b in scenario.mechanism.beams if b.beam is not None and b.beam.section.damping is not None]
     if (link := draw_one(rng, known)) is None:
         return None
 
     def update_section(section: Section) -> Section:
         return replace(section, damping=section.damping * size if size and section.damping is not None else None)
 
-    fault = _make_section_fault(scene, link, f"damping x{size:.3g}", ("beam damping",), update_section)
+    fault = _make_section_fault(scenario, link, f"damping x{size:.3g}", ("beam damping",), update_section)
     alone = (ALL,) if len(known) == 1 else ()
-    return replace(fault, parts=((Truth(("beam damping",), (*_list_place_names(scene, link), *alone)),),))
+    return replace(fault, parts=((CorrectAnswer(("beam damping",), (*_list_place_names(scenario, link), *alone)),),))
 
 
 @CHAPTER("mesh", 1, 2, 4)
-def make_coarse_mesh_fault(scene: Scene, rng: np.random.Generator, size: float) -> Fault | None:
+def make_coarse_mesh_fault(scenario: FaultScenario, rng: np.random.Generator, size: float) -> Fault | None:
     """Too few elements in the other engine; its own refinement says so."""
-    if scene.rigid or not scene.engine.startswith("exudyn"):
+    if scenario.rigid or not scenario.engine.startswith("exudyn"):
         return None
     return Fault(
         f"{int(size)} elements per beam",
-        ((Truth(("mesh",)),),),
-        (Truth(("lumped mass", "stiffness", "step")),),
+        ((CorrectAnswer(("mesh",)),),),
+        (CorrectAnswer(("lumped mass", "stiffness", "step")),),
         options={"elements": int(size)},
         bars=True,
     )
 
 
 @CHAPTER("step", 20.0, 100.0)
-def make_long_step_fault(scene: Scene, rng: np.random.Generator, size: float) -> Fault | None:
+def make_long_step_fault(scenario: FaultScenario, rng: np.random.Generator, size: float) -> Fault | None:
     """Far too long a step in the other engine; its own refinement says so."""
-    if scene.rigid or not scene.engine.startswith("exudyn"):
+    if scenario.rigid or not scenario.engine.startswith("exudyn"):
         return None
     return Fault(
         f"{int(size)} times as long a step",
-        ((Truth(("step", "numerical damping")),),),
-        (Truth(("mesh",)),),
-        options={"step": size * scene.case.end / 8000.0},
+        ((CorrectAnswer(("step", "numerical damping")),),),
+        (CorrectAnswer(("mesh",)),),
+        options={"step": size * scenario.case.end / 8000.0},
         bars=True,
     )

@@ -13,8 +13,8 @@ from typing import Any, Literal
 
 import numpy as np
 
-from campaigns.beyond.catalogue import Drawn, make_fault
-from campaigns.beyond.fault import Fault, Scene
+from campaigns.beyond.catalogue import DrawnFault, make_fault
+from campaigns.beyond.fault import Fault, FaultScenario
 from campaigns.beyond.judge import Outcome, judge_fault
 from campaigns.beyond.planting import apply_fault
 from crosscheck.causes.fit import Columns
@@ -38,7 +38,7 @@ TOLD = ("deviation", "error", "unjudged")
 
 
 @dataclass(frozen=True)
-class Place:
+class TrialLocation:
     """Place of a trial: folder of models, mechanism, case, engine, and the folder of unharmed records."""
 
     models: str
@@ -47,7 +47,7 @@ class Place:
     engine: str
     records: str
 
-    def stem(self, engine: str) -> Path:
+    def make_record_path(self, engine: str) -> Path:
         """The files of an unharmed record."""
         return Path(self.records) / f"{self.mechanism}-{self.case}-{engine}"
 
@@ -56,26 +56,26 @@ class Place:
         """The case as it is run."""
         return discover(Path(self.models), (f"{self.mechanism}/{self.case}",)).tasks[0]
 
-    def job(self, engine: str, out: Path) -> dict[str, Any]:
+    def make_job(self, engine: str, out: Path) -> dict[str, Any]:
         """Return the instructions for the process of an engine."""
         where = {"mechanism": str((Path(self.models) / self.mechanism).resolve()), "case": self.case}
         return {"engine": engine, "module": ENGINES[engine].module, **where, "options": {}, "out": str(out)}
 
-    def scene(self) -> Scene:
+    def read_setup(self) -> FaultScenario:
         """The scene of the unharmed reference.  Raises RecordError where there is none."""
         task = self.task
-        return Scene(task.mechanism, task.case, self.engine, read_record(self.stem(REFERENCE)))
+        return FaultScenario(task.mechanism, task.case, self.engine, read_record(self.make_record_path(REFERENCE)))
 
 
 def prepare(places: Sequence[Mapping[str, str]]) -> list[dict[str, Any]]:
     """Run engines unharmed, the reference among them, and keep their records; return what became of each."""
     rows = []
     for words in places:
-        place = Place(**words)
+        place = TrialLocation(**words)
         start = clock.perf_counter()
-        stem = place.stem(place.engine)
+        stem = place.make_record_path(place.engine)
         stem.parent.mkdir(parents=True, exist_ok=True)
-        run_case(place.job(place.engine, stem))
+        run_case(place.make_job(place.engine, stem))
         record = read_record(stem)
         row = {"mechanism": place.mechanism, "case": place.case, "engine": place.engine, "status": record.status}
         rows.append({**row, "message": record.message, "seconds": clock.perf_counter() - start})
@@ -87,64 +87,74 @@ def run_trials(place: Mapping[str, str], drawn: Sequence[Mapping[str, Any]], lin
 
     A fault of number 0 is none: the unharmed engine, which has to be left alone.
     """
-    here = Place(**place)
-    scene = here.scene()
+    here = TrialLocation(**place)
+    scene = here.read_setup()
     columns = Columns()
     for words in drawn:
-        one = Drawn(**{**words, "recipes": tuple(words["recipes"]), "sizes": tuple(words["sizes"])})
+        one = DrawnFault(**{**words, "recipes": tuple(words["recipes"]), "sizes": tuple(words["sizes"])})
         with Path(lines).open("a", encoding="utf-8") as file:
             file.write(json.dumps(run_trial(here, scene, one, Path(scratch), columns)) + "\n")
     return len(drawn)
 
 
 def run_trial(
-    place: Place, scene: Scene, drawn: Drawn, scratch: Path, columns: Columns | None = None
+    place: TrialLocation,
+    scenario: FaultScenario,
+    drawn_fault: DrawnFault,
+    scratch: Path,
+    columns: Columns | None = None,
 ) -> dict[str, Any]:
     """Return everything about one fault: what was planted, what it changed, what was said, and the outcome."""
     start = clock.perf_counter()
-    fault = make_fault(drawn, scene) if drawn.number else Fault("nothing", ())
+    fault = make_fault(drawn_fault, scenario) if drawn_fault.number else Fault("nothing", ())
     if fault is None:
-        raise ValueError(f"fault {drawn.number} cannot be made again: the mechanism or the catalogue is another one")
+        raise ValueError(
+            f"fault {drawn_fault.number} cannot be made again: the mechanism or the catalogue is another one"
+        )
     row: dict[str, Any] = {
-        "number": drawn.number,
+        "number": drawn_fault.number,
         "mechanism": place.mechanism,
         "case": place.case,
         "engine": place.engine,
-        "recipe": drawn.name,
-        "topic": drawn.topic,
-        "seed": drawn.seed,
+        "recipe": drawn_fault.name,
+        "topic": drawn_fault.topic,
+        "seed": drawn_fault.seed,
         "fault": fault.words,
         "right": [[asdict(truth) for truth in part] for part in fault.parts],
     }
     try:
         with apply_fault(fault, place.engine):
-            row |= _run_harmed_engine(place, scene, fault, scratch / f"fault{drawn.number}-{place.engine}", columns)
+            row |= _run_harmed_engine(
+                place, scenario, fault, scratch / f"fault{drawn_fault.number}-{place.engine}", columns
+            )
     except Exception as error:
         traceback.print_exc()
         row |= {"outcome": "failed", "words": f"{type(error).__name__}: {error}"}
     return row | {"seconds": round(clock.perf_counter() - start, 2)}
 
 
-def _run_harmed_engine(place: Place, scene: Scene, fault: Fault, stem: Path, columns: Columns | None) -> dict[str, Any]:
+def _run_harmed_engine(
+    place: TrialLocation, scenario: FaultScenario, fault: Fault, stem: Path, columns: Columns | None
+) -> dict[str, Any]:
     """Run the harmed engine, compare, ask why; return what came out.  The fault is planted meanwhile."""
     task = place.task
     stem.parent.mkdir(parents=True, exist_ok=True)
-    run_case(place.job(place.engine, stem))
+    run_case(place.make_job(place.engine, stem))
     record = _read(stem, task)
     if record.status != "ok":
         return {"outcome": "refused", "effect": "above", "words": f"{record.status}: {record.message}"}
-    reference = scene.reference
-    unharmed = read_record(place.stem(place.engine))
+    reference = scenario.reference
+    unharmed = read_record(place.make_record_path(place.engine))
     records = {REFERENCE: reference, place.engine: record}
     rows, _ = compare_all(task, records)
     lines = list_certificate_lines(task, records)
     deviate = any(row.verdict in TOLD for row in rows)
     rows = judge_by_certificate(rows, lines)
     if any(map(is_doubtful, rows)):  # as a run does: bars that explain a difference are those of an engine that repeats
-        run_case(place.job(place.engine, twice := stem.with_name(f"{stem.name}-again")))
+        run_case(place.make_job(place.engine, twice := stem.with_name(f"{stem.name}-again")))
         again = {REFERENCE: reference, place.engine: _read(twice, task)}
         rows = [judge_by_repetition(row, records, again) if is_doubtful(row) else row for row in rows]
-    series = {REFERENCE: str(place.stem(REFERENCE).resolve()), place.engine: str(stem.resolve())}
+    series = {REFERENCE: str(place.make_record_path(REFERENCE).resolve()), place.engine: str(stem.resolve())}
     results = _make_results(task, records, rows, lines, series)
     answers = [_ask_question(question.job, columns) for question in list_questions(results, Plan((task,)), Path("/"))]
     named = [one for answer in answers for one in answer.get("named", ())]
@@ -178,9 +188,9 @@ def _judge_trial(
     """
     if not fault.parts:  # nothing was planted
         return "wrong" if named else "false alarm" if deviate or failed else "silent"
-    found = judge_fault(named, fault, effect, alarm)
-    if effect != "below" or found != "silent":
-        return found
+    result = judge_fault(named, fault, effect, alarm)
+    if effect != "below" or result != "silent":
+        return result
     return "false alarm" if deviate else "seen" if failed else "silent"
 
 

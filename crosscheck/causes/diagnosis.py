@@ -10,13 +10,13 @@ from typing import Any
 
 import numpy as np
 
-from crosscheck.causes.beside import find_other_causes
 from crosscheck.causes.dictionary import collect_causes
 from crosscheck.causes.evidence import Evidence
 from crosscheck.causes.fit import Columns, Fit, describe_size
 from crosscheck.causes.model import Model, make_model
-from crosscheck.causes.naming import MOST, NOISE, ROUNDED, Naming, find_causes
+from crosscheck.causes.naming import MOST, NOISE, ROUNDED, NamedCauses, find_causes
 from crosscheck.causes.quantities import collect_quantities
+from crosscheck.causes.quantity_causes import find_other_causes
 from crosscheck.causes.repair import Repair, apply_repair
 from crosscheck.causes.separate import find_separating_motion
 from crosscheck.causes.subject import Array, Subject
@@ -43,7 +43,7 @@ class Answer:
     model: Model
     record: Record
     reference: Record
-    naming: Naming
+    naming: NamedCauses
     shown: bool
     limit: float
 
@@ -68,18 +68,18 @@ def diagnose(
     door : where the engine's adapter is (`crosscheck.engines.open_adapter`), None for one of ours
     columns : those of the diagnosis before, where several are asked for in one process
     """
-    found = find_record_causes(folder, case, ours, theirs, columns)
-    naming = found.naming
+    record_causes = find_record_causes(folder, case, ours, theirs, columns)
+    naming = record_causes.naming
     settled = naming
     best = None
-    if naming.named and found.shown:
+    if naming.named and record_causes.shown:
         behind = None if door is None else open_adapter({**door, "engine": engine, "mechanism": folder})
-        settled, best = check_by_full_runs(found, engine, behind)
+        settled, best = check_by_full_runs(record_causes, engine, behind)
     fits = settled.named
     return {
         "words": describe_diagnosis(settled, best),
         "named": [describe_cause(f) for f in fits],
-        "separate": find_separating_motion(found.model, fits) if len({f.cause.name for f in fits}) > 1 else "",
+        "separate": find_separating_motion(record_causes.model, fits) if len({f.cause.name for f in fits}) > 1 else "",
         "difference": naming.size,
         "noise": naming.noise,
         "repaired": None if best is None else best.left,
@@ -103,7 +103,7 @@ def make_diagnoses(asked: Iterable[Mapping[str, Any]]) -> dict[str, Any]:
     return {"answers": answers}
 
 
-def check_by_full_runs(found: Answer, engine: str, door: Adapter | None) -> tuple[Naming, Repair]:
+def check_by_full_runs(found: Answer, engine: str, door: Adapter | None) -> tuple[NamedCauses, Repair]:
     """Return the naming without the causes that full runs refute, and the repair of the first that is left.
 
     A cause that leaves more than enough in its own run does not explain the difference, whatever the model's columns
@@ -123,19 +123,22 @@ def check_by_full_runs(found: Answer, engine: str, door: Adapter | None) -> tupl
 def describe_refutation(one: Repair, size: float) -> str:
     """Return the reason against a cause that explains a difference in the model, and not in full runs; size : of it [-]."""
     return (
-        f"the cause is unknown: {one.fit.cause.name} would explain {_format_share(1 - one.fit.left**2)} of the difference, but "
+        f"the cause is unknown: {one.fit.cause.name} would explain "
+        f"{_format_share(1 - one.fit.residual**2)} of the difference, but "
         f"{one.where}, {one.left:.1e} of the range remains of {size:.1e}, more than the error bars"
     )
 
 
-def find_record_causes(folder: str, case: str, ours: str, theirs: str, columns: Columns | None = None) -> Answer:
+def find_record_causes(
+    folder: str, case: str, engine_record: str, reference_record: str, columns: Columns | None = None
+) -> Answer:
     """Return the naming by two saved records (stems of their files) of a case [-]; no engine is run."""
     mechanism = read_mechanism(folder)
     subject = Subject(mechanism, load_cases(folder, mechanism)[case])
-    record = read_record(Path(ours))
-    reference = read_record(Path(theirs))
+    record = read_record(Path(engine_record))
+    reference = read_record(Path(reference_record))
     model = make_model(subject, reference)
-    residual = model.residual(record, reference)
+    residual = model.compute_residual(record, reference)
     evidence = Evidence(
         model,
         residual,
@@ -145,7 +148,7 @@ def find_record_causes(folder: str, case: str, ours: str, theirs: str, columns: 
     )
     bars = compute_noise(model, record, reference)
     limit = find_allowed_difference(model, record, reference)
-    known = None if columns is None else columns.of(model, collect_causes())
+    known = None if columns is None else columns.collect_candidates(model, collect_causes())
     naming = find_causes(model, residual, bars, known, evidence, limit)
     shown = naming.found
     naming = naming if shown else find_other_causes(evidence, naming)
@@ -170,10 +173,16 @@ def find_allowed_difference(model: Model, record: Record, reference: Record) -> 
 def describe_cause(fit: Fit) -> dict[str, Any]:
     """Return one cause for the report: name, target, the sentence with its size [unit], what it leaves [-]."""
     words = fit.cause.words.format(target=fit.target or "all", size=describe_size(fit.size, fit.cause.unit))
-    return {"cause": fit.cause.name, "target": fit.target, "words": words, "left": fit.left, "shows": fit.cause.shows}
+    return {
+        "cause": fit.cause.name,
+        "target": fit.target,
+        "words": words,
+        "left": fit.residual,
+        "shows": fit.cause.shows,
+    }
 
 
-def describe_diagnosis(naming: Naming, repaired: Repair | None = None) -> str:
+def describe_diagnosis(naming: NamedCauses, repaired: Repair | None = None) -> str:
     """Return the diagnosis in a sentence or two; repaired : what full runs with the first cause say of it."""
     fails = f" Lines of its certificate that fail: {', '.join(naming.failing)}." if naming.failing else ""
     fits = naming.named
@@ -181,7 +190,7 @@ def describe_diagnosis(naming: Naming, repaired: Repair | None = None) -> str:
         return f"{naming.words}.{fails}"
     best = fits[0]
     text = best.cause.words.format(target=best.target or "all", size=describe_size(best.size, best.cause.unit))
-    text += f": explains {_format_share(1 - best.left**2)} of the difference"
+    text += f": explains {_format_share(1 - best.residual**2)} of the difference"
     if repaired is not None and repaired.left is not None:
         text += f"; {repaired.where}, {repaired.left:.1e} of the range remains of {naming.size:.1e}"
     others = len(fits) - 1

@@ -18,7 +18,7 @@ from crosscheck.causes.rows import scales as scale_rows
 from crosscheck.causes.rows import sections as section_rows
 from crosscheck.causes.rows import signals as signal_rows
 from crosscheck.causes.rows import springs as spring_rows
-from crosscheck.doors.packages import CAUSE_GROUP, Point, list_entry_points
+from crosscheck.doors.packages import CAUSE_GROUP, EntryPoint, list_entry_points
 
 TABLES = (
     joint_rows,
@@ -38,16 +38,16 @@ DICTIONARY: dict[str, Cause] = {cause.name: cause for table in TABLES for cause 
 
 def collect_causes() -> dict[str, Cause]:
     """Return the dictionary and the causes of installed packages (entry points ``crosscheck.causes``), by name."""
-    found = dict(DICTIONARY)
+    causes = dict(DICTIONARY)
     for point in list_entry_points(CAUSE_GROUP):
         for cause in _list_entry_point_causes(point):
-            if cause.name in found:
+            if cause.name in causes:
                 warnings.warn(f"package {point.package}: a cause called {cause.name!r} is there already", stacklevel=2)
-            found.setdefault(cause.name, cause)
-    return found
+            causes.setdefault(cause.name, cause)
+    return causes
 
 
-def _list_entry_point_causes(point: Point) -> Iterator[Cause]:
+def _list_entry_point_causes(point: EntryPoint) -> Iterator[Cause]:
     """Yield the causes that an entry point leads to: one, or several; one that fails ends no diagnosis."""
     module, _, name = point.value.partition(":")
     try:

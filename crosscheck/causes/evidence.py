@@ -57,7 +57,7 @@ NOT_RUNNING = "a mechanism with it, which does not run"
 
 
 @dataclass(frozen=True)
-class Heard:
+class CauseAssessment:
     """One cause beside all else that is known: the fit as it agrees best, and what contradicts it."""
 
     fit: Fit
@@ -74,16 +74,20 @@ class Evidence:
 
     model: Model
     residual: Array
-    theirs: Certificate
-    ours: Certificate
+    engine_certificate: Certificate
+    reference_certificate: Certificate
     quantities: Quantities | None = None
 
     @cached_property
     def failing(self) -> tuple[str, ...]:
         """Names of the lines of the engine's certificate that do not hold."""
-        return tuple(line.what for line in checks("", "", "", self.theirs, self.ours) if not line.holds)
+        return tuple(
+            line.what
+            for line in checks("", "", "", self.engine_certificate, self.reference_certificate)
+            if not line.holds
+        )
 
-    def judge_fit(self, fit: Fit, explains: Callable[[Fit], bool], sure: float) -> Heard:
+    def judge_fit(self, fit: Fit, explains: Callable[[Fit], bool], sure: float) -> CauseAssessment:
         """Return the fit with every line of the certificate, and every quantity, that contradicts it.
 
         Sizes of several numbers, of which the motion may not show all, are fitted to the certificates before they are
@@ -95,11 +99,11 @@ class Evidence:
         return self._answers[asked]
 
     @cached_property
-    def _answers(self) -> dict[tuple[str, str, bytes], Heard]:
+    def _answers(self) -> dict[tuple[str, str, bytes], CauseAssessment]:
         """Answers of ``hear`` by cause, target and size: every deeper look asks for most of them again."""
         return {}
 
-    def _judge_fit(self, fit: Fit, explains: Callable[[Fit], bool], sure: float) -> Heard:
+    def _judge_fit(self, fit: Fit, explains: Callable[[Fit], bool], sure: float) -> CauseAssessment:
         try:
             told = self._list_contradicting_lines(fit, sure)
             if told and fit.cause.parameters > 1 and not self._has_zero_size(fit):
@@ -110,19 +114,19 @@ class Evidence:
             said = tuple(x for x in told if x not in fit.cause.unsaid)
             beside = tuple(x for x in told if x in fit.cause.unsaid)
             if not said and self.quantities is not None:
-                said = self.quantities.against(fit)
+                said = self.quantities.list_contradictions(fit)
                 if said and fit.cause.parameters > 1:
                     again = self._update_column(self.quantities.fit_size(fit))
                     if (
                         explains(again)
                         and not self._list_contradicting_lines(again, sure)
-                        and not self.quantities.against(again)
+                        and not self.quantities.list_contradictions(again)
                     ):
                         fit = again
                         said = ()
         except (*IMPOSSIBLE, RuntimeError, KeyError):
-            return Heard(fit, (NOT_RUNNING,))
-        return Heard(fit, said, beside)
+            return CauseAssessment(fit, (NOT_RUNNING,))
+        return CauseAssessment(fit, said, beside)
 
     def list_contradictions(self, fit: Fit, sure: float) -> tuple[str, ...]:
         """Return the lines of the certificate, else the quantities, that contradict a fit as it is; raises like a run.
@@ -130,7 +134,7 @@ class Evidence:
         sure : part [-] to which its size is known
         """
         said = tuple(x for x in self._list_contradicting_lines(fit, sure) if x not in fit.cause.unsaid)
-        return said or (self.quantities.against(fit) if self.quantities is not None else ())
+        return said or (self.quantities.list_contradictions(fit) if self.quantities is not None else ())
 
     def fit_to_certificate(self, candidate: Candidate, rounds: int, noise: float) -> Fit | None:
         """Return the fit of a cause that starts from the size that explains the certificate, None where none does.
@@ -154,23 +158,30 @@ class Evidence:
 
         An engine that misreads the motion may have been asked along the right one or along its own.
         """
-        lines = self._lines(fit, self._compute_harmed_certificate(fit, fit.size), sure)
+        lines = self._compare_lines(fit, self._compute_harmed_certificate(fit, fit.size), sure)
         harmed = fit.cause.change(self.model.base, fit.target, fit.size)
         if lines and harmed.case.motion is not self.model.base.case.motion:
             lines = min(
-                lines, self._lines(fit, self._compute_tree_certificate(harmed.mechanism, harmed.case), sure), key=len
+                lines,
+                self._compare_lines(fit, self._compute_tree_certificate(harmed.mechanism, harmed.case), sure),
+                key=len,
             )
         return (*lines, *(x for x in self.failing if x in UNTOUCHED))
 
-    def _lines(self, fit: Fit, said: Certificate, sure: float) -> tuple[str, ...]:
-        part = min(AGREES, SURE_PART + max(sure, fit.left))
+    def _compare_lines(self, fit: Fit, certificate: Certificate, sure: float) -> tuple[str, ...]:
+        part = min(AGREES, SURE_PART + max(sure, fit.residual))
         kept = (
-            (name, what, _is_line_explained(name, limit, self.theirs, self.ours, said, part))
+            (
+                name,
+                what,
+                _is_line_explained(name, limit, self.engine_certificate, self.reference_certificate, certificate, part),
+            )
             for name, (what, limit) in LINES.items()
         )
         return tuple(
             what for name, what, holds in kept
-            if not holds or (what in self.failing and _is_left(name, self.theirs, self.ours, said))
+            if not holds
+            or (what in self.failing and _is_left(name, self.engine_certificate, self.reference_certificate, certificate))
         )  # fmt: skip
 
     def _compute_harmed_certificate(self, fit: Fit, size: Array) -> Certificate:
@@ -178,7 +189,7 @@ class Evidence:
         base = self.model.base
         harmed = fit.cause.change(base, fit.target, size).mechanism
         if harmed is base.mechanism:
-            return self.ours
+            return self.reference_certificate
         return self._compute_tree_certificate(harmed, base.case)
 
     def _compute_tree_certificate(self, harmed: Mechanism, case: Case) -> Certificate:
@@ -189,11 +200,14 @@ class Evidence:
             certify(replace(harmed, closures=(), joints=joints), case, "flexinv"), **collect_attachment_data(harmed)
         )
 
-    def _assemble_column(self, said: Certificate) -> Array:
+    def _assemble_column(self, certificate: Certificate) -> Array:
         """Return a certificate's numbers that both engines have, over the size of their line, as one column [-]."""
         found = [np.zeros(0)]
         for name in LINES:
-            a, b, c = (_split_line(getattr(one, name)) for one in (self.theirs, self.ours, said))
+            a, b, c = (
+                _split_line(getattr(one, name))
+                for one in (self.engine_certificate, self.reference_certificate, certificate)
+            )
             size = max((float(np.abs(one).max(initial=0.0)) for one in b.values()), default=0.0) or 1.0
             known = [key for key in sorted(b) if key in a and a[key].shape == b[key].shape]
             found += [c.get(key, b[key]).ravel() / size for key in known]  # a bent beam is not probed: it says nothing
@@ -217,9 +231,9 @@ class Evidence:
 
     def _solve_size(self, fit: Fit) -> Array:
         """Gauss-Newton from the motion's size to that which explains the certificates best."""
-        zero = self._assemble_column(self.ours)
+        zero = self._assemble_column(self.reference_certificate)
         size = fit.size
-        measured = self._assemble_column(self.theirs) - zero
+        measured = self._assemble_column(self.engine_certificate) - zero
         for _ in range(ROUNDS):
             here = self._assemble_column(self._compute_harmed_certificate(fit, size))
             slope = self._compute_derivatives(fit, size)
@@ -263,14 +277,14 @@ class Evidence:
         """Return a fit whose size was changed with what it explains then."""
         column = compute_effect(self.model, fit.cause, fit.target, fit.size)
         left = float(np.linalg.norm(self.residual - column) / np.linalg.norm(self.residual))
-        return replace(fit, left=left, column=column)
+        return replace(fit, residual=left, column=column)
 
 
 def _is_line_explained(
-    name: str, limit: float, theirs: Certificate, ours: Certificate, said: Certificate, part: float
+    name: str, limit: float, engine: Certificate, reference: Certificate, certificate: Certificate, part: float
 ) -> bool:
     """Return True if a cause would change in one line of the certificate what is wrong there, to a part of it [-]."""
-    a, b, c = (_split_line(getattr(one, name)) for one in (theirs, ours, said))
+    a, b, c = (_split_line(getattr(one, name)) for one in (engine, reference, certificate))
     size = max((float(np.abs(b[key]).max(initial=0.0)) for key in b), default=0.0)
     for key in b:
         if key not in a or key not in c or not a[key].shape == b[key].shape == c[key].shape:
@@ -284,9 +298,9 @@ def _is_line_explained(
     return True
 
 
-def _is_left(name: str, theirs: Certificate, ours: Certificate, said: Certificate) -> bool:
+def _is_left(name: str, engine: Certificate, reference: Certificate, certificate: Certificate) -> bool:
     """Return True if a cause leaves a line of the certificate as it is, to AGREES of what is wrong there [-]."""
-    a, b, c = (_split_line(getattr(one, name)) for one in (theirs, ours, said))
+    a, b, c = (_split_line(getattr(one, name)) for one in (engine, reference, certificate))
     known = [key for key in b if key in a and key in c and a[key].shape == b[key].shape == c[key].shape]
     return bool(known) and all(
         np.abs(c[key] - b[key]).max(initial=0.0) <= AGREES * np.abs(a[key] - b[key]).max(initial=0.0) for key in known

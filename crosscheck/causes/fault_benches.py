@@ -57,7 +57,7 @@ class Bench:
         shape = f" ({self.shape[0]})" if self.shape else ""
         return f"{self.mechanism}{shape}/{self.motion[0] if self.motion else self.case} in {self.engine}"
 
-    def made(self, mechanism: Mechanism, case: Case) -> tuple[Mechanism, Case]:
+    def make_bench_case(self, mechanism: Mechanism, case: Case) -> tuple[Mechanism, Case]:
         """Return mechanism and case as this bench has them."""
         mechanism = self.shape[1](mechanism) if self.shape else mechanism
         return mechanism, self.motion[1](mechanism, case) if self.motion else case

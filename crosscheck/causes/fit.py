@@ -48,14 +48,14 @@ IMPOSSIBLE = (InputError, ConvergenceError, ValueError, ArithmeticError, np.lina
 class Fit:
     """Fit of one cause at one target to a difference.
 
-    size : (parameters,) [unit of the cause]; left : what it leaves, |r - d| over |r| [-]
+    size : (parameters,) [unit of the cause]; residual : what it leaves, |r - d| over |r| [-]
     column : (samples nv,) what it explains, over the range [-]
     """
 
     cause: Cause
     target: str
     size: Array
-    left: float
+    residual: float
     column: Array
 
     @property
@@ -93,20 +93,20 @@ class Candidate:
 class Columns:
     """Candidates of the model that was asked about last: many engines, or many faults of one, are held against the same.
 
-    model, dictionary : what they belong to; found : (candidates,), which are the same for equal motions, efforts and scales
+    model, dictionary : what they belong to; candidates : (candidates,), which are the same for equal motions, efforts and scales
     """
 
     model: Model | None = None
     dictionary: dict[str, Cause] = field(default_factory=dict)
-    found: list[Candidate] = field(default_factory=list)
+    candidates: list[Candidate] = field(default_factory=list)
 
-    def of(self, model: Model, dictionary: dict[str, Cause]) -> list[Candidate]:
+    def collect_candidates(self, model: Model, dictionary: dict[str, Cause]) -> list[Candidate]:
         """Return `list_candidates` of a model, computed where it or the dictionary is another one than before."""
         if self.model is None or dictionary != self.dictionary or not self.model.is_like(model):
             self.model = model
             self.dictionary = dictionary
-            self.found = list_candidates(model, dictionary)
-        return self.found
+            self.candidates = list_candidates(model, dictionary)
+        return self.candidates
 
 
 def list_candidates(model: Model, dictionary: dict[str, Cause]) -> list[Candidate]:
@@ -171,7 +171,7 @@ def _fit_from_guesses(model: Model, residual: Array, candidate: Candidate, total
     sizes = [] if cause.guess is None else cause.guess(model, target, seen)
     tries = [_evaluate_fit(model, residual, candidate, size / candidate.scale, total) for size in sizes]
     nothing = _fit(candidate, np.zeros(cause.parameters), 0.0 * residual, residual, total)
-    return min((f for f in (nothing, *tries) if f is not None), key=lambda f: f.left)
+    return min((f for f in (nothing, *tries) if f is not None), key=lambda f: f.residual)
 
 
 def describe_size(size: Array, unit: str) -> str:
@@ -184,8 +184,8 @@ def describe_size(size: Array, unit: str) -> str:
 
 def compute_effect(model: Model, cause: Cause, target: str, size: Array) -> Array:
     """Return the change of the efforts by a cause of a size [unit], over the range, (samples nv,) [-]."""
-    column = model.difference(cause.change(model.base, target, size))
-    return column - model.difference(cause.change(model.base, target, 0.0 * size)) if cause.remeshes else column
+    column = model.compute_difference(cause.change(model.base, target, size))
+    return column - model.compute_difference(cause.change(model.base, target, 0.0 * size)) if cause.remeshes else column
 
 
 def _compute_columns(model: Model, cause: Cause, target: str, scale: float) -> Array:
@@ -233,7 +233,7 @@ def fit(model: Model, residual: Array, candidate: Candidate, rounds: int = 0, no
     first = _fit(candidate, p, columns @ p, residual, total)
     if cause.linear or not rounds:
         return first
-    most = np.inf if first.left <= PROPORTIONAL else LARGEST
+    most = np.inf if first.residual <= PROPORTIONAL else LARGEST
     return _solve_size(model, residual, candidate, np.clip(p, -most, most), rounds, noise / 2, most)
 
 
@@ -274,19 +274,19 @@ def _solve_size(
     starts = [
         f for f in (_evaluate_fit(model, residual, candidate, place, total, most) for place in places) if f is not None
     ]
-    best = min([nothing, *starts], key=lambda f: f.left)
-    for _ in range(rounds if best.left > enough else 0):
+    best = min([nothing, *starts], key=lambda f: f.residual)
+    for _ in range(rounds if best.residual > enough else 0):
         p = best.size / candidate.scale
         try:
             slope = _compute_derivative(model, candidate, p, best.column)
             step = np.asarray(np.linalg.lstsq(slope, residual - best.column, rcond=SMALL)[0], dtype=np.float64)
         except IMPOSSIBLE:
             break
-        better = _find_shortened_step(model, residual, candidate, p, step, best.left, most)
+        better = _find_shortened_step(model, residual, candidate, p, step, best.residual, most)
         if better is None:
             break
-        best, gain = better, best.left - better.left
-        if gain < ENOUGH * best.left or best.left < enough:
+        best, gain = better, best.residual - better.residual
+        if gain < ENOUGH * best.residual or best.residual < enough:
             break
     return best
 
@@ -298,8 +298,8 @@ def _is_proportional(model: Model, candidate: Candidate, size: float) -> bool:
     """
     for k, unit in enumerate(np.eye(candidate.cause.parameters)):
         told = size * candidate.columns[:, k]
-        seen = candidate.compute_far_effect(model, size * unit)
-        if seen is None or np.abs(seen - told).max() > PROBED * np.abs(told).max():
+        far_effect = candidate.compute_far_effect(model, size * unit)
+        if far_effect is None or np.abs(far_effect - told).max() > PROBED * np.abs(told).max():
             return False
     return True
 
@@ -315,8 +315,8 @@ def _find_shortened_step(
     better: Fit | None = None
     for k in range(HALVINGS):
         found = _evaluate_fit(model, residual, candidate, p + step / 2**k, total, most)
-        if found is not None and found.left < (left if better is None else better.left):
-            if better is not None or found.left < HALF_GAIN * left:
+        if found is not None and found.residual < (left if better is None else better.residual):
+            if better is not None or found.residual < HALF_GAIN * left:
                 return found
             better = found
         elif better is not None:
@@ -337,8 +337,8 @@ def find_large_size(model: Model, residual: Array, candidate: Candidate, noise: 
     places = [size * unit for unit in np.eye(cause.parameters) for size in sizes]
     columns = [(place, candidate.compute_far_effect(model, place)) for place in places]
     fits = [_fit(candidate, place, column, residual, total) for place, column in columns if column is not None]
-    best = min(fits, key=lambda f: f.left, default=first)
-    if best.left > HOPELESS:
+    best = min(fits, key=lambda f: f.residual, default=first)
+    if best.residual > HOPELESS:
         return best
     most = max(LARGEST, 2.0 * float(np.abs(best.size / candidate.scale).max()))
     return _solve_size(model, residual, candidate, best.size / candidate.scale, SCANNED, noise / 2, most)

@@ -49,7 +49,7 @@ class Model:
     torque: Array
     scale: Array
 
-    def torques(self, subject: Subject) -> Array:
+    def compute_torques(self, subject: Subject) -> Array:
         """Return the efforts of a changed subject at the same samples, (samples, nv) [N m] or [N]."""
         if subject.dense and self.base.mechanism.is_rigid:  # of a march every sample is looked at anyway
             states, effort = self._compute_all_samples(subject)
@@ -72,15 +72,15 @@ class Model:
             and dict(a.options) == dict(b.options)
         )
 
-    def difference(self, subject: Subject) -> Array:
+    def compute_difference(self, subject: Subject) -> Array:
         """Return the change of the efforts by the change of a subject, over the scale, (samples nv,) [-]."""
-        return self.scale_efforts(self.torques(subject) - self.torque)
+        return self.scale_efforts(self.compute_torques(subject) - self.torque)
 
     def scale_efforts(self, efforts: Array) -> Array:
         """Return efforts (samples, nv) over the scale as one column [-]."""
         return np.asarray((efforts / self.scale).ravel())
 
-    def residual(self, engine: Record, reference: Record) -> Array:
+    def compute_residual(self, engine: Record, reference: Record) -> Array:
         """Return the difference of an engine's record from a reference's, over the scale, (samples nv,) [-]."""
         names = [f"torque/{name}" for name in self.base.mechanism.velocity_names]
         pairs = [(engine.series[n].values, reference.series[n].values) for n in names]
@@ -103,7 +103,7 @@ class Model:
         """Joint motion and efforts (samples, nv) [N m], [N] of the unharmed subject at all sample times of the case."""
         return _compute_first_efforts(self.base, sample_times(self.base.case))
 
-    def series(self, subject: Subject) -> Mapping[str, Series]:
+    def collect_series(self, subject: Subject) -> Mapping[str, Series]:
         """Return all that flexinv gives for a subject at all sample times, [N], [N m], [m], with the step of the columns."""
         case = subject.case if subject.mechanism.is_rigid else replace(subject.case, step=find_coarse_step(subject))
         made = solve_case(case.meshed(subject.mechanism), case)[1]
@@ -112,7 +112,7 @@ class Model:
     @cached_property
     def unharmed(self) -> Mapping[str, Series]:
         """All that flexinv gives for the unharmed subject, as ``series`` [N], [N m], [m]."""
-        return self.series(self.base)
+        return self.collect_series(self.base)
 
     @cached_property
     def shares(self) -> Array:

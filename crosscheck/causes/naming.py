@@ -17,7 +17,7 @@ from functools import cached_property
 import numpy as np
 
 from crosscheck.causes.dictionary import collect_causes
-from crosscheck.causes.evidence import NOT_RUNNING, Evidence, Heard
+from crosscheck.causes.evidence import NOT_RUNNING, CauseAssessment, Evidence
 from crosscheck.causes.fit import (
     HOPELESS,
     LARGEST,
@@ -55,7 +55,7 @@ TOLD = 40  # causes that are held against all else, those that explain most firs
 
 
 @dataclass(frozen=True)
-class Naming:
+class NamedCauses:
     """Causes of a difference, and their rivals.
 
     named : the causes that explain it, most special first; next : the best of the rest
@@ -69,7 +69,7 @@ class Naming:
     size: float
     noise: float
     words: str
-    ruled_out: tuple[Heard, ...] = ()
+    ruled_out: tuple[CauseAssessment, ...] = ()
     failing: tuple[str, ...] = ()
 
     @property
@@ -84,7 +84,7 @@ class Naming:
 
 
 @dataclass(frozen=True)
-class Question:
+class ResidualQuestion:
     """A residual (samples nv,) over the range [-], its error bars of the same shape, and what an explanation may leave.
 
     agreed : largest difference [-] of engines that have the same mechanism, where a limit states one
@@ -140,7 +140,7 @@ class Question:
         Where they hide half of the difference the right cause may be among those that leave more than HALF, and one that
         leaves more than UNEXPLAINED may be a chance.
         """
-        return NOISE * self.part <= HALF or best.left <= UNEXPLAINED
+        return NOISE * self.part <= HALF or best.residual <= UNEXPLAINED
 
     @cached_property
     def enough(self) -> float:
@@ -158,9 +158,9 @@ class Question:
 
     def can_explain(self, one: Fit) -> bool:
         """Return True if a fit explains the efforts: to the bars at every sample, or to UNEXPLAINED by its amplitude alone."""
-        if one.left > self.most or self.given < NOTHING:
+        if one.residual > self.most or self.given < NOTHING:
             return False
-        if one.cause.linear and one.left <= UNEXPLAINED * min(1.0, self.given):
+        if one.cause.linear and one.residual <= UNEXPLAINED * min(1.0, self.given):
             return True
         return bool((np.abs(self.residual - one.column) <= self.allowed).all())
 
@@ -172,7 +172,7 @@ def find_causes(
     known: list[Candidate] | None = None,
     evidence: Evidence | None = None,
     agreed: float = 0.0,
-) -> Naming:
+) -> NamedCauses:
     """Return the naming of a residual (samples nv,) over the range [-]; noise : error bars of the same shape, or one.
 
     known : the dictionary's columns where they are at hand (``list_candidates``); evidence : what else is known
@@ -182,69 +182,78 @@ def find_causes(
     size = float(np.abs(residual).max())
     largest = float(bars.max())
     if size <= largest:
-        return Naming((), None, size, largest, "the difference is inside the error bars")
-    asked = Question(model, residual, bars, agreed)
+        return NamedCauses((), None, size, largest, "the difference is inside the error bars")
+    residual_question = ResidualQuestion(model, residual, bars, agreed)
     known = list_candidates(model, collect_causes()) if known is None else known
     fits: list[Fit] = []
-    heard: tuple[Heard, ...] = ()
+    heard: tuple[CauseAssessment, ...] = ()
     levels = (LOOK, TURNS, DEEP) if is_tree(model.base) else (LOOK, DEEP)
     for look in levels if len(known) < MANY else levels[:1]:
-        fits = list_ranked_fits(asked, known, look)
-        heard = list_explaining_causes(asked, fits, evidence)
+        fits = list_ranked_fits(residual_question, known, look)
+        heard = list_explaining_causes(residual_question, fits, evidence)
         if look == LOOK and not list_agreeing_causes(heard) and evidence is not None and evidence.failing:
-            heard = (*heard, *list_explaining_causes(asked, list_certificate_fits(asked, known, evidence), evidence))
-        if any(asked.can_fully_explain(one.fit) for one in list_agreeing_causes(heard)):
+            heard = (
+                *heard,
+                *list_explaining_causes(
+                    residual_question, list_certificate_fits(residual_question, known, evidence), evidence
+                ),
+            )
+        if any(residual_question.can_fully_explain(one.fit) for one in list_agreeing_causes(heard)):
             break
     if not list_agreeing_causes(heard):
-        both = find_pairs(model, residual, known, asked.can_explain, asked.part)
-        heard = (*heard, *list_explaining_causes(asked, both, evidence))
-    return choose_causes(asked, fits, heard, evidence)
+        both = find_pairs(model, residual, known, residual_question.can_explain, residual_question.part)
+        heard = (*heard, *list_explaining_causes(residual_question, both, evidence))
+    return choose_causes(residual_question, fits, heard, evidence)
 
 
-def list_agreeing_causes(heard: Iterable[Heard]) -> list[Heard]:
+def list_agreeing_causes(heard: Iterable[CauseAssessment]) -> list[CauseAssessment]:
     """Return the causes that nothing contradicts."""
     return [one for one in heard if not one.against]
 
 
-def list_explaining_causes(asked: Question, fits: list[Fit], evidence: Evidence | None) -> tuple[Heard, ...]:
+def list_explaining_causes(
+    question: ResidualQuestion, fits: list[Fit], evidence: Evidence | None
+) -> tuple[CauseAssessment, ...]:
     """Return the causes that explain the efforts, each with what contradicts it.
 
     Of a cause whose size has several numbers the motion may show some only: it is held against the certificate all the same
     where it does not explain the efforts yet.
     """
-    explaining = [f for f in fits if asked.can_explain(f)]
+    explaining = [f for f in fits if question.can_explain(f)]
     if evidence is None:
-        return tuple(map(Heard, explaining))
-    sure = max(NOISE * asked.part, 0.0 if asked.model.base.mechanism.is_rigid else MARCHED)
-    heard = [evidence.judge_fit(f, asked.can_explain, sure) for f in explaining[:TOLD]]
+        return tuple(map(CauseAssessment, explaining))
+    sure = max(NOISE * question.part, 0.0 if question.model.base.mechanism.is_rigid else MARCHED)
+    heard = [evidence.judge_fit(f, question.can_explain, sure) for f in explaining[:TOLD]]
     # What else may know a size of several numbers: where that agrees with the reference, no such size is hidden.
-    elsewhere = evidence.failing or (evidence.quantities is not None and evidence.quantities.apart())
+    elsewhere = evidence.failing or (
+        evidence.quantities is not None and evidence.quantities.list_deviating_quantities()
+    )
     if elsewhere and not list_agreeing_causes(heard):  # the motion led a size of several numbers astray
-        turned = [f for f in fits if not asked.can_explain(f) and f.cause.parameters > 1]
-        again = (evidence.judge_fit(f, asked.can_explain, sure) for f in turned[:TOLD])
-        heard += [one for one in again if asked.can_explain(one.fit)]
-    return tuple(sorted(heard, key=lambda one: one.fit.left))
+        turned = [f for f in fits if not question.can_explain(f) and f.cause.parameters > 1]
+        again = (evidence.judge_fit(f, question.can_explain, sure) for f in turned[:TOLD])
+        heard += [one for one in again if question.can_explain(one.fit)]
+    return tuple(sorted(heard, key=lambda one: one.fit.residual))
 
 
-def list_certificate_fits(asked: Question, known: list[Candidate], evidence: Evidence) -> list[Fit]:
+def list_certificate_fits(question: ResidualQuestion, known: list[Candidate], evidence: Evidence) -> list[Fit]:
     """Return the fits of causes whose size the certificate says, what explains most first."""
-    rounds = ROUNDS[asked.model.base.mechanism.is_rigid]
+    rounds = ROUNDS[question.model.base.mechanism.is_rigid]
     usable = (c for c in known if c.cause.sized and not c.cause.linear and c.cause.guess is None)
-    found = (evidence.fit_to_certificate(c, rounds, asked.part) for c in usable)
+    found = (evidence.fit_to_certificate(c, rounds, question.part) for c in usable)
     return sorted((f for f in found if f is not None), key=_take_remainder)
 
 
-def list_ranked_fits(asked: Question, known: list[Candidate], look: int = LOOK) -> list[Fit]:
+def list_ranked_fits(question: ResidualQuestion, known: list[Candidate], look: int = LOOK) -> list[Fit]:
     """Return a fit of every cause that shows, what explains most first; look : how many of them are refined."""
-    model = asked.model
+    model = question.model
     quick = is_tree(model.base)
-    first = {k: _make_fit_once(asked, known, k, "linear") for k in range(len(known))}
-    order = sorted((k for k in first if known[k].cause.sized), key=lambda k: first[k].left)
+    first = {k: _make_fit_once(question, known, k, "linear") for k in range(len(known))}
+    order = sorted((k for k in first if known[k].cause.sized), key=lambda k: first[k].residual)
     refined = order[: SHORTLIST[quick] * (DEEPER[quick] if look == DEEP else 1)]
     # A linear look that explains all is only a look; of an angle whose effect begins with its square it says nothing.
-    refined += [k for k in order if first[k].left <= asked.enough and k not in refined]
+    refined += [k for k in order if first[k].residual <= question.enough and k not in refined]
     refined += [k for k in order if look != LOOK and quick and known[k].cause.turns and k not in refined]
-    first |= {k: _make_fit_once(asked, known, k, "refined") for k in refined}
+    first |= {k: _make_fit_once(question, known, k, "refined") for k in refined}
     if look == DEEP:  # far away
         far = order if quick else order[: SCANNED[model.base.mechanism.is_rigid]]
         # A linear look at a size that no mechanism can have says nothing of what acts by its inverse.
@@ -253,26 +262,28 @@ def list_ranked_fits(asked: Question, known: list[Candidate], look: int = LOOK) 
             for k in order
             if k not in far
             and known[k].cause.fraction
-            and first[k].left < HOPELESS
+            and first[k].residual < HOPELESS
             and _is_beyond_linear_look(first[k])
         ]
-        first |= {k: min(first[k], _make_fit_once(asked, known, k, "far"), key=_take_remainder) for k in far}
+        first |= {k: min(first[k], _make_fit_once(question, known, k, "far"), key=_take_remainder) for k in far}
     return sorted((f for f in first.values() if is_possible(model, f)), key=_take_remainder)
 
 
-def _make_fit_once(asked: Question, known: list[Candidate], k: int, way: str) -> Fit:
+def _make_fit_once(question: ResidualQuestion, known: list[Candidate], k: int, way: str) -> Fit:
     """Return the fit of a candidate: ``linear``, ``refined`` from there, or near sizes that are ``far``; made once."""
-    if (k, way) not in asked.fits:
-        asked.fits[k, way] = _make(asked, known[k], way)
-    return asked.fits[k, way]
+    if (k, way) not in question.fits:
+        question.fits[k, way] = _make(question, known[k], way)
+    return question.fits[k, way]
 
 
-def _make(asked: Question, one: Candidate, way: str) -> Fit:
+def _make(question: ResidualQuestion, one: Candidate, way: str) -> Fit:
     if way == "linear":
-        return fit(asked.model, asked.residual, one)
+        return fit(question.model, question.residual, one)
     if way == "refined":
-        return fit(asked.model, asked.residual, one, ROUNDS[asked.model.base.mechanism.is_rigid], asked.part)
-    return find_large_size(asked.model, asked.residual, one, asked.part)
+        return fit(
+            question.model, question.residual, one, ROUNDS[question.model.base.mechanism.is_rigid], question.part
+        )
+    return find_large_size(question.model, question.residual, one, question.part)
 
 
 def _is_beyond_linear_look(one: Fit) -> bool:
@@ -281,27 +292,29 @@ def _is_beyond_linear_look(one: Fit) -> bool:
 
 
 def _take_remainder(one: Fit) -> float:
-    return one.left
+    return one.residual
 
 
-def choose_causes(asked: Question, fits: list[Fit], heard: tuple[Heard, ...], evidence: Evidence | None) -> Naming:
+def choose_causes(
+    question: ResidualQuestion, fits: list[Fit], heard: tuple[CauseAssessment, ...], evidence: Evidence | None
+) -> NamedCauses:
     """Return the naming of fits that were held against all that is known."""
-    size = float(np.abs(asked.residual).max())
-    largest = float(asked.bars.max())
+    size = float(np.abs(question.residual).max())
+    largest = float(question.bars.max())
     failing = () if evidence is None else evidence.failing
     out = tuple(one for one in heard if one.against)
     best = fits[0] if fits else None
-    good = list_similar_fits(asked, [one.fit for one in list_agreeing_causes(heard)])
+    good = list_similar_fits(question, [one.fit for one in list_agreeing_causes(heard)])
     if (count := _count_answers(good)) > MOST:
         words = f"the cause is unknown: {count} explain it, and nothing that the engine gave tells them apart"
-        return Naming((), good[0], size, largest, words, out, failing)
+        return NamedCauses((), good[0], size, largest, words, out, failing)
     # Lines of the certificate that fail, and that the cause explains, show it whatever the bars are.
-    if good and not failing and not asked.is_credible(good[0]):
-        return Naming((), good[0], size, largest, describe_hidden_cause(asked, good[0]), out, failing)
+    if good and not failing and not question.is_credible(good[0]):
+        return NamedCauses((), good[0], size, largest, describe_hidden_cause(question, good[0]), out, failing)
     if good:
         rest = next((f for f in fits if f.key not in {g.key for g in good}), None)
-        return Naming(good, rest, size, largest, "", out, failing)
-    return Naming((), best, size, largest, describe_unknown_cause(asked, best, out), out, failing)
+        return NamedCauses(good, rest, size, largest, "", out, failing)
+    return NamedCauses((), best, size, largest, describe_unknown_cause(question, best, out), out, failing)
 
 
 def _count_answers(good: Iterable[Fit]) -> int:
@@ -310,41 +323,41 @@ def _count_answers(good: Iterable[Fit]) -> int:
     return max(len(names), sum(AND in f.cause.name for f in good))
 
 
-def list_similar_fits(asked: Question, fits: list[Fit]) -> tuple[Fit, ...]:
+def list_similar_fits(question: ResidualQuestion, fits: list[Fit]) -> tuple[Fit, ...]:
     """Return the fits that leave about as little as the best: without those that no user means beside ones that one does,
     and without causes of which a special case is among them."""
     known = [f for f in fits if is_sensible(f)]
-    least = min((f.left for f in known), default=np.inf)
-    if not any(asked.can_fully_explain(f) for f in known):
+    least = min((f.residual for f in known), default=np.inf)
+    if not any(question.can_fully_explain(f) for f in known):
         # A size that no user means is an answer where it leaves nothing, and what users mean leaves more than it may.
-        far = [f for f in fits if not is_sensible(f) and not f.cause.linear and asked.can_fully_explain(f)]
-        known += [f for f in far if SIMILAR * f.left < least]
-        least = min((f.left for f in known), default=0.0)
-    limit = min(max(SIMILAR * least, NOISE * asked.part, ROUNDED), HALF)
-    found = _drop_general_causes([f for f in known if f.left <= limit])
-    return tuple(sorted(found, key=lambda f: (f.cause.parameters, f.left)))
+        far = [f for f in fits if not is_sensible(f) and not f.cause.linear and question.can_fully_explain(f)]
+        known += [f for f in far if SIMILAR * f.residual < least]
+        least = min((f.residual for f in known), default=0.0)
+    limit = min(max(SIMILAR * least, NOISE * question.part, ROUNDED), HALF)
+    found = _drop_general_causes([f for f in known if f.residual <= limit])
+    return tuple(sorted(found, key=lambda f: (f.cause.parameters, f.residual)))
 
 
-def describe_hidden_cause(asked: Question, best: Fit) -> str:
+def describe_hidden_cause(question: ResidualQuestion, best: Fit) -> str:
     """Return the reason for naming nothing where the error bars hide too much of the difference, in words."""
     return (
-        f"the cause is unknown: the error bars are {asked.part:.0%} of the difference, and the nearest, {best.cause.name}, "
-        f"leaves {_format_share(best.left)}"
+        f"the cause is unknown: the error bars are {question.part:.0%} of the difference, and the nearest, {best.cause.name}, "
+        f"leaves {_format_share(best.residual)}"
     )
 
 
-def describe_unknown_cause(asked: Question, best: Fit | None, out: tuple[Heard, ...]) -> str:
+def describe_unknown_cause(question: ResidualQuestion, best: Fit | None, out: tuple[CauseAssessment, ...]) -> str:
     """Return the reason for naming nothing, in words."""
     if best is None:
         return "no cause of the dictionary shows in this motion"
     if out:
         # What no mechanism can have explains nothing to a reader: such a fit is told where there is no other.
-        first = min(out, key=lambda one: (NOT_RUNNING in one.against, len(one.against), one.fit.left))
+        first = min(out, key=lambda one: (NOT_RUNNING in one.against, len(one.against), one.fit.residual))
         return (
             f"the cause is unknown: {first.fit.cause.name} would explain the efforts, but is contradicted by "
             f"{', '.join(first.against)}"
         )
-    return f"no single cause explains it, and no two; the nearest, {best.cause.name}, leaves {_format_share(best.left)}"
+    return f"no single cause explains it, and no two; the nearest, {best.cause.name}, leaves {_format_share(best.residual)}"
 
 
 def _format_share(left: float) -> str:

@@ -43,7 +43,7 @@ def find_pairs(
         if explains(one):
             alone = [f for f in _fit_parts(model, residual, one, (a, b), noise) if explains(f)]
             found |= {f.key: f for f in (*alone, _add_words(one, a, b))}
-    return sorted(found.values(), key=lambda f: f.left)
+    return sorted(found.values(), key=lambda f: f.residual)
 
 
 def _fit_parts(
@@ -105,8 +105,8 @@ def _add_words(one: Fit, first: Candidate, second: Candidate) -> Fit:
         c.cause.words.format(target=c.target or "all", size=describe_size(size, c.cause.unit))
         for c, size in _split_size(one, first, second)
     ]
-    made = Cause(**{**vars(one.cause), "words": "two at once: " + "; and ".join(words)})
-    return Fit(made, one.target, one.size, one.left, one.column)
+    cause = Cause(**{**vars(one.cause), "words": "two at once: " + "; and ".join(words)})
+    return Fit(cause, one.target, one.size, one.residual, one.column)
 
 
 def _list_likely_pairs(usable: list[Candidate], residual: Array) -> list[tuple[Candidate, Candidate]]:
@@ -126,20 +126,20 @@ def _list_sequential_pairs(model: Model, residual: Array, usable: list[Candidate
     """Return pairs of a cause that is there or not and a sized one, by the columns of the subject with the first one in it."""
     there = [(float(np.linalg.norm(residual - c.columns[:, 0])), k) for k, c in enumerate(usable) if not c.cause.sized]
     total = float(np.linalg.norm(residual))
-    found = []
+    sequential_pairs = []
     for left, k in sorted(there)[:FIRST]:
         if left > LINEAR * total:
             break
         one = usable[k]
         base = one.cause.change(model.base, one.target, np.ones(1))
-        harmed = replace(model, base=base, torque=model.torques(base))
+        harmed = replace(model, base=base, torque=model.compute_torques(base))
         causes = {c.cause.name: c.cause for c in usable if c.cause.sized}
         others = [
-            (fit(harmed, residual - one.columns[:, 0], c).left, n, c)
+            (fit(harmed, residual - one.columns[:, 0], c).residual, n, c)
             for n, c in enumerate(list_candidates(harmed, causes))
         ]
-        found += [(one, c) for _, _, c in sorted(others, key=lambda x: x[:2])[:NEXT]]
-    return found
+        sequential_pairs += [(one, c) for _, _, c in sorted(others, key=lambda x: x[:2])[:NEXT]]
+    return sequential_pairs
 
 
 def _list_pair_remainders(
@@ -148,14 +148,14 @@ def _list_pair_remainders(
     """Return the residual of every other cause beside one, |rest|^2 less its gain [-], with its number and the pair."""
     have = float(rest @ rest)
     at = 0
-    found: list[tuple[float, int, Candidate, Candidate]] = []
+    pair_remainders: list[tuple[float, int, Candidate, Candidate]] = []
     for b in others:
         width = _compute_rank(b)
         block = columns[:, at : at + width]
         at = at + width
         if one.cause.parameters + b.cause.parameters <= NUMBERS:
-            found.append((have - _compute_gain(block, rest), before + len(found), one, b))
-    return found
+            pair_remainders.append((have - _compute_gain(block, rest), before + len(pair_remainders), one, b))
+    return pair_remainders
 
 
 def _compute_rank(one: Candidate) -> int:

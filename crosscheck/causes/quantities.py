@@ -41,11 +41,11 @@ class Quantities:
     reference: Mapping[str, Series]
     agreed: Mapping[str, float]
 
-    def against(self, fit: Fit) -> tuple[str, ...]:
+    def list_contradictions(self, fit: Fit) -> tuple[str, ...]:
         """Return the quantities that a cause leaves unexplained, or would change where they are right; raises like a run."""
         if fit.cause.linear:
             return ()  # only the amplitude of its effect on the efforts is known
-        harmed = self.model.series(fit.cause.change(self.model.base, fit.target, fit.size))
+        harmed = self.model.collect_series(fit.cause.change(self.model.base, fit.target, fit.size))
         found = dict.fromkeys(
             name.split("/", 1)[0]
             for name in self._list_common_names(harmed)
@@ -60,7 +60,7 @@ class Quantities:
         base = self.model.base
         step = PROBE[base.mechanism.is_rigid] * cause.scale(self.model, fit.target)
         for _ in range(ROUNDS[base.mechanism.is_rigid]):
-            here = self.model.series(cause.change(base, fit.target, size))
+            here = self.model.collect_series(cause.change(base, fit.target, size))
             names = self._list_common_names(here)
             left = self._assemble_column(names, self.engine, self.reference) - self._assemble_column(
                 names, here, self.model.unharmed
@@ -70,28 +70,30 @@ class Quantities:
             size = size + np.linalg.lstsq(slope, left, rcond=SMALL)[0]
         return replace(fit, size=size)
 
-    def apart(self) -> dict[str, float]:
+    def list_deviating_quantities(self) -> dict[str, float]:
         """Return the quantities in which the engines are farther apart than they agree, each over its range [-]."""
-        found: dict[str, float] = {}
+        deviating_quantities: dict[str, float] = {}
         for name in self._list_common_names(self.model.unharmed):
             size = float(np.abs(self.engine[name].values - self.reference[name].values).max())
             if size > self.agreed[name]:
                 whole = scale_of_one(self.reference, name)
-                found[name.split("/", 1)[0]] = max(found.get(name.split("/", 1)[0], 0.0), size / whole)
-        return found
+                deviating_quantities[name.split("/", 1)[0]] = max(
+                    deviating_quantities.get(name.split("/", 1)[0], 0.0), size / whole
+                )
+        return deviating_quantities
 
-    def difference(self) -> Array:
+    def compute_difference(self) -> Array:
         """Return the difference of the engines in all quantities, over how far they may be apart, as one column [-]."""
         return self._assemble_column(self._list_common_names(self.model.unharmed), self.engine, self.reference)
 
-    def look(self, cause: Cause, target: str) -> Fit:
+    def fit_linearly(self, cause: Cause, target: str) -> Fit:
         """Return the linear fit of a cause to all quantities; raises like a run."""
         rigid = self.model.base.mechanism.is_rigid
         base = self.model.base
         if not cause.sized:
-            return self.judged(Fit(cause, target, np.ones(1), 1.0, np.zeros(0)))
+            return self.evaluate_fit(Fit(cause, target, np.ones(1), 1.0, np.zeros(0)))
         step = PROBE[rigid] * cause.scale(self.model, target)
-        moved = [self.model.series(cause.change(base, target, step * u)) for u in np.eye(cause.parameters)]
+        moved = [self.model.collect_series(cause.change(base, target, step * u)) for u in np.eye(cause.parameters)]
         names = [
             n for n in self._list_common_names(self.model.unharmed) if all(n in one for one in moved)
         ]  # not all reactions stay unique
@@ -101,18 +103,20 @@ class Quantities:
         left = float(np.linalg.norm(difference - slope @ size) / np.linalg.norm(difference))
         return Fit(cause, target, np.asarray(size), left, np.asarray(slope @ size))
 
-    def judged(self, fit: Fit) -> Fit:
+    def evaluate_fit(self, fit: Fit) -> Fit:
         """Return a fit with what it explains of all quantities at its size, and what it leaves [-]; raises like a run."""
-        harmed = self.model.series(fit.cause.change(self.model.base, fit.target, fit.size))
+        harmed = self.model.collect_series(fit.cause.change(self.model.base, fit.target, fit.size))
         names = self._list_common_names(harmed)
         difference = self._assemble_column(names, self.engine, self.reference)
         column = self._assemble_column(names, harmed, self.model.unharmed)
-        return replace(fit, column=column, left=float(np.linalg.norm(difference - column) / np.linalg.norm(difference)))
+        return replace(
+            fit, column=column, residual=float(np.linalg.norm(difference - column) / np.linalg.norm(difference))
+        )
 
     def _compute_series_or_none(self, fit: Fit, size: Array) -> Mapping[str, Series] | None:
         """Return all that flexinv gives with another size, None where it leaves no mechanism that runs."""
         try:
-            return self.model.series(fit.cause.change(self.model.base, fit.target, size))
+            return self.model.collect_series(fit.cause.change(self.model.base, fit.target, size))
         except IMPOSSIBLE:
             return None
 
@@ -133,7 +137,7 @@ class Quantities:
 
     def _compute_uncertainty(self, name: str, told: Array, fit: Fit) -> float:
         """Return the uncertainty of a quantity by the size of a fit and the long step of columns [unit]."""
-        part = min(MARCHED, fit.left) if self.model.base.mechanism.is_rigid else MARCHED
+        part = min(MARCHED, fit.residual) if self.model.base.mechanism.is_rigid else MARCHED
         return part * float(np.abs(told).max())
 
 

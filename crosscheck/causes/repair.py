@@ -70,16 +70,16 @@ def add_to_reference(model: Model, fit: Fit, record: Record, enough: float) -> R
     """Return the repair of the reference: the cause is put in, its size corrected by the remainders of full runs."""
     best = Repair(fit)
     for _ in range(1 + ROUNDS):
-        left = _compute_remainder(model, fit, record)
-        if left is None:
+        remainder = _compute_remainder(model, fit, record)
+        if remainder is None:
             break
-        found = Repair(fit, _find_largest(left), "put into the reference")
-        if found.most >= best.most:
+        repair = Repair(fit, _find_largest(remainder), "put into the reference")
+        if repair.most >= best.most:
             break
-        best = found
+        best = repair
         if best.is_sufficient(enough) or not fit.cause.sized or fit.cause.guess is not None:
             break
-        better = fit_to_remainder(model, fit, left)
+        better = fit_to_remainder(model, fit, remainder)
         if better is None:
             break
         fit = better
@@ -95,7 +95,7 @@ def take_out(model: Model, fit: Fit, engine: str, reference: Record, door: Adapt
     healed = None if opposite is None else _run(engine, opposite, door)
     if healed is None:
         return Repair(fit)
-    largest = _find_largest(model.residual(healed, reference))
+    largest = _find_largest(model.compute_residual(healed, reference))
     return Repair(fit, largest, f"taken out of {engine}") if np.isfinite(largest) else Repair(fit)
 
 
@@ -105,8 +105,8 @@ def _compute_remainder(model: Model, fit: Fit, record: Record) -> Array | None:
     other = None if harmed is None else _run("flexinv", harmed)
     if other is None:
         return None
-    left = model.residual(record, other)
-    return left if np.isfinite(left).all() else None
+    residual = model.compute_residual(record, other)
+    return residual if np.isfinite(residual).all() else None
 
 
 def _apply_cause(fit: Fit, model: Model, size: Array) -> Subject | None:

@@ -21,7 +21,7 @@ from crosscheck.causes.evidence import Evidence
 from crosscheck.causes.fault_benches import Bench
 from crosscheck.causes.fit import IMPOSSIBLE, Candidate, list_candidates
 from crosscheck.causes.model import Model, apply_to_record, make_model
-from crosscheck.causes.naming import Naming, find_causes
+from crosscheck.causes.naming import NamedCauses, find_causes
 from crosscheck.causes.quantities import Quantities, collect_quantities
 from crosscheck.causes.subject import Subject
 from crosscheck.engines import ENGINES, adapter
@@ -46,7 +46,7 @@ RANK = "closure of wrong rank"
 
 
 @dataclass(frozen=True)
-class Planted:
+class PlantedFault:
     """One fault and what was made of it.
 
     size : [unit of the cause]; change : largest change of the engine's efforts over their range [-]
@@ -68,7 +68,7 @@ MATTERS = 0.01  # of the range: faults that change the torque by as much have to
 
 
 @dataclass(frozen=True)
-class Setting:
+class BenchSetup:
     """A bench with all that its faults share: the model of the reference, its record, its columns, the error bars.
 
     certificate : of the reference; noise : [-] of the range; agreed : by series [unit], how far the unharmed engines may be apart
@@ -85,12 +85,12 @@ class Setting:
     agreed: Mapping[str, float]
 
 
-def prepare(bench: Bench, models: Path) -> Setting:
+def prepare(bench: Bench, models: Path) -> BenchSetup:
     """Run reference and engine unharmed, and compute the columns of the dictionary."""
     folder = models / bench.mechanism
     mechanism = read_mechanism(folder)
     case = load_cases(folder, mechanism)[bench.case]
-    mechanism, case = bench.made(mechanism, case)
+    mechanism, case = bench.make_bench_case(mechanism, case)
     if mechanism.is_rigid:  # exact at every sample: fewer of them do
         spacing = case.sample * max(1, round(case.end / case.sample / SAMPLES))
         case = replace(case, sample=spacing, step=spacing)
@@ -110,23 +110,25 @@ def prepare(bench: Bench, models: Path) -> Setting:
             float(np.max(s.error)) for s in reference.series.values() if s.error is not None and s.quantity == "torque"
         )
         # Both of second order: the error of the coarse run is 4/3 of what halving does.
-        noise = own / float(model.scale.min()) + 4 / 3 * float(np.abs(model.residual(clean, finer)).max())
+        noise = own / float(model.scale.min()) + 4 / 3 * float(np.abs(model.compute_residual(clean, finer)).max())
         agreed = compute_allowed_differences(reference, clean, finer)
-    ours = certify(mechanism, case, "flexinv")
-    return Setting(bench, subject, model, reference, clean, ours, list_candidates(model, DICTIONARY), noise, agreed)
+    certificate = certify(mechanism, case, "flexinv")
+    return BenchSetup(
+        bench, subject, model, reference, clean, certificate, list_candidates(model, DICTIONARY), noise, agreed
+    )
 
 
 def compute_allowed_differences(reference: Record, clean: Record, finer: Record) -> dict[str, float]:
     """Return by series how far an engine and the reference may be apart [unit]: error bars, and what halving its step does."""
-    found = {}
+    allowed_differences = {}
     for key, one in clean.series.items():
         error = reference.series[key].error if key in reference.series else None
         if error is not None and key in finer.series:
             halved = float(np.abs(one.values - finer.series[key].values).max())
             # Other formulations measure a beam's end forces elsewhere: what the unharmed engines differ by is no fault.
             unharmed = float(np.abs(one.values - reference.series[key].values).max())
-            found[key] = max(float(error.max()) + 4 / 3 * halved, unharmed)
-    return found
+            allowed_differences[key] = max(float(error.max()) + 4 / 3 * halved, unharmed)
+    return allowed_differences
 
 
 def ask(bench: Bench, subject: Subject) -> Record:
@@ -136,7 +138,7 @@ def ask(bench: Bench, subject: Subject) -> Record:
     return apply_to_record(record, subject)
 
 
-def apply_soft_constraint(setting: Setting, size: float) -> Record:
+def apply_soft_constraint(setting: BenchSetup, size: float) -> Record:
     """Return MuJoCo's efforts with the fraction ``size`` [-] of what its soft equality constraints give.
 
     Stiffness multiplies what rounding leaves open of the loops: they carry error bars of rounding, as in `crosscheck run`.
@@ -155,7 +157,7 @@ def apply_soft_constraint(setting: Setting, size: float) -> Record:
     return replace(setting.clean, series={**setting.clean.series, **mixed})
 
 
-def add_error_bars(setting: Setting, harmed: Record) -> Setting:
+def add_error_bars(setting: BenchSetup, harmed: Record) -> BenchSetup:
     """Return the setting with the error bars [unit] that a harmed engine states of its torques beside those of the unharmed."""
     bars = {
         n: float(np.max(s.error)) for n, s in harmed.series.items() if s.quantity == "torque" and s.error is not None
@@ -165,15 +167,15 @@ def add_error_bars(setting: Setting, harmed: Record) -> Setting:
     return replace(setting, noise=noise, agreed=agreed)
 
 
-def run_fault(setting: Setting, candidate: Candidate, size: float) -> Planted | None:
+def run_fault(setting: BenchSetup, candidate: Candidate, size: float) -> PlantedFault | None:
     """Plant one fault of a size (a fraction of the size that matters [-]); None where the engine cannot take it.
 
     A fault that makes a plane mechanism spatial gives Exudyn other elements with other errors: it is planted elsewhere.
     """
     for numbers in _list_fault_sizes(candidate, size):
         with suppress(*IMPOSSIBLE, RuntimeError, KeyError):
-            if (found := _run_fault_of_size(setting, candidate, size, numbers)) is not None:
-                return found
+            if (result := _run_fault_of_size(setting, candidate, size, numbers)) is not None:
+                return result
     return None
 
 
@@ -193,8 +195,8 @@ def _list_fault_sizes(candidate: Candidate, size: float) -> list[NDArray[np.floa
 
 
 def _run_fault_of_size(
-    setting: Setting, candidate: Candidate, size: float, numbers: NDArray[np.float64]
-) -> Planted | None:
+    setting: BenchSetup, candidate: Candidate, size: float, numbers: NDArray[np.float64]
+) -> PlantedFault | None:
     """Plant numbers [unit] of a cause; raises like a run."""
     cause = candidate.cause
     target = candidate.target
@@ -213,15 +215,15 @@ def _run_fault_of_size(
     if harmed.status != "ok":
         return None
     naming = find_fault_causes(setting, harmed, subject)
-    change = float(np.abs(setting.model.residual(harmed, setting.clean)).max())
+    change = float(np.abs(setting.model.compute_residual(harmed, setting.clean)).max())
     told = tuple(f"{f.cause.name}: {f.target}" if f.target else f.cause.name for f in naming.named)
-    found = judge_causes(naming, cause.name, target)
-    return Planted(
-        setting.bench.label, cause.name, target, float(np.linalg.norm(numbers)), change, found, told, naming.words
+    causes = judge_causes(naming, cause.name, target)
+    return PlantedFault(
+        setting.bench.label, cause.name, target, float(np.linalg.norm(numbers)), change, causes, told, naming.words
     )
 
 
-def _find_element(setting: Setting, subject: Subject) -> object:
+def _find_element(setting: BenchSetup, subject: Subject) -> object:
     """Return the element that the engine takes for a subject, by a run of two samples; None where nothing bends."""
     if subject.mechanism.is_rigid:
         return None
@@ -229,24 +231,24 @@ def _find_element(setting: Setting, subject: Subject) -> object:
     return ask(setting.bench, replace(subject, case=short, effort=())).settings.get("element")
 
 
-def find_fault_causes(setting: Setting, harmed: Record, subject: Subject) -> Naming:
+def find_fault_causes(setting: BenchSetup, harmed: Record, subject: Subject) -> NamedCauses:
     """Return the naming of a harmed engine, from its efforts and the certificate of its model of the harmed mechanism."""
-    residual = setting.model.residual(harmed, setting.reference)
+    residual = setting.model.compute_residual(harmed, setting.reference)
     if float(np.abs(residual).max()) <= setting.noise:
         return find_causes(setting.model, residual, setting.noise, setting.known)
-    theirs = _compute_certificate(setting.bench.engine, subject.mechanism, setting.subject.case)
+    certificate = _compute_certificate(setting.bench.engine, subject.mechanism, setting.subject.case)
     others = Quantities(setting.model, harmed.series, setting.reference.series, setting.agreed)
-    evidence = Evidence(setting.model, residual, theirs, setting.certificate, others)
+    evidence = Evidence(setting.model, residual, certificate, setting.certificate, others)
     return find_causes(setting.model, residual, setting.noise, setting.known, evidence)
 
 
 def _compute_certificate(engine: str, mechanism: Mechanism, case: Case) -> Certificate:
     """Return the certificate of an engine's own model; an empty one where it says nothing."""
     try:
-        found: Certificate = find_certifier(engine)(mechanism, case, engine)
+        certificate: Certificate = find_certifier(engine)(mechanism, case, engine)
     except (*IMPOSSIBLE, RuntimeError):
         return Certificate()
-    return found
+    return certificate
 
 
 def find_certifier(engine: str) -> Callable[..., Any]:
@@ -256,7 +258,7 @@ def find_certifier(engine: str) -> Callable[..., Any]:
     return certify
 
 
-def judge_causes(naming: Naming, cause: str, target: str) -> str:
+def judge_causes(naming: NamedCauses, cause: str, target: str) -> str:
     """Return the grade of a naming when a cause was planted at a target."""
     if not naming.found:
         return "unseen"
@@ -275,7 +277,7 @@ def make_loose_closure(closure: Closure) -> Closure:
     return replace(closure, kind="point-on-line", axis=across / np.linalg.norm(across))
 
 
-def run_rank_fault(setting: Setting) -> Planted | None:
+def run_rank_fault(setting: BenchSetup) -> PlantedFault | None:
     """Let a closure of the engine's model tie less than it should; only the certificate can say so: there are no efforts."""
     mechanism = setting.subject.mechanism
     case = setting.subject.case
@@ -290,18 +292,18 @@ def run_rank_fault(setting: Setting) -> Planted | None:
     wrong = tuple(line.what for line in lines if not line.holds)
     rank = "rank of the closures" in wrong and set(wrong) <= {"rank of the closures", "closure axes"}  # of the line
     found = "none" if not wrong else "alone" if rank else "another"
-    return Planted(setting.bench.label, RANK, mechanism.closures[0].name, 1.0, 1.0, found, wrong)
+    return PlantedFault(setting.bench.label, RANK, mechanism.closures[0].name, 1.0, 1.0, found, wrong)
 
 
-def run_without_fault(setting: Setting) -> Planted:
+def run_without_fault(setting: BenchSetup) -> PlantedFault:
     """Return the result for the engine as it is: nothing may be named."""
     naming = find_fault_causes(setting, setting.clean, setting.subject)
     found = "another" if naming.named else "silent"
-    return Planted(setting.bench.label, CLEAN, "", 0.0, 0.0, found, naming.names, naming.words)
+    return PlantedFault(setting.bench.label, CLEAN, "", 0.0, 0.0, found, naming.names, naming.words)
 
 
 def list_faults(
-    setting: Setting, sizes: Sequence[float], causes: Sequence[str], targets: int
+    setting: BenchSetup, sizes: Sequence[float], causes: Sequence[str], targets: int
 ) -> Iterator[tuple[Candidate, float]]:
     """Yield what to plant: every cause at its first and last targets that show, in every size [-].
 
@@ -329,7 +331,7 @@ def _take_first_and_last(known: list[Candidate], count: int) -> list[Candidate]:
 
 def run_bench(
     bench: Bench, models: Path, sizes: Sequence[float] = SIZES, causes: Sequence[str] = (), targets: int = 2
-) -> list[Planted]:
+) -> list[PlantedFault]:
     """Return the rows of one bench: the unharmed mechanism, then every fault; sizes [-] of the sizes that matter."""
     setting = prepare(bench, models)
     rows = [run_without_fault(setting)]

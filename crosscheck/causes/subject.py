@@ -73,7 +73,7 @@ class Subject:
         """Return the subject with every link changed."""
         return self.replace_mechanism(links=tuple(map(change, self.mechanism.links)))
 
-    def with_body(self, target: str, change: Callable[[Body], Body]) -> Subject:
+    def replace_body(self, target: str, change: Callable[[Body], Body]) -> Subject:
         """Return the subject with one body changed; target : see ``bodies``."""
         link, body = self.find_body(target)
         return self.replace_link(
@@ -114,14 +114,14 @@ class Subject:
     @cached_property
     def bodies(self) -> dict[str, tuple[str, Body]]:
         """Link and body by "link" where it has one body, else "link/body"."""
-        found = {}
+        result = {}
         for link in self.mechanism.links:
             for body in link.bodies:
-                found[link.name if len(link.bodies) == 1 and link.beam is None else f"{link.name}/{body.name}"] = (
+                result[link.name if len(link.bodies) == 1 and link.beam is None else f"{link.name}/{body.name}"] = (
                     link.name,
                     body,
                 )
-        return found
+        return result
 
 
 @dataclass(frozen=True, eq=False)

@@ -18,11 +18,11 @@ from crosscheck.equivalence.difference import Difference
 from crosscheck.equivalence.output.files import write
 from crosscheck.equivalence.output.readers import describe_agreement, render_readers_table, write_table
 from crosscheck.equivalence.output.text import GROUPS, describe_repair, describe_rounding, render_markdown
-from crosscheck.equivalence.readers import Loaded, Measure, compare_readers
+from crosscheck.equivalence.readers import ComparisonSettings, ReaderRow, compare_readers
 from crosscheck.equivalence.result import JUDGED, Comparison
 from crosscheck.equivalence.sources import check_readable
 from crosscheck.report.words import format_short
-from crosscheck.run.guarded import Guard, Unread
+from crosscheck.run.reading_limits import ReadingLimits, UnreadFile
 from flexinv.errors import InputError
 
 
@@ -80,12 +80,14 @@ def command(
     Exit codes: 0 the same, 1 different, 2 cannot be compared, not comparable in what is named, or not proven
     """
     families = _parse_families(judge)
-    guard = Guard(timeout, memory)
+    guard = ReadingLimits(timeout, memory)
     try:
         if readers is not None:
             if b is not None or stated:
                 raise Failure("--readers compares the readers of one file: leave out B and --match")
-            rows = compare_readers(a, readers, Measure(tolerance, families, strict, ignored, unproven), guard.call)
+            rows = compare_readers(
+                a, readers, ComparisonSettings(tolerance, families, strict, ignored, unproven), guard.run_function
+            )
             _write_readers(a, rows, out, "json" if as_json else "markdown" if as_markdown else "")
             sys.exit(_find_worst_code(rows))
         if b is None:
@@ -105,13 +107,13 @@ def command(
     sys.exit(found.code)
 
 
-def _run_comparison(guard: Guard, a: str, b: str, rest: tuple[Any, ...]) -> Comparison:
+def _run_comparison(guard: ReadingLimits, a: str, b: str, rest: tuple[Any, ...]) -> Comparison:
     """The comparison, made in a process of its own; where that comes to no end, the words say which file it is."""
     try:
-        return guard.call(compare, a, b, *rest)
-    except Unread:
+        return guard.run_function(compare, a, b, *rest)
+    except UnreadFile:
         for source in (a, b):
-            guard.call(check_readable, source)
+            guard.run_function(check_readable, source)
         raise
 
 
@@ -127,28 +129,28 @@ def _parse_families(text: str) -> tuple[str, ...]:
     return tuple(name.strip() for name in text.split(",") if name.strip())
 
 
-def _write_comparison(console: Console, found: Comparison, out: Path | None) -> None:
-    colour = {0: "green", 1: "red"}.get(found.code, "yellow")
-    console.print(f"A  {escape(found.first)}\nB  {escape(found.second)}", highlight=False, soft_wrap=True)
+def _write_comparison(console: Console, comparison: Comparison, out: Path | None) -> None:
+    colour = {0: "green", 1: "red"}.get(comparison.code, "yellow")
+    console.print(f"A  {escape(comparison.first)}\nB  {escape(comparison.second)}", highlight=False, soft_wrap=True)
     for name, title in GROUPS:
-        if group := getattr(found.judged, name):
+        if group := getattr(comparison.judged, name):
             console.print(_make_difference_table(title, group))
-    for line in [*describe_rounding(found), describe_repair(found)]:
+    for line in [*describe_rounding(comparison), describe_repair(comparison)]:
         console.print(escape(line), highlight=False, soft_wrap=True)
-    if found.suspects:
-        console.print(f"[bold]{escape(found.suspects)}[/]", highlight=False, soft_wrap=True)
-    for place, lines in found.advice:
+    if comparison.suspects:
+        console.print(f"[bold]{escape(comparison.suspects)}[/]", highlight=False, soft_wrap=True)
+    for place, lines in comparison.advice:
         console.print(f"[bold]{escape(place)}[/]", highlight=False, soft_wrap=True)
         for line in lines:
             console.print(f"  {escape(line)}", highlight=False, soft_wrap=True)
-    for line in found.grounds:
+    for line in comparison.grounds:
         console.print(f"[dim]{escape(line)}[/]", highlight=False, soft_wrap=True)
-    for note in found.notes:
+    for note in comparison.notes:
         console.print(f"[dim]{escape(note)}[/]", highlight=False, soft_wrap=True)
-    for side, lines in found.dropped:
+    for side, lines in comparison.dropped:
         for line in lines:
             console.print(f"[dim]{escape(side)}: {escape(line)}[/]", highlight=False, soft_wrap=True)
-    console.print(f"[bold {colour}]{escape(found.sentence)}[/]", soft_wrap=True)
+    console.print(f"[bold {colour}]{escape(comparison.sentence)}[/]", soft_wrap=True)
     if out is not None:
         console.print(f"page: {out / 'index.html'}", highlight=False, soft_wrap=True)
 
@@ -172,7 +174,7 @@ def _make_difference_table(title: str, group: tuple[Difference, ...]) -> Table:
     return table
 
 
-def _write_readers(file: str, rows: list[Loaded], out: Path | None, form: str) -> None:
+def _write_readers(file: str, rows: list[ReaderRow], out: Path | None, form: str) -> None:
     if out is not None:
         write_table(file, rows, out)
     _add_summary(render_readers_table(file, rows))
@@ -196,15 +198,15 @@ def _add_summary(words: str) -> None:
             file.write(words)
 
 
-def _find_worst_code(rows: list[Loaded]) -> int:
+def _find_worst_code(rows: list[ReaderRow]) -> int:
     """The worst of all rows: 2 where one cannot be compared or is not proven, 1 where one differs."""
-    return max(2 if row.found is None else row.found.code for row in rows)
+    return max(2 if row.comparison is None else row.comparison.code for row in rows)
 
 
-def _make_reader_table(file: str, rows: list[Loaded]) -> Table:
+def _make_reader_table(file: str, rows: list[ReaderRow]) -> Table:
     table = Table(title=f"{file}, as each engine reads it, against {rows[0].reader}", title_justify="left")
     for name in ("reader", "joints", "mass [kg]", "result", "differences"):
         table.add_column(name, overflow="fold")
     for row in rows:
-        table.add_row(*map(escape, (row.reader, row.joints, row.mass, row.result, row.words)))
+        table.add_row(*map(escape, (row.reader, row.joints, row.mass, row.result, row.refusal)))
     return table

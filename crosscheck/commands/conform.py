@@ -131,24 +131,24 @@ def _make_blind_engine(engine: Engine) -> Engine:
     return replace(engine, settings={**engine.settings, "blind": True})
 
 
-def _add_ladder_table(results: Results, wanted: Mapping[str, Engine], seed: int | None, out: Path) -> Results:
+def _add_ladder_table(results: Results, engines: Mapping[str, Engine], seed: int | None, out: Path) -> Results:
     """Return the results with the table of the ladder, written and rendered."""
-    outside = [name for name, one in wanted.items() if one.module == COMMAND]
-    inside = [name for name in wanted if name not in outside]
+    outside = [name for name, one in engines.items() if one.module == COMMAND]
+    inside = [name for name in engines if name not in outside]
     words = {"programs": ", ".join(outside) or "none", "inside": ", ".join(inside) or "none"}
     text = OPEN if seed is None else BLIND.format(seed=seed, **words)
-    results = replace(results, studies=(ladder.make_ladder_table(results, tuple(wanted), text),))
+    results = replace(results, studies=(ladder.make_ladder_table(results, tuple(engines), text),))
     store.write(results, out / RESULTS)
     render(results, out)
     return results
 
 
 def _write_ladder_and_end(
-    console: Console, results: Results, wanted: Mapping[str, Engine], seed: int | None, out: Path
+    console: Console, results: Results, engines: Mapping[str, Engine], seed: int | None, out: Path
 ) -> NoReturn:
     """Show the rungs, the line to quote for each engine, and leave with the exit code."""
     code = 2 if results.message else 0
-    for name, one in wanted.items():
+    for name, one in engines.items():
         blind = "" if seed is None else f", {'blind' if one.module == COMMAND else 'numbers unknown'} (seed {seed})"
         climbed = list(ladder.list_rungs(results, name))
         for rung in climbed:

@@ -14,7 +14,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from crosscheck import output_folder as owned
-from crosscheck.commands.shared.options import DOORS, Asked
+from crosscheck.commands.shared.options import DOORS, RunSelection
 from crosscheck.commands.shared.terminal import (
     FOLDER,
     JOBS,
@@ -26,7 +26,7 @@ from crosscheck.commands.shared.terminal import (
     open_progress,
 )
 from crosscheck.commands.shared.terminal import make_out_option as out_option
-from crosscheck.corpus.audit import TARGET, Audited, collect_by_class, is_target_met, run_audit, write_audit
+from crosscheck.corpus.audit import TARGET, AuditRow, collect_by_class, is_target_met, run_audit, write_audit
 from crosscheck.corpus.consensus import DISAGREEMENT
 from crosscheck.corpus.folder import Corpus, write_corpus
 from crosscheck.corpus.gather import find_all_consensus, run_panel
@@ -35,8 +35,8 @@ from crosscheck.corpus.notes import check_published, read_notes
 from crosscheck.corpus.pages import render
 from crosscheck.measures.record import RecordError
 from crosscheck.report.words import format_short
+from crosscheck.run.answer_cache import find_user_folder
 from crosscheck.run.isolation import open_scratch_folder
-from crosscheck.run.kept_answers import find_user_folder
 from crosscheck.secrets import format_command_line
 from crosscheck.verdicts.results import Results
 from flexinv.errors import InputError
@@ -107,8 +107,8 @@ def command(
         _judge(judge, against)
     if not models.is_dir():
         raise click.BadParameter(f"Directory '{models}' does not exist.", param_hint="'--models'")
-    asked = Asked(names, models, engines, "", "", False, jobs, timeout, config, engine, trust_commands)
-    work, _ = asked.work(lambda line: console.print(escape(line), soft_wrap=True))
+    run_selection = RunSelection(names, models, engines, "", "", False, jobs, timeout, config, engine, trust_commands)
+    work, _ = run_selection.prepare_work(lambda line: console.print(escape(line), soft_wrap=True))
     options = replace(work.options, kept=find_user_folder(), fresh=fresh or bool(os.environ.get("CI")))
     work = replace(work, options=options)
     try:
@@ -138,7 +138,7 @@ def command(
 
 
 def _write_summary_and_end(
-    console: Console, corpus: Corpus, results: Results, rows: Sequence[Audited] | None
+    console: Console, corpus: Corpus, results: Results, rows: Sequence[AuditRow] | None
 ) -> NoReturn:
     """Say what was written, and leave with the exit code."""
     if rows is not None:
@@ -160,7 +160,7 @@ def _write_summary_and_end(
     sys.exit(2 if failed or broken or not corpus.entries else 1 if split or missed else 0)
 
 
-def _make_audit_table(rows: Sequence[Audited]) -> Table:
+def _make_audit_table(rows: Sequence[AuditRow]) -> Table:
     """Return the audit as a table for a terminal."""
     table = Table(title=f"Error bars: values of the finer run inside them, target {100 * TARGET:g} %")
     for name in ("class", "engine", "what was finer", "series", "samples", "inside", "worst series"):

@@ -13,14 +13,14 @@ from rich.table import Table
 
 from crosscheck import output_folder as owned
 from crosscheck.commands.shared.terminal import MODELS, Console, Failure
-from crosscheck.identification.bands import Judged
-from crosscheck.identification.causes.least_seen import describe_least_sizes
-from crosscheck.identification.causes.name_causes import Remains, find_remaining_causes
+from crosscheck.identification.bands import ChannelJudgement
+from crosscheck.identification.causes.detection_limits import describe_least_sizes
+from crosscheck.identification.causes.name_causes import CauseFindings, find_remaining_causes
 from crosscheck.identification.combinations import count_narrowed_directions
 from crosscheck.identification.excitation import Proposal, find_exciting_motion
 from crosscheck.identification.files import write_judged, write_parameters, write_prediction
 from crosscheck.identification.identified_file import write_identified
-from crosscheck.identification.identify import Identified, identify, judge_blocks, read_machine, read_of
+from crosscheck.identification.identify import Identification, identify, judge_blocks, read_machine, read_of
 from crosscheck.identification.logs.header import find_time_column, find_time_unit
 from crosscheck.identification.logs.log import list_column_names, read_log
 from crosscheck.identification.page import write_page
@@ -86,24 +86,32 @@ def command(
     try:
         with owned.open_report_folder(folder):
             owned.make_listed_folder(folder)  # what is written first is ours, too: the next run may write over it
-            found = identify(source, _resolve_log_paths(source, logs), _resolve_log_paths(source, hold_out))
-            write_parameters(found.parameters, owned.add_to_folder_list(folder / "parameters.csv"))
-            write_judged(found.seen, found.judged, owned.add_to_folder_list(folder / "judged.csv"))
+            identification = identify(source, _resolve_log_paths(source, logs), _resolve_log_paths(source, hold_out))
+            write_parameters(identification.parameters, owned.add_to_folder_list(folder / "parameters.csv"))
+            write_judged(identification.seen, identification.judged, owned.add_to_folder_list(folder / "judged.csv"))
             write_identified(
-                found, resolve_toml_file(source, "mechanism.toml"), owned.add_to_folder_list(folder / "identified.toml")
+                identification,
+                resolve_toml_file(source, "mechanism.toml"),
+                owned.add_to_folder_list(folder / "identified.toml"),
             )
             if wanted is not None:
-                log = read_of(found.machine, _resolve_log_paths(source, (wanted,))[0])
-                write_prediction(found.machine, found.predict(log), owned.add_to_folder_list(folder / "prediction.csv"))
-            _write_parameters(console, found)
-            causes = _find_causes(console, found, source, logs, hold_out) if asked else []
+                log = read_of(identification.machine, _resolve_log_paths(source, (wanted,))[0])
+                write_prediction(
+                    identification.machine,
+                    identification.predict(log),
+                    owned.add_to_folder_list(folder / "prediction.csv"),
+                )
+            _write_parameters(console, identification)
+            causes = _find_causes(console, identification, source, logs, hold_out) if asked else []
             if count is not None:
-                log = read_of(found.machine, _resolve_log_paths(source, logs[:1])[0])
+                log = read_of(identification.machine, _resolve_log_paths(source, logs[:1])[0])
                 _write_table(console, f"{count} blocks in turn", judge_blocks(read_machine(source), log, count))
             if seconds is not None:
-                log = read_of(found.machine, _resolve_log_paths(source, logs[:1])[0])
-                _write_proposed_motion(console, find_exciting_motion(found.machine, found.fit, log, seconds), folder)
-            results = write_page(found, causes, " ".join(sys.argv[1:]), folder)
+                log = read_of(identification.machine, _resolve_log_paths(source, logs[:1])[0])
+                _write_proposed_motion(
+                    console, find_exciting_motion(identification.machine, identification.fit, log, seconds), folder
+                )
+            results = write_page(identification, causes, " ".join(sys.argv[1:]), folder)
     except (FlexinvError, OSError) as error:
         raise Failure(str(error)) from error
     console.print(f"page: {folder / 'index.html'}", highlight=False, soft_wrap=True)
@@ -143,11 +151,11 @@ def _resolve_log_paths(folder: Path, logs: tuple[str, ...]) -> list[str]:
     ]
 
 
-def _write_parameters(console: Console, found: Identified) -> None:
-    told = [row for row in found.parameters if row.identifiable]
+def _write_parameters(console: Console, identification: Identification) -> None:
+    told = [row for row in identification.parameters if row.identifiable]
     console.print(
-        f"{len(told)} of {len(found.parameters)} parameters are told by the logs, which narrow "
-        f"{count_narrowed_directions(found.fit)} "
+        f"{len(told)} of {len(identification.parameters)} parameters are told by the logs, which narrow "
+        f"{count_narrowed_directions(identification.fit)} "
         "independent combinations of them; intervals hold 90 %",
         highlight=False,
         soft_wrap=True,
@@ -157,19 +165,19 @@ def _write_parameters(console: Console, found: Identified) -> None:
         interval = f"{format_short(row.low)} to {format_short(row.high)}"
         table.add_row(row.parameter, row.place, format_short(row.value), interval, format_short(row.before), row.unit)
     console.print(table)
-    _write_table(console, "logs that identify", found.seen)
-    if found.judged:
-        _write_table(console, "logs held out", found.judged)
-    for words in found.words:
+    _write_table(console, "logs that identify", identification.seen)
+    if identification.judged:
+        _write_table(console, "logs held out", identification.judged)
+    for words in identification.words:
         console.print(escape(words), highlight=False, soft_wrap=True, style="dim")
 
 
 def _find_causes(
-    console: Console, found: Identified, source: Path, logs: tuple[str, ...], hold_out: tuple[str, ...]
-) -> list[tuple[str, Remains]]:
+    console: Console, identification: Identification, source: Path, logs: tuple[str, ...], hold_out: tuple[str, ...]
+) -> list[tuple[str, CauseFindings]]:
     out = []
     for log in _resolve_log_paths(source, hold_out) or _resolve_log_paths(source, logs[:1]):
-        rest = find_remaining_causes(found, read_of(found.machine, log), not hold_out)
+        rest = find_remaining_causes(identification, read_of(identification.machine, log), not hold_out)
         console.print(f"\n[bold]what remains of {escape(Path(log).name)}[/bold]")
         for words in [one.words for one in rest.named] or ["no cause of the dictionary explains what remains: unknown"]:
             console.print(escape(words), highlight=False, soft_wrap=True)
@@ -182,7 +190,7 @@ def _find_causes(
     return out
 
 
-def _write_table(console: Console, title: str, rows: list[Judged]) -> None:
+def _write_table(console: Console, title: str, rows: list[ChannelJudgement]) -> None:
     heads = ("log", "channel", "explained", "all samples", "in 90 % band", "width / RMS", "RMS error")
     table = Table(box=None, padding=(0, 1, 0, 0))
     for head in heads:  # which log, and which joint of it, must not be cut off where the terminal is narrow

@@ -11,7 +11,7 @@ from crosscheck.commands.shared.terminal import MODELS, TIMEOUT, Failure
 from crosscheck.engines import ENGINES
 from crosscheck.kit.write import write
 from crosscheck.measures.limits import REFERENCE
-from crosscheck.run.isolation import Children, run_engine
+from crosscheck.run.isolation import ChildProcesses, run_engine
 
 
 @click.command("kit", short_help="Write one case as a folder for any program to answer.")
@@ -38,7 +38,7 @@ def command(name: str, models: Path, case: str | None, out: Path | None, blind: 
     expected = None
     if not blind:
         job = {"mechanism": str(task.folder.resolve()), "case": task.case.name, "options": {}}
-        expected = run_engine(ENGINES[REFERENCE], job, task.time, timeout, Children()).record
+        expected = run_engine(ENGINES[REFERENCE], job, task.time, timeout, ChildProcesses()).record
         if expected.status != "ok":
             raise Failure(f"{name}/{task.case.name}: {REFERENCE} gives no expected values: {expected.message}")
     try:

@@ -12,10 +12,10 @@ from rich.markup import escape
 from rich.table import Table
 
 from crosscheck.commands.shared.terminal import FOLDER, MEMORY_FOR_FILE, TIME_FOR_FILE, Console, Failure
-from crosscheck.linting.lint import Linted, check_sources, lint
+from crosscheck.linting.lint import LintReport, check_sources, lint
 from crosscheck.linting.output import build_junit_xml as written_junit
 from crosscheck.linting.output import write
-from crosscheck.run.guarded import Guard
+from crosscheck.run.reading_limits import ReadingLimits
 
 
 @click.command("lint", short_help="Say what is suspicious in one description.")
@@ -51,7 +51,7 @@ def command(
     Exit codes: 0 nothing found (without --strict: no error), 1 findings, 2 a file cannot be read
     """
     try:
-        found = check_sources(files, strict, meshes, partial(Guard(timeout, memory).call, lint))
+        found = check_sources(files, strict, meshes, partial(ReadingLimits(timeout, memory).run_function, lint))
         if out is not None:
             write(found, out)
         if junit is not None:
@@ -72,7 +72,7 @@ def command(
     sys.exit(0 if all(one.clean for one in found) else 1)
 
 
-def _write_findings(console: Console, found: Linted) -> None:
+def _write_findings(console: Console, found: LintReport) -> None:
     if found.findings:
         table = Table(title=found.label, title_justify="left")
         for name in ("level", "check", "where", "given", "why", "write"):

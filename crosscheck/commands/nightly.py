@@ -10,7 +10,7 @@ import click
 from rich.markup import escape
 
 from crosscheck.checkout import import_from_checkout
-from crosscheck.commands.shared.options import Asked, add_run_options
+from crosscheck.commands.shared.options import RunSelection, add_run_options
 from crosscheck.commands.shared.terminal import (
     FOLDER,
     Console,
@@ -25,7 +25,7 @@ from crosscheck.studies import Study
 from crosscheck.verdicts.baseline import BaselineError
 from crosscheck.verdicts.history import HistoryError
 from crosscheck.workflows import latest_engines as fresh
-from crosscheck.workflows.night import Nightly, NightRunning, run_night
+from crosscheck.workflows.night import NightRunning, NightSettings, run_night
 from flexinv.errors import InputError
 
 
@@ -49,7 +49,7 @@ from flexinv.errors import InputError
 )
 @click.option("--label", default="", hidden=True, help="What kind of night it is, for the history.")
 def command(
-    asked: Asked,
+    asked: RunSelection,
     reports: Path,
     baseline: Path | None,
     history: str | None,
@@ -80,8 +80,8 @@ def command(
     if latest_engines:
         with convert_sigterm():
             sys.exit(fresh.run_in_fresh_environment(reports, fresh.remove_flag(sys.argv[1:]), write_line))
-    work, every = asked.work(write_line)
-    night = Nightly(
+    work, every = asked.prepare_work(write_line)
+    night = NightSettings(
         work=work,
         reports=reports,
         baseline=baseline or reports / "baseline",

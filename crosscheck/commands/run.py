@@ -12,7 +12,7 @@ import click
 from rich.markup import escape
 
 from crosscheck import output_folder as owned
-from crosscheck.commands.shared.options import Asked, add_run_options
+from crosscheck.commands.shared.options import RunSelection, add_run_options
 from crosscheck.commands.shared.terminal import (
     FOLDER,
     Console,
@@ -22,7 +22,7 @@ from crosscheck.commands.shared.terminal import (
     write_report_and_end,
 )
 from crosscheck.commands.shared.terminal import make_out_option as out_option
-from crosscheck.run.kept_answers import find_user_folder
+from crosscheck.run.answer_cache import find_user_folder
 from crosscheck.run.runner import run
 from crosscheck.secrets import format_command_line
 from crosscheck.verdicts import baseline as blessed
@@ -42,7 +42,7 @@ from flexinv.errors import InputError
     is_flag=True,
     help="Compute everything, also what has not changed since an earlier run (as always in CI).",
 )
-def command(asked: Asked, out: Path, baseline: Path | None, fresh: bool) -> NoReturn:
+def command(asked: RunSelection, out: Path, baseline: Path | None, fresh: bool) -> NoReturn:
     """Run mechanisms in all engines, compare, and write a report.
 
     NAMES are mechanisms, patterns, or single cases ("flex_one_link", "flex_*", "flex_one_link/cycloid"); without
@@ -65,7 +65,7 @@ def command(asked: Asked, out: Path, baseline: Path | None, fresh: bool) -> NoRe
     def write_line(line: str) -> None:
         console.print(escape(line), soft_wrap=True)
 
-    work, every = asked.work(write_line)
+    work, every = asked.prepare_work(write_line)
     whole = not asked.names and every
     try:
         known = blessed.find(baseline) if baseline is not None else None

@@ -112,13 +112,13 @@ def command(
     sys.exit(2 if failed else int(any(line["verdict"] != "within" for line in met)))
 
 
-def find_model_folder(names: Iterable[str], said: Path | None) -> Path:
+def find_model_folder(names: Iterable[str], path: Path | None) -> Path:
     """Return the folder that has all these mechanisms: the one that was said, else models here, else those installed.
 
     Raises Failure where none has.
     """
     names = list(names)
-    places = [said] if said is not None else [Path("models"), INSTALLED]
+    places = [path] if path is not None else [Path("models"), INSTALLED]
     absent = [[n for n in names if not (place / n / "mechanism.toml").is_file()] for place in places]
     if [] in absent:
         return places[absent.index([])]
@@ -127,7 +127,7 @@ def find_model_folder(names: Iterable[str], said: Path | None) -> Path:
 
 
 def _run_campaign_and_end(
-    names: tuple[str, ...], said: Path | None, out: Path, jobs: int, asked: Mapping[str, Any]
+    names: tuple[str, ...], path: Path | None, out: Path, jobs: int, asked: Mapping[str, Any]
 ) -> NoReturn:
     """Run a campaign of faults beyond the dictionary, print its sums, and leave with its exit code."""
     try:
@@ -143,7 +143,7 @@ def _run_campaign_and_end(
     known = dict.fromkeys(bench.mechanism for bench in chosen.benches)
     if unknown := [name for name in mechanisms if name not in known]:
         raise Failure(f"campaign {chosen.name} has no mechanism {unknown[0]!r}; it has: {', '.join(known)}")
-    models = find_model_folder((bench.mechanism for bench in chosen.benches if not bench.own), said)
+    models = find_model_folder((bench.mechanism for bench in chosen.benches if not bench.in_package), path)
     try:
         only = tuple(int(word) for word in asked["only"].split(",") if word.strip())
     except ValueError:
@@ -156,7 +156,7 @@ def _run_campaign_and_end(
             notify(Event(shown.describe_fault(row), verdict, "", done, total))
 
         try:
-            results = beyond.run(beyond.Wanted(chosen, models, out, jobs, mechanisms, only), write_progress)
+            results = beyond.run(beyond.CampaignRequest(chosen, models, out, jobs, mechanisms, only), write_progress)
         except RuntimeError as error:
             raise Failure(str(error)) from error
     (out / "beyond.txt").write_text("\n".join(shown.describe_campaign(results)) + "\n", encoding="utf-8")

@@ -35,7 +35,7 @@ from crosscheck.run.work import Options, Work
 from crosscheck.secrets import format_command_line
 from crosscheck.verdicts.plan import Plan, Task
 from crosscheck.verdicts.results import Results, make_slug
-from crosscheck.workflows.model_summary import Portrait, picture, portrait
+from crosscheck.workflows.model_summary import ModelSummary, picture, portrait
 from crosscheck.workflows.proposals import format_proposal_toml, list_proposals, split_cases_file, write
 from flexinv.errors import FlexinvError, InputError
 
@@ -122,7 +122,7 @@ def _run_or_fail(work: Callable[..., object], *arguments: object) -> None:
         raise Failure(str(error)) from error
 
 
-def _describe_case(console: Console, task: Task, folder: Path) -> tuple[Portrait, Path]:
+def _describe_case(console: Console, task: Task, folder: Path) -> tuple[ModelSummary, Path]:
     """Print what a case is, and return it with the file in which its picture will be."""
     try:
         seen = portrait(task)
@@ -148,7 +148,7 @@ def _write_certificates(console: Console, results: Results) -> None:
     console.print("\n[bold]certificates: what the engines' own models say[/bold]")
     for case in results.cases:
         for sheet in list_certificates(results, case):
-            text = f"  {case.case} {sheet.engine:<16} {sheet.words}"
+            text = f"  {case.case} {sheet.engine:<16} {sheet.text}"
             console.print(text, markup=False, highlight=False, style=COLOURS[sheet.verdict], soft_wrap=True)
 
 

@@ -38,11 +38,11 @@ def run_study(models: str, engines: Sequence[Mapping[str, Any]] = ()) -> dict[st
 
     models : not asked, the ladder has its own; engines : jobs of the project's own engines (`crosscheck.engines.open_adapter`)
     """
-    wanted = list_ladder_engines(engines)
-    taking = {REFERENCE: ENGINES[REFERENCE], **wanted}
+    ladder_engines = list_ladder_engines(engines)
+    taking = {REFERENCE: ENGINES[REFERENCE], **ladder_engines}
     with open_scratch_folder() as folder:
         results = run(Work(discover(ladder.FOLDER), taking, (), Options(LONGEST)), folder / "report")
-    return make_tables(results, tuple(wanted))
+    return make_tables(results, tuple(ladder_engines))
 
 
 def list_ladder_engines(jobs: Sequence[Mapping[str, Any]] = ()) -> dict[str, Engine]:

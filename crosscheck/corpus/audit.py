@@ -19,7 +19,7 @@ from crosscheck.corpus.consensus import AGREES, CaseConsensus
 from crosscheck.corpus.entry import CLASSES, find_class
 from crosscheck.corpus.folder import format_json
 from crosscheck.corpus.gather import read_records
-from crosscheck.corpus.intervals import Given, find_samples_inside, make_interval
+from crosscheck.corpus.intervals import EngineValues, find_samples_inside, make_interval
 from crosscheck.engines.shared.rounding import NAME as ROUNDING_BARS
 from crosscheck.measures.record import Record
 from crosscheck.run.runner import run
@@ -33,7 +33,7 @@ OTHER_DIGITS = {"shake": 1, "error": False, "certificate": False}
 
 
 @dataclass(frozen=True)
-class Audited:
+class AuditRow:
     """Audit of the engines of a class: samples and those inside the bars, series, and the series that is worst off.
 
     kind : the class; how : what was finer
@@ -54,7 +54,7 @@ class Audited:
         return self.inside / self.samples if self.samples else 0.0
 
 
-def run_audit(work: Work, cases: Sequence[CaseConsensus], folder: Path, notify: Notify) -> list[Audited]:
+def run_audit(work: Work, cases: Sequence[CaseConsensus], folder: Path, notify: Notify) -> list[AuditRow]:
     """Run engines again and return the audit by class and engine; folder : scratch for the runs.
 
     Raises InputError as a run does.
@@ -103,16 +103,16 @@ def compare_with_finer_run(case: CaseConsensus, engine: str, finer: Record) -> I
         if agrees and one.name in finer.series:
             base = coarse[one.name]
             bar = np.zeros_like(base.values) if base.error is None else base.error
-            where = make_interval(Given(engine, "", base.values, bar), one.size)
+            where = make_interval(EngineValues(engine, "", base.values, bar), one.size)
             within = find_samples_inside(finer.series[one.name].values, where)
             yield f"{case.task.folder.name}/{case.task.case.name} {one.name}", within.size, int(within.sum())
 
 
-def _add_rows(kind: str, engine: str, how: str, rows: Sequence[tuple[str, int, int]]) -> Audited:
+def _add_rows(kind: str, engine: str, how: str, rows: Sequence[tuple[str, int, int]]) -> AuditRow:
     worst = min(rows, key=lambda row: row[2] / row[1])
     samples = sum(row[1] for row in rows)
     within = sum(row[2] for row in rows)
-    return Audited(kind, engine, how, len(rows), samples, within, worst[0], worst[2] / worst[1])
+    return AuditRow(kind, engine, how, len(rows), samples, within, worst[0], worst[2] / worst[1])
 
 
 def _make_sort_key(item: tuple[tuple[str, str, str], Any]) -> tuple[int, str, str]:
@@ -120,26 +120,26 @@ def _make_sort_key(item: tuple[tuple[str, str, str], Any]) -> tuple[int, str, st
     return CLASSES.index(kind), how, engine
 
 
-def collect_by_class(audited: Iterable[Audited]) -> list[Audited]:
+def collect_by_class(audited: Iterable[AuditRow]) -> list[AuditRow]:
     """Return the audit of each class over all its engines [-]."""
     rows = list(audited)
-    found = []
+    result = []
     for kind in CLASSES:
         mine = [one for one in rows if one.kind == kind]
         if mine:
             worst = min(mine, key=lambda one: one.worst_share)
             total = replace(worst, engine="all", how="", series=sum(x.series for x in mine))
-            found.append(replace(total, samples=sum(x.samples for x in mine), inside=sum(x.inside for x in mine)))
-    return found
+            result.append(replace(total, samples=sum(x.samples for x in mine), inside=sum(x.inside for x in mine)))
+    return result
 
 
-def is_target_met(audited: Iterable[Audited]) -> bool:
+def is_target_met(audited: Iterable[AuditRow]) -> bool:
     """Return True if in every class enough values lie inside the bars [-]."""
     totals = collect_by_class(audited)
     return bool(totals) and all(one.share >= TARGET for one in totals)
 
 
-def write_audit(audited: Sequence[Audited], out: Path) -> None:
+def write_audit(audited: Sequence[AuditRow], out: Path) -> None:
     """Write ``audit.json`` into a corpus that is ours.  Raises OSError."""
     rows = [{**vars(one), "share": one.share} for one in audited]
     totals = [

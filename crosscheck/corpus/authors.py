@@ -19,9 +19,9 @@ class Author:
     closed_form: bool = False
 
 
-def find_author(engine: Engine, stated: Mapping[str, EngineNote]) -> Author:
+def find_author(engine: Engine, notes: Mapping[str, EngineNote]) -> Author:
     """Return the author of an engine: what corpus.toml states, else the package that it drives, else the engine itself."""
-    if (note := stated.get(engine.name)) is not None:
+    if (note := notes.get(engine.name)) is not None:
         return Author(note.author, note.closed_form)
     if engine.name == MACHINE and engine.name in ENGINES:
         return Author(MACHINE)

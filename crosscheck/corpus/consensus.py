@@ -18,7 +18,7 @@ import numpy as np
 from crosscheck.corpus.authors import Author
 from crosscheck.corpus.intervals import (
     FLOOR,
-    Given,
+    EngineValues,
     Interval,
     collect_authors,
     compute_hull,
@@ -54,7 +54,7 @@ UNNAMED = "no cause is named"
 
 
 @dataclass(frozen=True)
-class Voice:
+class Contribution:
     """One engine on one series: author, version, its part, and why; part : one of the six words above.
 
     outside : share of samples outside the consensus [-], None where there is none
@@ -80,7 +80,7 @@ class SeriesConsensus:
     unit: str
     status: str
     size: float
-    voices: tuple[Voice, ...]
+    voices: tuple[Contribution, ...]
     interval: Interval | None = None
     sole: Series | None = None
     cause: str = ""
@@ -118,7 +118,7 @@ class CaseConsensus:
 
 
 @dataclass(frozen=True)
-class Panel:
+class EnginePanel:
     """Engines of a corpus with their authors, and the results of the run that asked them."""
 
     engines: Mapping[str, Engine]
@@ -126,7 +126,7 @@ class Panel:
     results: Results
 
 
-def find_case_consensus(task: Task, records: Mapping[str, Record], panel: Panel) -> CaseConsensus:
+def find_case_consensus(task: Task, records: Mapping[str, Record], panel: EnginePanel) -> CaseConsensus:
     """Return the consensus on a case from the records of its engines [units of the series]."""
     given = {name: record for name, record in records.items() if record.status == "ok"}
     size = compute_largest_magnitudes(
@@ -147,7 +147,7 @@ def list_compared_series(task: Task, records: Iterable[Record]) -> list[str]:
 
 
 def _find_series_consensus(
-    task: Task, name: str, given: Mapping[str, Record], size: Mapping[tuple[str, str], float], panel: Panel
+    task: Task, name: str, given: Mapping[str, Record], size: Mapping[tuple[str, str], float], panel: EnginePanel
 ) -> SeriesConsensus:
     """Return the consensus on one series."""
     have = {engine: record for engine, record in sorted(given.items()) if name in record.series}
@@ -156,15 +156,17 @@ def _find_series_consensus(
     own = size[name.split("/", 1)[0], unit]
     hindered = {e: _describe_hindrance(task, name, r, own, panel) for e, r in have.items()}
     takes = [_make_contribution(e, r.series[name], panel) for e, r in have.items() if not hindered[e]]
-    found = _find_consensus(takes, own, panel)
-    voices = tuple(_make_voice(task, have[e].series[name], have[e], hindered[e], found, panel) for e in have)
+    consensus = _find_consensus(takes, own, panel)
+    voices = tuple(_make_voice(task, have[e].series[name], have[e], hindered[e], consensus, panel) for e in have)
     sole = next(have[e].series[name] for e in (REFERENCE, *have) if e in have)
-    cause = "" if found.status != DISAGREEMENT else "; ".join(f"{v.engine}: {v.reason}" for v in voices if v.reason)
-    return SeriesConsensus(name, unit, found.status, own, voices, found.interval, sole, cause or found.cause)
+    cause = "" if consensus.status != DISAGREEMENT else "; ".join(f"{v.engine}: {v.reason}" for v in voices if v.reason)
+    return SeriesConsensus(
+        name, unit, consensus.status, own, voices, consensus.interval, sole, cause or consensus.cause
+    )
 
 
 @dataclass(frozen=True)
-class Found:
+class SeriesAgreement:
     """Status of a series, its interval [unit] where there is one, the engines that agree on it, and why there is none."""
 
     status: str
@@ -173,32 +175,32 @@ class Found:
     cause: str = ""
 
 
-def _find_consensus(takes: Sequence[Given], size: float, panel: Panel) -> Found:
+def _find_consensus(takes: Sequence[EngineValues], size: float, panel: EnginePanel) -> SeriesAgreement:
     """Return the consensus of engines with bars, or why there is none; size : largest magnitude of the quantity [unit]."""
     exact = next((one for one in takes if panel.authors[one.engine].closed_form), None)
     if exact is not None:
         where = make_interval(exact, size)
-        return Found(
+        return SeriesAgreement(
             CLOSED_FORM, where, frozenset(g.engine for g in takes if has_common_point(make_interval(g, size), where))
         )
     if len(collect_authors(takes)) < 2:
-        return Found(SINGLE)
+        return SeriesAgreement(SINGLE)
     groups = find_agreeing_groups(takes, size)
     if not groups:
-        return Found(DISAGREEMENT, cause="no two authors meet at every sample")
+        return SeriesAgreement(DISAGREEMENT, cause="no two authors meet at every sample")
     if len({collect_authors(group) for group in groups}) > 1:
         words = " or ".join(" and ".join(one.engine for one in group) for group in groups)
-        return Found(DISAGREEMENT, cause=f"{words} agree, and nobody tells which")
+        return SeriesAgreement(DISAGREEMENT, cause=f"{words} agree, and nobody tells which")
     met = [compute_intersection([make_interval(one, size) for one in group]) for group in groups]
-    return Found(CONSENSUS, compute_hull(met), frozenset(one.engine for group in groups for one in group))
+    return SeriesAgreement(CONSENSUS, compute_hull(met), frozenset(one.engine for group in groups for one in group))
 
 
-def _make_contribution(engine: str, one: Series, panel: Panel) -> Given:
+def _make_contribution(engine: str, one: Series, panel: EnginePanel) -> EngineValues:
     bar = np.zeros_like(one.values) if one.error is None else one.error
-    return Given(engine, panel.authors[engine].name, one.values, bar)
+    return EngineValues(engine, panel.authors[engine].name, one.values, bar)
 
 
-def _describe_hindrance(task: Task, name: str, record: Record, size: float, panel: Panel) -> str:
+def _describe_hindrance(task: Task, name: str, record: Record, size: float, panel: EnginePanel) -> str:
     """Return the reason for which a bar takes no part, "" where it does; size : of the quantity [unit]."""
     one = record.series[name]
     if lines := describe_failing_lines(panel.results, task.folder.name, task.case.name, record.engine):
@@ -218,29 +220,31 @@ def _describe_hindrance(task: Task, name: str, record: Record, size: float, pane
     return ""
 
 
-def _make_voice(task: Task, one: Series, record: Record, hindrance: str, found: Found, panel: Panel) -> Voice:
+def _make_voice(
+    task: Task, one: Series, record: Record, hindrance: str, found: SeriesAgreement, panel: EnginePanel
+) -> Contribution:
     """Return the part of an engine in what was found on a series."""
     who = record.engine, panel.authors[record.engine].name, record.version
     if found.interval is None:
         why_not = _find_cause(task, one, record, panel) if found.status == DISAGREEMENT else ""
-        return Voice(*who, part=NO_PART if hindrance else ALONE, reason=hindrance or why_not)
+        return Contribution(*who, part=NO_PART if hindrance else ALONE, reason=hindrance or why_not)
     off = 1.0 - float(find_samples_inside(one.values, found.interval).mean())
     if record.engine in found.agree:
-        return Voice(*who, part=AGREES, outside=off)
+        return Contribution(*who, part=AGREES, outside=off)
     if hindrance:
         reason = (
             hindrance if off == 0.0 else "; ".join(filter(None, [hindrance, _find_cause(task, one, record, panel)]))
         )
-        return Voice(*who, part=INSIDE if off == 0.0 else OUTSIDE, reason=reason, outside=off)
-    return Voice(*who, part=DISAGREES, reason=_find_cause(task, one, record, panel) or UNNAMED, outside=off)
+        return Contribution(*who, part=INSIDE if off == 0.0 else OUTSIDE, reason=reason, outside=off)
+    return Contribution(*who, part=DISAGREES, reason=_find_cause(task, one, record, panel) or UNNAMED, outside=off)
 
 
-def _find_cause(task: Task, one: Series, record: Record, panel: Panel) -> str:
+def _find_cause(task: Task, one: Series, record: Record, panel: EnginePanel) -> str:
     """Return the cause of an engine's difference in a series, as diagnosis or verdict name it; "" where nothing does."""
     here = task.folder.name, task.case.name, record.engine
-    found = find_diagnosis(panel.results, *here)
-    if found is not None and found.named:
-        return describe_diagnosis(found)
+    diagnosis = find_diagnosis(panel.results, *here)
+    if diagnosis is not None and diagnosis.named:
+        return describe_diagnosis(diagnosis)
     rows = [
         row
         for row in panel.results.comparisons

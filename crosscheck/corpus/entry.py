@@ -6,10 +6,10 @@ from collections import Counter
 from collections.abc import Mapping
 from typing import Any
 
-from crosscheck.corpus.consensus import REACHED, SINGLE, CaseConsensus, SeriesConsensus, Voice
+from crosscheck.corpus.consensus import REACHED, SINGLE, CaseConsensus, Contribution, SeriesConsensus
 from crosscheck.corpus.intervals import FLOOR
 from crosscheck.corpus.notes import MechanismNote
-from crosscheck.corpus.published import Beside
+from crosscheck.corpus.published import PublishedComparison
 from crosscheck.kit.resolved import build_case_file
 from crosscheck.measures.record import Record, Series
 from crosscheck.verdicts.compare import compute_signal_range
@@ -37,7 +37,7 @@ def make_case_id(mechanism: str, case: str) -> str:
     return make_slug(f"{mechanism}-{case}")
 
 
-def make_entry(case: CaseConsensus, note: MechanismNote, numbers: list[Beside]) -> dict[str, Any]:
+def make_entry(case: CaseConsensus, note: MechanismNote, numbers: list[PublishedComparison]) -> dict[str, Any]:
     """Return one case of the corpus as plain data [units of its series]."""
     task = case.task
     counts = Counter(one.status for one in case.series)
@@ -85,7 +85,7 @@ def _describe_series(one: SeriesConsensus) -> dict[str, Any]:
     }
 
 
-def _describe_voice(voice: Voice) -> dict[str, Any]:
+def _describe_voice(voice: Contribution) -> dict[str, Any]:
     plain = {
         "engine": voice.engine,
         "author": voice.author,
@@ -97,7 +97,7 @@ def _describe_voice(voice: Voice) -> dict[str, Any]:
     return {key: value for key, value in plain.items() if value not in ("", None)}
 
 
-def _describe_published(one: Beside) -> dict[str, Any]:
+def _describe_published(one: PublishedComparison) -> dict[str, Any]:
     value = one.value
     said = {"series": value.series, "when": one.when, "value": value.value, "unit": value.unit, "source": value.source}
     why = {"note": value.note} if value.note else {}

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from crosscheck.corpus.authors import find_author
-from crosscheck.corpus.consensus import CaseConsensus, Panel, find_case_consensus
+from crosscheck.corpus.consensus import CaseConsensus, EnginePanel, find_case_consensus
 from crosscheck.corpus.notes import CorpusTable
 from crosscheck.measures.record import Record, read_record
 from crosscheck.run.runner import run
@@ -15,18 +15,20 @@ from crosscheck.verdicts.plan import Task
 from crosscheck.verdicts.results import Results
 
 
-def run_panel(work: Work, notes: CorpusTable, folder: Path, notify: Notify, command: str = "") -> Panel:
+def run_panel(work: Work, notes: CorpusTable, folder: Path, notify: Notify, command: str = "") -> EnginePanel:
     """Run the engines of a work into a folder of its own, and return them with their authors and results."""
     results = run(work, folder, notify, command)
-    return Panel(work.engines, {name: find_author(one, notes.engines) for name, one in work.engines.items()}, results)
+    return EnginePanel(
+        work.engines, {name: find_author(one, notes.engines) for name, one in work.engines.items()}, results
+    )
 
 
-def find_all_consensus(work: Work, panel: Panel, folder: Path) -> Iterator[CaseConsensus]:
+def find_all_consensus(work: Work, panel: EnginePanel, folder: Path) -> Iterator[CaseConsensus]:
     """Yield the consensus of every case that some engine came to an answer for [units of its series]."""
     for task in work.plan.tasks:
-        found = read_records(panel.results, task, folder)
-        if found:
-            yield find_case_consensus(task, found, panel)
+        records = read_records(panel.results, task, folder)
+        if records:
+            yield find_case_consensus(task, records, panel)
 
 
 def read_records(results: Results, task: Task, folder: Path) -> dict[str, Record]:

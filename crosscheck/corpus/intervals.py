@@ -43,7 +43,7 @@ class Interval:
 
 
 @dataclass(frozen=True)
-class Given:
+class EngineValues:
     """Values of one engine: name, author, values and error bar (samples,) [unit]."""
 
     engine: str
@@ -52,7 +52,7 @@ class Given:
     bar: Array
 
 
-def make_interval(given: Given, size: float) -> Interval:
+def make_interval(given: EngineValues, size: float) -> Interval:
     """Return the interval of an engine; size : largest magnitude of its quantity [unit], of which `FLOOR` is the least bar."""
     half = np.maximum(given.bar, FLOOR * size)
     return Interval(given.values - half, given.values + half)
@@ -80,37 +80,41 @@ def compute_hull(intervals: Sequence[Interval]) -> Interval:
     return Interval(low.min(axis=0), high.max(axis=0))
 
 
-def find_agreeing_groups(given: Sequence[Given], size: float) -> tuple[tuple[Given, ...], ...]:
+def find_agreeing_groups(engine_values: Sequence[EngineValues], size: float) -> tuple[tuple[EngineValues, ...], ...]:
     """Return the largest groups of engines that agree [unit]: most authors first, then most engines; several where equally large.
 
     A group has two authors at least; () where no two authors agree.
     """
-    where = {one.engine: make_interval(one, size) for one in given}
+    where = {one.engine: make_interval(one, size) for one in engine_values}
     linked = {
         frozenset((a.engine, b.engine))
-        for a, b in combinations(given, 2)
+        for a, b in combinations(engine_values, 2)
         if has_common_point(where[a.engine], where[b.engine])
     }
-    groups = [group for group in _list_cliques(given, linked) if len(collect_authors(group)) > 1]
+    groups = [group for group in _list_cliques(engine_values, linked) if len(collect_authors(group)) > 1]
     if not groups:
         return ()
     best = max(_count_members(group) for group in groups)
     return tuple(group for group in groups if _count_members(group) == best)
 
 
-def collect_authors(group: Iterable[Given]) -> frozenset[str]:
+def collect_authors(group: Iterable[EngineValues]) -> frozenset[str]:
     """Return the authors of a group [-]."""
     return frozenset(one.author for one in group)
 
 
-def _count_members(group: Sequence[Given]) -> tuple[int, int]:
+def _count_members(group: Sequence[EngineValues]) -> tuple[int, int]:
     return len(collect_authors(group)), len(group)
 
 
-def _list_cliques(given: Sequence[Given], linked: set[frozenset[str]]) -> Iterator[tuple[Given, ...]]:
+def _list_cliques(
+    engine_values: Sequence[EngineValues], linked: set[frozenset[str]]
+) -> Iterator[tuple[EngineValues, ...]]:
     """Yield the groups of engines that agree pair by pair and cannot be enlarged (Bron and Kerbosch 1973)."""
-    near = {a.engine: {b.engine for b in given if frozenset((a.engine, b.engine)) in linked} for a in given}
-    known = {one.engine: one for one in given}
+    near = {
+        a.engine: {b.engine for b in engine_values if frozenset((a.engine, b.engine)) in linked} for a in engine_values
+    }
+    known = {one.engine: one for one in engine_values}
 
     def list_larger_cliques(held: tuple[str, ...], left: list[str], seen: list[str]) -> Iterator[tuple[str, ...]]:
         if not left and not seen:
@@ -122,15 +126,15 @@ def _list_cliques(given: Sequence[Given], linked: set[frozenset[str]]) -> Iterat
             left.remove(name)
             seen.append(name)
 
-    for names in list_larger_cliques((), [one.engine for one in given], []):
+    for names in list_larger_cliques((), [one.engine for one in engine_values], []):
         yield tuple(known[name] for name in names)
 
 
 def compute_largest_magnitudes(series: Iterable[Mapping[str, tuple[str, Array]]]) -> dict[tuple[str, str], float]:
     """Return the largest magnitude [unit] by quantity and unit; series : of each engine, name -> (unit, values)."""
-    found: dict[tuple[str, str], float] = {}
+    largest_magnitudes: dict[tuple[str, str], float] = {}
     for record in series:
         for name, (unit, values) in record.items():
             key = name.split("/", 1)[0], unit
-            found[key] = max(found.get(key, 0.0), float(np.abs(values).max(initial=0.0)))
-    return found
+            largest_magnitudes[key] = max(largest_magnitudes.get(key, 0.0), float(np.abs(values).max(initial=0.0)))
+    return largest_magnitudes

@@ -17,7 +17,7 @@ import numpy as np
 from crosscheck.corpus.consensus import REACHED
 from crosscheck.corpus.entry import FORMAT
 from crosscheck.corpus.folder import KITS, MANIFEST, compute_digest
-from crosscheck.corpus.intervals import Given, Interval, make_interval
+from crosscheck.corpus.intervals import EngineValues, Interval, make_interval
 from crosscheck.kit.answer import read_table
 from crosscheck.kit.answer import resolve_file as file_inside
 from crosscheck.kit.tables import MetaFile
@@ -35,7 +35,7 @@ SKIPPED = "skipped"
 
 
 @dataclass(frozen=True)
-class Judged:
+class SeriesJudgement:
     """One series of an answer: its verdict, the share of samples outside [-], and the largest distance over the range [-]."""
 
     id: str
@@ -46,7 +46,7 @@ class Judged:
     words: str = ""
 
 
-def judge_answers(answers: Path, corpus: Path) -> list[Judged]:
+def judge_answers(answers: Path, corpus: Path) -> list[SeriesJudgement]:
     """Return the judgement of every series of the answers in a folder [-].
 
     Raises InputError where there is no corpus, no answer, an unknown id, or an answer that cannot be read.
@@ -55,13 +55,13 @@ def judge_answers(answers: Path, corpus: Path) -> list[Judged]:
     folders = sorted(f for f in answers.iterdir() if f.is_dir()) if answers.is_dir() else []
     if not folders:
         raise InputError(f"{answers} holds no answer; expected folders named by the ids of {corpus / MANIFEST}")
-    found: list[Judged] = []
+    result: list[SeriesJudgement] = []
     for folder in folders:
         if folder.name not in known:
             near = find_nearest_word(folder.name, sorted(known)) or next(iter(known))
             raise InputError(f"{folder}: no case has the id {folder.name!r}; write {near!r}")
-        found += _judge_answer(folder, known[folder.name], corpus)
-    return found
+        result += _judge_answer(folder, known[folder.name], corpus)
+    return result
 
 
 def read_manifest(corpus: Path) -> dict[str, Mapping[str, Any]]:
@@ -81,7 +81,7 @@ def read_manifest(corpus: Path) -> dict[str, Mapping[str, Any]]:
     return cases
 
 
-def _judge_answer(folder: Path, case: Mapping[str, Any], corpus: Path) -> Iterator[Judged]:
+def _judge_answer(folder: Path, case: Mapping[str, Any], corpus: Path) -> Iterator[SeriesJudgement]:
     """Yield the judgement of one answer, series by series."""
     kit = corpus / KITS / case["id"]
     said = json.loads(_check_kit_file(corpus, case, "consensus.json").read_text(encoding="utf-8"))
@@ -93,7 +93,9 @@ def _judge_answer(folder: Path, case: Mapping[str, Any], corpus: Path) -> Iterat
             f"answer the kit in {kit}"
         )
     if meta.skipped or not rows:
-        yield Judged(case["id"], "all", SKIPPED, words=meta.skipped or "no series of this case has a consensus")
+        yield SeriesJudgement(
+            case["id"], "all", SKIPPED, words=meta.skipped or "no series of this case has a consensus"
+        )
         return
     time, consensus = read(_check_kit_file(corpus, case, "expected/series.csv"))
     file = file_inside(folder, "series.csv")
@@ -105,10 +107,10 @@ def _judge_answer(folder: Path, case: Mapping[str, Any], corpus: Path) -> Iterat
         if name in series:
             yield _judge_series(case["id"], series[name], consensus[name], row, file)
         elif name.split("/", 1)[0] in WHOLE:
-            yield Judged(case["id"], name, MISSING, words="every torque has to be answered")
+            yield SeriesJudgement(case["id"], name, MISSING, words="every torque has to be answered")
 
 
-def _judge_series(id_: str, one: Series, consensus: Series, row: Mapping[str, Any], file: Path) -> Judged:
+def _judge_series(id_: str, one: Series, consensus: Series, row: Mapping[str, Any], file: Path) -> SeriesJudgement:
     """Return the judgement of one series [unit of it]."""
     if one.unit != consensus.unit:
         raise InputError(f"{file}: column {one.name!r} is in {one.unit}, expected {consensus.unit}")
@@ -121,11 +123,11 @@ def _judge_series(id_: str, one: Series, consensus: Series, row: Mapping[str, An
     span = row["range"] or row["size"] or 1.0
     if wide := float(bar.max()) > WIDEST_BAR * span:
         bar = np.zeros_like(bar)
-    own = make_interval(Given("answer", "", one.values, bar), row["size"])
-    gap = np.maximum(np.maximum(own.low - where.high, where.low - own.high), 0.0)
+    interval = make_interval(EngineValues("answer", "", one.values, bar), row["size"])
+    gap = np.maximum(np.maximum(interval.low - where.high, where.low - interval.high), 0.0)
     off = float((gap > 0.0).mean())
     words = f"its bar is wider than {WIDEST_BAR:g} of the range and excuses nothing" if wide else ""
-    return Judged(id_, one.name, OUTSIDE if off else INSIDE, off, float(gap.max()) / span, words)
+    return SeriesJudgement(id_, one.name, OUTSIDE if off else INSIDE, off, float(gap.max()) / span, words)
 
 
 def _check_kit_file(corpus: Path, case: Mapping[str, Any], name: str) -> Path:
@@ -137,7 +139,7 @@ def _check_kit_file(corpus: Path, case: Mapping[str, Any], name: str) -> Path:
     return file
 
 
-def find_exit_code(rows: list[Judged]) -> int:
+def find_exit_code(rows: list[SeriesJudgement]) -> int:
     """Return 0 where all that was answered lies inside, 1 where not, 2 where nothing was judged."""
     if not any(row.verdict in (INSIDE, OUTSIDE, MISSING) for row in rows):
         return 2

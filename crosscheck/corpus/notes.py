@@ -87,8 +87,8 @@ class CorpusTable(Table):
 
     def find_licence(self, task: Task) -> MechanismNote:
         """Return the licence of a mechanism: its own table, that of the file, or that nobody has stated one."""
-        if (own := self.mechanisms.get(task.folder.name)) is not None:
-            return own
+        if (licence := self.mechanisms.get(task.folder.name)) is not None:
+            return licence
         if is_from_package(task.folder):
             return MechanismNote(licence=NOT_STATED, redistribute=False, recipe=FOREIGN)
         return MechanismNote(licence=self.licence or NOT_STATED, licence_files=self.licence_files)
@@ -123,13 +123,13 @@ def check_published(notes: CorpusTable, tasks: Iterable[Task], models: Path, who
         if task is None:
             if whole and any(name == one.mechanism for name, _ in known):
                 cases = sorted(case for name, case in known if name == one.mechanism)
-                raise Location(models / FILE, f"published[{k}]").wrong(
+                raise Location(models / FILE, f"published[{k}]").make_error(
                     "case", f'case = "{one.case}"', f"a case of {one.mechanism}", f'case = "{cases[0]}"'
                 )
             continue
         if one.at_s is not None and abs(task.time - one.at_s).min() > 1e-6 * task.case.sample:
             near = float(task.time[abs(task.time - one.at_s).argmin()])
-            raise Location(models / FILE, f"published[{k}]").wrong(
+            raise Location(models / FILE, f"published[{k}]").make_error(
                 "at_s",
                 f"at_s = {one.at_s:g}",
                 f"a sample of the case, every {task.case.sample:g} s",

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from crosscheck.corpus.audit import Audited
+from crosscheck.corpus.audit import AuditRow
 from crosscheck.corpus.consensus import AGREES, CLOSED_FORM, CONSENSUS, DISAGREEMENT, REACHED, SINGLE, CaseConsensus
 from crosscheck.corpus.entry import CLASSES, FLOOR_REASON
 from crosscheck.corpus.folder import Corpus
@@ -30,7 +30,7 @@ HEIGHT = 150.0
 POINTS = 400
 
 
-def render(corpus: Corpus, cases: Iterable[CaseConsensus], audited: Sequence[Audited] = ()) -> None:
+def render(corpus: Corpus, cases: Iterable[CaseConsensus], audited: Sequence[AuditRow] = ()) -> None:
     """Write ``index.html``, a page per case, and the audit's page where there is one, below a corpus that is ours."""
     env = prepare_templates()
     env.globals |= {"STATUS": VERDICTS, "STATUSES": MEANINGS}
@@ -88,17 +88,17 @@ def _make_group(rows: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
 
 def draw_sketches(case: CaseConsensus) -> list[dict[str, Any]]:
     """Return a sketch of every torque that has a consensus: points of its band in a picture [px], and its ends [unit]."""
-    found = []
+    sketches = []
     for one in case.series:
         if one.quantity in WHOLE and one.status in REACHED and one.interval is not None:
             low = float(one.interval.low.min())
             high = float(one.interval.high.max())
             edge, line = draw_band(case.task.time, one.interval.low, one.interval.high)
             end = float(case.task.time[-1])
-            found.append(
+            sketches.append(
                 {"name": one.name, "unit": one.unit, "low": low, "high": high, "end": end, "band": edge, "line": line}
             )
-    return found
+    return sketches
 
 
 def draw_band(time: Array, low: Array, high: Array) -> tuple[str, str]:

@@ -13,7 +13,7 @@ from crosscheck.lifting.printed import compute_half_digit
 
 
 @dataclass(frozen=True)
-class Beside:
+class PublishedComparison:
     """A published number and what stands beside it: low and high end of the consensus [unit], None where there is none.
 
     agrees : it lies there up to its digits; distance : from the nearer end [unit], 0 inside
@@ -31,7 +31,7 @@ class Beside:
         return "largest magnitude" if self.value.at_s is None else f"at {self.value.at_s:g} s"
 
 
-def compare_published(case: CaseConsensus, values: Iterable[PublishedValue]) -> Iterator[Beside]:
+def compare_published(case: CaseConsensus, values: Iterable[PublishedValue]) -> Iterator[PublishedComparison]:
     """Yield the published numbers of a case [unit of each] with its consensus."""
     known = {one.name: one for one in case.series}
     for value in values:
@@ -39,9 +39,9 @@ def compare_published(case: CaseConsensus, values: Iterable[PublishedValue]) -> 
             yield _compare_value(case, value, known.get(value.series))
 
 
-def _compare_value(case: CaseConsensus, value: PublishedValue, one: SeriesConsensus | None) -> Beside:
+def _compare_value(case: CaseConsensus, value: PublishedValue, one: SeriesConsensus | None) -> PublishedComparison:
     if one is None or one.interval is None or one.unit != value.unit:
-        return Beside(value, None, None, None, None)
+        return PublishedComparison(value, None, None, None, None)
     low = one.interval.low
     high = one.interval.high
     if value.at_s is None:
@@ -51,4 +51,6 @@ def _compare_value(case: CaseConsensus, value: PublishedValue, one: SeriesConsen
         k = int(np.abs(case.task.time - value.at_s).argmin())
         ends = float(low[k]), float(high[k])
     distance = max(ends[0] - value.value, value.value - ends[1], 0.0)
-    return Beside(value, *ends, distance <= (value.digits or compute_half_digit(repr(value.value))), distance)
+    return PublishedComparison(
+        value, *ends, distance <= (value.digits or compute_half_digit(repr(value.value))), distance
+    )

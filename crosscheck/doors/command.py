@@ -42,12 +42,12 @@ class ProgramError(RuntimeError):
     """A program that did not come to its end: how it ended, and what it said last."""
 
 
-def open_adapter(name: str, mechanism: str, settings: Mapping[str, Any]) -> Program:
-    """Return the adapter of a program; mechanism : its folder; settings : see `Program`."""
-    return Program(name, Path(mechanism).name, settings)
+def open_adapter(name: str, mechanism: str, settings: Mapping[str, Any]) -> ProgramAdapter:
+    """Return the adapter of a program; mechanism : its folder; settings : see `ProgramAdapter`."""
+    return ProgramAdapter(name, Path(mechanism).name, settings)
 
 
-class Program:
+class ProgramAdapter:
     """The adapter of one program.
 
     settings : command (words), folder (in which it runs), refine, cases, version, abilities, blind (nothing of ours in reach)

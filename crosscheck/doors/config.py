@@ -64,7 +64,7 @@ class ConfigTable(Table):
     engines: dict[str, Any] = make_key("tables [engines.NAME]", "[engines.mine]", default={})
 
 
-def find_config(models: Path, stated: Path | None = None) -> Path | None:
+def find_config(models: Path, path: Path | None = None) -> Path | None:
     """Return the file of a folder of models: the one that is stated, or the nearest one above; None where there is none.
 
     Raises InputError for one that may not be used.
@@ -75,8 +75,8 @@ def find_config(models: Path, stated: Path | None = None) -> Path | None:
             raise InputError(
                 f"{file} is refused: a folder of models is data and names no programs; move it to {inside.parent}"
             )
-    if stated is not None:
-        return check_file(stated, inside)
+    if path is not None:
+        return check_file(path, inside)
     for folder in list_parent_folders(inside.parent):
         if (folder / FILE).exists():
             return check_file(folder / FILE, inside)
@@ -113,22 +113,24 @@ def check_file(file: Path, models: Path) -> Path:
 def read_rows(file: Path) -> dict[str, EngineRow]:
     """Return the engines of a file by name.  Raises InputError that says where, what was given and what to write."""
     table = check_table(ConfigTable, read_toml(file), Location(file))
-    made = {}
+    rows = {}
     for name, data in table.engines.items():
         where = Location(file, f"engines.{name}")
         if not NAME.fullmatch(name):
             expected = "letters, digits, ., _ and -, beginning with a letter or digit"
-            raise where.wrong("", f"an engine called {name!r}", expected, "[engines.mine]")
+            raise where.make_error("", f"an engine called {name!r}", expected, "[engines.mine]")
         row = check_table(EngineRow, data, where)
         kinds = [kind for kind in ("command", "fmu", "python") if getattr(row, kind) is not None]
         if len(kinds) != 1 and (kinds or not row.limits):  # limits alone: of an engine that is installed
             given = " and ".join(kinds) or "none of them"
-            raise where.wrong("", given, "one of command, fmu and python", 'command = ["./mine", "{kit}", "{out}"]')
+            raise where.make_error(
+                "", given, "one of command, fmu and python", 'command = ["./mine", "{kit}", "{out}"]'
+            )
         if row.command is not None and not any("{out}" in word for word in row.command):
             write = 'command = ["./mine", "{kit}", "{out}"]'
-            raise where.wrong("command", "no {out}", "the folder that it writes into", write)
-        made[name] = row
-    return made
+            raise where.make_error("command", "no {out}", "the folder that it writes into", write)
+        rows[name] = row
+    return rows
 
 
 def list_limits(name: str, row: EngineRow) -> tuple[Limit, ...]:

@@ -27,7 +27,7 @@ from crosscheck.doors.fmu_description import (
     is_forward,
     read_description,
 )
-from crosscheck.doors.fmu_replay import ForwardFmu
+from crosscheck.doors.fmu_replay import ForwardFmuAdapter
 from crosscheck.engines.base import Options, sample_times
 from crosscheck.kit.resolved import UNITS, list_idle_velocities, list_quantity_series
 from crosscheck.measures.record import Record, list_effort_units, torque_series
@@ -40,7 +40,7 @@ MOST_STEPS = 4  # that a co-simulation FMU may take to answer: a chain of as man
 STANDS = 1e-12  # of the largest output: an answer that changes less from one step to the next has come
 
 
-def open_adapter(name: str, mechanism: str, settings: Mapping[str, Any]) -> Fmu | ForwardFmu:
+def open_adapter(name: str, mechanism: str, settings: Mapping[str, Any]) -> FmuAdapter | ForwardFmuAdapter:
     """Return the adapter of an FMU; mechanism : its folder; settings : fmu (path), cases, version, abilities.
 
     In the path ``{mechanism}`` is the name of the mechanism's folder: FMUs of many mechanisms are one engine.
@@ -48,11 +48,11 @@ def open_adapter(name: str, mechanism: str, settings: Mapping[str, Any]) -> Fmu 
     folder = Path(mechanism).name
     path = Path(settings["fmu"].replace(PLACE, folder))
     if path.is_file() and is_forward(read_description(path)):
-        return ForwardFmu(path, folder, settings)
-    return Fmu(path, folder, settings)
+        return ForwardFmuAdapter(path, folder, settings)
+    return FmuAdapter(path, folder, settings)
 
 
-class Fmu:
+class FmuAdapter:
     """The adapter of one FMU: it has the physics of its own mechanism, whatever it is asked for."""
 
     repeatable = False
@@ -135,9 +135,9 @@ def find_start_values(description: Any, mechanism: Mechanism, case: Case) -> dic
     units = {f"{joint.name}.start": UNITS[joint.kind][0][0] for joint in mechanism.joints if joint.nv == 1}
     stated = {v.name for v in description.modelVariables if v.causality == "parameter"}
     wanted = {name: unit for name, unit in units.items() if name in stated}
-    found = find_variables(description, wanted, "parameter")
+    variables = find_variables(description, wanted, "parameter")
     begins = {name: np.ravel(case.start.get(name.removesuffix(".start"), 0.0)) for name in wanted}
-    return {one.valueReference: float(begins[one.name][0]) for one in found}
+    return {one.valueReference: float(begins[one.name][0]) for one in variables}
 
 
 class Instance:
@@ -187,13 +187,15 @@ class Instance:
             self._fmu.setReal(to, row.tolist())
             values = np.array(self._fmu.getReal(of))
             if self.kind == "co-simulation":
-                values, steps = self._settled(of, values, now, spacing)
+                values, steps = self._evaluate_settled_outputs(of, values, now, spacing)
                 most = max(most, steps[0])
                 now = now + steps[1] * spacing
             rows.append(values)
         return np.array(rows).reshape(len(table), len(of)), most
 
-    def _settled(self, of: list[int], values: Array, now: float, spacing: float) -> tuple[Array, tuple[int, int]]:
+    def _evaluate_settled_outputs(
+        self, of: list[int], values: Array, now: float, spacing: float
+    ) -> tuple[Array, tuple[int, int]]:
         """Return the outputs that stand while the inputs are held, in how many steps they came, and all that were made."""
         steps = 0
         for made in range(1, MOST_STEPS + 1):

@@ -56,7 +56,7 @@ def find_variables(description: Any, wanted: Mapping[str, str], causality: str) 
     Raises InputError for one that is missing or in another unit.
     """
     known = {variable.name: variable for variable in description.modelVariables}
-    found = []
+    variables = []
     for name, unit in wanted.items():
         variable = known.get(name)
         if variable is None or variable.causality != causality:
@@ -65,8 +65,8 @@ def find_variables(description: Any, wanted: Mapping[str, str], causality: str) 
         said = variable.unit or (variable.declaredType.unit if variable.declaredType is not None else None)
         if said not in SAME_UNIT[unit]:
             raise InputError(f"the FMU's {name!r} is in {said or 'no unit'}, expected {SAME_UNIT[unit][0]}")
-        found.append(variable)
-    return found
+        variables.append(variable)
+    return variables
 
 
 def check_feedthrough(description: Any, inputs: list[Any], outputs: list[Any]) -> None:

@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 
 from crosscheck.doors.fmu_description import find_variables, read_description
-from crosscheck.engines.shared.replay import Array, Drive
+from crosscheck.engines.shared.replay import Array, DriveTorques
 from crosscheck.kit.resolved import UNITS
 from crosscheck.lifting.rigid import apply_placement, turned
 from crosscheck.measures.record import list_effort_units
@@ -31,7 +31,7 @@ from flexinv.model.mechanism import WORLD, Joint, Mechanism, Placement
 TURN = 2.0 * np.pi  # [rad]: what a helical joint's pitch counts
 
 
-class ForwardFmu:
+class ForwardFmuAdapter:
     """The adapter of one forward FMU: it is asked for no torques, but replays those of others."""
 
     repeatable = False
@@ -59,7 +59,7 @@ class ForwardFmu:
         """Raise InputError: it gives no torques."""
         raise InputError(self.unsupported(mechanism, case, engine))
 
-    def replay(self, mechanism: Mechanism, drive: Drive) -> dict[str, Array]:
+    def replay(self, mechanism: Mechanism, drive: DriveTorques) -> dict[str, Array]:
         """Return the paths of the links' tips, by link (samples, 3) [m], at the times of the torque.
 
         Raises InputError where the FMU is not what the door asks for, or is another mechanism's.
@@ -77,7 +77,7 @@ class ForwardFmu:
         return {link.name: np.array([at[link.name] for at in tips]) for link in mechanism.links}
 
 
-def _integrate_torques(path: Path, mechanism: Mechanism, drive: Drive) -> Array:
+def _integrate_torques(path: Path, mechanism: Mechanism, drive: DriveTorques) -> Array:
     """Return the coordinates (samples, nq) [rad], [m] to which the torques move an FMU."""
     description = read_description(path)
     moving = [joint for joint in mechanism.joints if joint.nv]
@@ -90,15 +90,15 @@ def _integrate_torques(path: Path, mechanism: Mechanism, drive: Drive) -> Array:
             raise InputError(f'the FMU\'s {output.name!r} cannot be set where it starts; write initial="exact" there')
     folder = importlib.import_module("fmpy").extract(str(path))
     try:
-        with Moving(description, folder) as fmu:
+        with ForwardInstance(description, folder) as fmu:
             fmu.begin([one.valueReference for one in outputs], drive.q)
             refs = [one.valueReference for one in inputs], [one.valueReference for one in outputs]
-            return np.array(list(fmu.steps(refs, drive.torque, drive.spacing)))
+            return np.array(list(fmu.integrate_steps(refs, drive.torque, drive.spacing)))
     finally:
         shutil.rmtree(folder, ignore_errors=True)
 
 
-class Moving:
+class ForwardInstance:
     """One instance of a forward FMU; for model exchange where it can, else for co-simulation."""
 
     def __init__(self, description: Any, folder: str) -> None:
@@ -118,7 +118,7 @@ class Moving:
         )
         self._fmu.instantiate()
 
-    def __enter__(self) -> Moving:
+    def __enter__(self) -> ForwardInstance:
         """Return itself."""
         return self
 
@@ -138,7 +138,7 @@ class Moving:
                 pass
             self._fmu.enterContinuousTimeMode()
 
-    def steps(self, refs: tuple[list[int], list[int]], torque: Array, h: float) -> Iterator[list[float]]:
+    def integrate_steps(self, refs: tuple[list[int], list[int]], torque: Array, h: float) -> Iterator[list[float]]:
         """Yield outputs [rad], [m] at every sample; refs : of inputs, outputs; torque (samples, drives); h : between two [s]."""
         to, of = refs
         yield self._fmu.getReal(of)

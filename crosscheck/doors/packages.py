@@ -22,7 +22,7 @@ REFERENCE = re.compile(r"[A-Za-z_]\w*(\.[A-Za-z_]\w*)*(:[A-Za-z_]\w*(\.[A-Za-z_]
 
 
 @dataclass(frozen=True)
-class Point:
+class EntryPoint:
     """An entry point: name, what it leads to, and the package that states it."""
 
     name: str
@@ -30,30 +30,30 @@ class Point:
     package: str
 
 
-def list_entry_points(group: str) -> Iterator[Point]:
+def list_entry_points(group: str) -> Iterator[EntryPoint]:
     """Yield the entry points of a group, of packages other than this one, by name; nothing is imported."""
     found = metadata.entry_points(group=group)
     for one in sorted(found, key=lambda e: (e.name, e.value)):
         package = one.dist.name if one.dist is not None else one.module
         if package != "flexinv":
-            yield Point(one.name, one.value, package)
+            yield EntryPoint(one.name, one.value, package)
 
 
 def list_installed_engines() -> dict[str, Engine]:
     """Return the engines of installed packages, by name.  Raises InputError where two have one name."""
-    found: dict[str, Engine] = {}
+    installed_engines: dict[str, Engine] = {}
     for point in list_entry_points(ENGINE_GROUP):
         if not NAME.fullmatch(point.name):
             raise InputError(
                 f"package {point.package}: an engine is called {point.name!r}; expected letters, digits, ., _, -"
             )
-        if point.name in ENGINES or point.name in found:
+        if point.name in ENGINES or point.name in installed_engines:
             raise InputError(
                 f"package {point.package}: an engine is called {point.name!r}, which is taken; rename it there"
             )
         top = point.value.partition(":")[0].partition(".")[0]
-        found[point.name] = Engine(point.name, point.value, top, f"python -m pip install {point.package}")
-    return found
+        installed_engines[point.name] = Engine(point.name, point.value, top, f"python -m pip install {point.package}")
+    return installed_engines
 
 
 def resolve_reference(reference: str, folder: Path) -> Engine:

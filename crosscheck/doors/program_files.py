@@ -32,18 +32,18 @@ def compute_digests(named: Iterable[Path], project: Path) -> dict[str, str]:
     root = project.resolve()
     folders = {file.resolve().parent for file in named if file.resolve().is_relative_to(root)}
     outermost = [one for one in folders if not any(other in one.parents for other in folders)]
-    found: dict[str, str] = {}
+    digests: dict[str, str] = {}
     size = 0
     for folder in sorted(outermost):
         for file in _list_files(folder):
             size += file.stat().st_size
-            if len(found) >= MOST_FILES or size > MOST_BYTES:
+            if len(digests) >= MOST_FILES or size > MOST_BYTES:
                 raise InputError(
                     f"{folder} holds more than {MOST_FILES} files or {MOST_BYTES / 1e6:.0f} MB beside the program: trust is "
                     "given to all of them; move the program into a folder of its own"
                 )
-            found[file.relative_to(root).as_posix()] = _compute_digest(file)
-    return found
+            digests[file.relative_to(root).as_posix()] = _compute_digest(file)
+    return digests
 
 
 def _list_files(folder: Path) -> Iterator[Path]:

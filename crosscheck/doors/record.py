@@ -33,12 +33,12 @@ def list_engine_names(models: Path) -> tuple[str, ...]:
     return tuple(found)
 
 
-def open_adapter(name: str, mechanism: str, settings: Mapping[str, Any]) -> Recorded:
+def open_adapter(name: str, mechanism: str, settings: Mapping[str, Any]) -> RecordedAdapter:
     """Return the adapter of the records of an engine; mechanism : the folder that has them."""
-    return Recorded(Path(mechanism) / FOLDER / name, bool(mechanism))
+    return RecordedAdapter(Path(mechanism) / FOLDER / name, bool(mechanism))
 
 
-class Recorded:
+class RecordedAdapter:
     """The adapter of one folder of answers; it gives the same whatever mechanism it is asked for."""
 
     repeatable = False
@@ -69,11 +69,11 @@ class Recorded:
 
     def _find_answer(self, case: Case) -> Path | None:
         """Return the folder with the answer to a case."""
-        own = self._folder / case.name
-        if own.is_dir():
-            if not own.resolve().is_relative_to(self._folder.resolve()):
-                raise InputError(f"{own} leads out of its folder; expected an answer")
-            return own
+        answer = self._folder / case.name
+        if answer.is_dir():
+            if not answer.resolve().is_relative_to(self._folder.resolve()):
+                raise InputError(f"{answer} leads out of its folder; expected an answer")
+            return answer
         if not (self._folder / "series.csv").exists() and not (self._folder / "meta.json").exists():
             return None
         return self._folder if self._is_for_case(case) else None

@@ -41,7 +41,7 @@ class Program:
 
 
 @dataclass(frozen=True)
-class Doors:
+class ProjectEngines:
     """The engines of a project by name, and the programs among them; config : the file that names them, None without one."""
 
     engines: Mapping[str, Engine]
@@ -79,15 +79,15 @@ class Doors:
         return f"has changed ({shown})" if files else "is new or has changed"
 
 
-def collect_doors(models: Path, stated: Path | None = None, named: Iterable[str] = ()) -> Doors:
+def collect_doors(models: Path, path: Path | None = None, named: Iterable[str] = ()) -> ProjectEngines:
     """Return the engines of a folder of models.
 
-    stated : crosscheck.toml where it is not searched; named : engines as ``module:name``
+    path : crosscheck.toml where it is not searched; named : engines as ``module:name``
     Raises InputError where a file is refused or two engines have one name.
     """
     engines = dict(ENGINES)
     _add(engines, packages.list_installed_engines().values(), "an installed package")
-    file = config.find_config(models, stated)
+    file = config.find_config(models, path)
     programs = []
     for name, row in ({} if file is None else config.read_rows(file)).items():
         assert file is not None
@@ -103,7 +103,7 @@ def collect_doors(models: Path, stated: Path | None = None, named: Iterable[str]
         f"{models}/*/records",
     )
     _add(engines, (packages.resolve_reference(reference, Path.cwd()) for reference in named), "--engine")
-    return Doors(engines, tuple(programs), file)
+    return ProjectEngines(engines, tuple(programs), file)
 
 
 def _add(engines: dict[str, Engine], more: Iterable[Engine], where: str) -> None:

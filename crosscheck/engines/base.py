@@ -17,7 +17,7 @@ from flexinv.files.load_cases import Case
 from flexinv.model.mechanism import Mechanism
 
 if TYPE_CHECKING:
-    from crosscheck.engines.shared.replay import Drive
+    from crosscheck.engines.shared.replay import DriveTorques
     from crosscheck.lifting.description import Description
     from crosscheck.lifting.reader_dynamics import ReaderDynamics
 
@@ -67,7 +67,7 @@ class FullAdapter(Adapter, Protocol):
     def export(self, mechanism: Mechanism, case: Case, engine: str, effort: Array, folder: Path) -> None:
         """Write what the engine was given, with the expected effort (samples, nv) [N m], [N]; NotExported where it cannot."""
 
-    def replay(self, mechanism: Mechanism, drive: Drive, **settings: float) -> dict[str, Array]:
+    def replay(self, mechanism: Mechanism, drive: DriveTorques, **settings: float) -> dict[str, Array]:
         """Let torques drive the free arm; tips (samples, 3) [m] by link."""
 
     def lift(self, source: Any) -> Description:
@@ -93,8 +93,8 @@ MEMBERS = ("certify", "export", "replay", "lift", "lifts", "dynamics")
 def offered(adapter: Adapter, member: str) -> Callable[..., Any] | None:
     """Return one of ``MEMBERS`` of an adapter, None where it has none."""
     assert member in MEMBERS
-    found: Callable[..., Any] | None = getattr(adapter, member, None)
-    return found
+    result: Callable[..., Any] | None = getattr(adapter, member, None)
+    return result
 
 
 def is_repeatable(adapter: Adapter) -> bool:
@@ -116,11 +116,11 @@ def prepare_adapter(adapter: Adapter) -> None:
 def beside(module: str, member: str) -> Callable[..., Any]:
     """Return a member of an adapter that another module defines; it is imported when the member is called."""
 
-    return _Late(module, member)
+    return _LazyFunction(module, member)
 
 
 @dataclass(frozen=True)
-class _Late:
+class _LazyFunction:
     """A function of a module that is imported when it is called."""
 
     module: str

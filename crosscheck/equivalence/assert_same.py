@@ -15,7 +15,7 @@ def assert_same(a: Any, b: Any, **options: Any) -> Comparison:
     a, b, options : of `compare`
     """
     __tracebackhide__ = True
-    found = compare(a, b, **options)
-    if not found.equal:
-        raise AssertionError(render_text(found))
-    return found
+    comparison = compare(a, b, **options)
+    if not comparison.equal:
+        raise AssertionError(render_text(comparison))
+    return comparison

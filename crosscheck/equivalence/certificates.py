@@ -10,7 +10,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from crosscheck.equivalence.alignment.seats import Aligned
+from crosscheck.equivalence.alignment.member_alignment import MemberAlignment
 from crosscheck.equivalence.efforts import States, evaluate_efforts, map_efforts_back, map_states, sample_states
 from crosscheck.equivalence.tree import PASSIVE, SCALARS, Tree, build_mechanism
 from crosscheck.lifting.rigid import move_inertia
@@ -20,21 +20,23 @@ from flexinv.model.mechanism import Array
 PLACES = 4  # configurations, as in the certificate of an engine
 
 
-def list_checks(first: Tree, second: Tree, seats: Mapping[str, Aligned]) -> tuple[Check, ...]:
-    """Return the lines of a pair [unit of each line]; seats : alignment by joint of the first."""
-    names = {joint: second.members[seat.second].joint for joint, seat in seats.items()}
+def list_checks(first: Tree, second: Tree, alignments: Mapping[str, MemberAlignment]) -> tuple[Check, ...]:
+    """Return the lines of a pair [unit of each line]; alignments : alignment by joint of the first."""
+    names = {joint: second.members[seat.second].joint for joint, seat in alignments.items()}
     states = sample_states(first, count=(PLACES, 0))
-    made = [*_list_body_checks(first, second, seats)]
+    made = [*_list_body_checks(first, second, alignments)]
     if first.moving:
         made += [
             _make_check(
                 "joint-space mass matrix",
                 "kg m^2, kg",
-                *_compute_both_efforts(first, second, seats, names, states, True),
+                *_compute_both_efforts(first, second, alignments, names, states, True),
             ),
-            _make_check("gravity torque", "N m, N", *_compute_both_efforts(first, second, seats, names, states, False)),
+            _make_check(
+                "gravity torque", "N m, N", *_compute_both_efforts(first, second, alignments, names, states, False)
+            ),
         ]
-    return (*made, *_list_axis_checks(first, second, seats), *_list_drive_checks(first, second, seats))
+    return (*made, *_list_axis_checks(first, second, alignments), *_list_drive_checks(first, second, alignments))
 
 
 def _make_check(what: str, unit: str, ours: Array, theirs: Array, words: str = "") -> Check:
@@ -43,10 +45,12 @@ def _make_check(what: str, unit: str, ours: Array, theirs: Array, words: str = "
     return Check("", "", "B", what, unit, error <= EXACT * (scale or 1.0), error, scale, EXACT, words)
 
 
-def _list_body_checks(first: Tree, second: Tree, seats: Mapping[str, Aligned]) -> Iterator[Check]:
+def _list_body_checks(first: Tree, second: Tree, alignments: Mapping[str, MemberAlignment]) -> Iterator[Check]:
     masses = np.array([sum(m.mass for m in tree.members) for tree in (first, second)])
     yield _make_check("total mass", "kg", masses[:1], masses[1:])
-    pairs = [(first.members[s.first], move_inertia(s.frame, second.members[s.second].inertia)) for s in seats.values()]
+    pairs = [
+        (first.members[s.first], move_inertia(s.frame, second.members[s.second].inertia)) for s in alignments.values()
+    ]
     for what, unit, name in (
         ("masses by joint", "kg", "mass"),
         ("centres of mass by joint", "m", "com"),
@@ -60,7 +64,12 @@ def _list_body_checks(first: Tree, second: Tree, seats: Mapping[str, Aligned]) -
 
 
 def _compute_both_efforts(
-    first: Tree, second: Tree, seats: Mapping[str, Aligned], names: dict[str, str], states: States, inertia: bool
+    first: Tree,
+    second: Tree,
+    alignments: Mapping[str, MemberAlignment],
+    names: dict[str, str],
+    states: States,
+    inertia: bool,
 ) -> tuple[Array, Array]:
     """Mass matrix (columns of unit accelerations) or gravity effort of both, in A's coordinates."""
     none = np.zeros(3)
@@ -71,15 +80,17 @@ def _compute_both_efforts(
     ] if inertia else [states.still]  # fmt: skip
     found = []
     for push in pushes:
-        ours = evaluate_efforts(quiet[0], push)
-        theirs = map_efforts_back(evaluate_efforts(quiet[1], map_states(push, first, seats), names), first, seats)
-        found.append([np.hstack([side[joint] for joint in states.qd]) for side in (ours, theirs)])
+        efforts = evaluate_efforts(quiet[0], push)
+        theirs = map_efforts_back(
+            evaluate_efforts(quiet[1], map_states(push, first, alignments), names), first, alignments
+        )
+        found.append([np.hstack([side[joint] for joint in states.qd]) for side in (efforts, theirs)])
     return np.array([a for a, _ in found]), np.array([b for _, b in found])
 
 
-def _list_axis_checks(first: Tree, second: Tree, seats: Mapping[str, Aligned]) -> Iterator[Check]:
+def _list_axis_checks(first: Tree, second: Tree, alignments: Mapping[str, MemberAlignment]) -> Iterator[Check]:
     gaps = {}
-    for joint, seat in seats.items():
+    for joint, seat in alignments.items():
         one = first.members[seat.first]
         two = second.members[seat.second]
         if one.kind in SCALARS and one.kind == two.kind:
@@ -89,12 +100,15 @@ def _list_axis_checks(first: Tree, second: Tree, seats: Mapping[str, Aligned]) -
         yield _make_check("joint axes", "-", *gaps[worst], worst)
 
 
-def _list_drive_checks(first: Tree, second: Tree, seats: Mapping[str, Aligned]) -> Iterator[Check]:
+def _list_drive_checks(first: Tree, second: Tree, alignments: Mapping[str, MemberAlignment]) -> Iterator[Check]:
     for name in PASSIVE[:4]:
         values = np.array(
-            [[getattr(t.members[k], name) for t, k in ((first, s.first), (second, s.second))] for s in seats.values()]
+            [
+                [getattr(t.members[k], name) for t, k in ((first, s.first), (second, s.second))]
+                for s in alignments.values()
+            ]
         )
         if values.size and values.any():
             k = int(np.argmax(np.abs(values[:, 0] - values[:, 1])))
             words = "joint " + name.replace("_", " ")
-            yield _make_check(words, "N m s/rad, N m, kg m^2", values[k, :1], values[k, 1:], list(seats)[k])
+            yield _make_check(words, "N m s/rad, N m, kg m^2", values[k, :1], values[k, 1:], list(alignments)[k])

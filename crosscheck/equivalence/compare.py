@@ -11,14 +11,14 @@ import numpy as np
 
 from crosscheck.equivalence.alignment.align import find_alignment
 from crosscheck.equivalence.alignment.bases import list_base_differences
-from crosscheck.equivalence.alignment.seats import SAME, Aligned
-from crosscheck.equivalence.beams.bending import Felt, compute_beam_effects
-from crosscheck.equivalence.beams.held import make_rigid_mechanism
-from crosscheck.equivalence.beams.sections import Beams
+from crosscheck.equivalence.alignment.member_alignment import SAME, MemberAlignment
+from crosscheck.equivalence.beams.bending import BeamEffects, compute_beam_effects
+from crosscheck.equivalence.beams.rigid_beams import make_rigid_mechanism
+from crosscheck.equivalence.beams.sections import MatchedBeams
 from crosscheck.equivalence.certificates import list_checks
 from crosscheck.equivalence.couplings import add_coupling_differences
 from crosscheck.equivalence.difference import Difference
-from crosscheck.equivalence.digits import Digits, Sheet
+from crosscheck.equivalence.digits import PairedDigits, PrintedDigits
 from crosscheck.equivalence.efforts import evaluate_efforts, map_efforts_back, map_states, sample_states
 from crosscheck.equivalence.groups import (
     BODY,
@@ -28,22 +28,27 @@ from crosscheck.equivalence.groups import (
     join_exchanged_bodies,
     join_scaled_differences,
 )
-from crosscheck.equivalence.judge import Bench, Judged, is_rounding, judge
+from crosscheck.equivalence.judge import EffortProblem, Judgement, is_rounding, judge
 from crosscheck.equivalence.loops import list_loop_differences
 from crosscheck.equivalence.matching.match import Match, match
 from crosscheck.equivalence.matching.roots import match_roots
 from crosscheck.equivalence.members import (
     START,
-    Pair,
+    MemberPair,
     list_body_differences,
     list_drive_differences,
     list_joint_differences,
 )
-from crosscheck.equivalence.output.advice import Sides, collect_advice
+from crosscheck.equivalence.output.advice import ComparedDescriptions, collect_advice
 from crosscheck.equivalence.proof import SAMPLES, SEED, prove
-from crosscheck.equivalence.proving.features import Ground, add_feature_differences, describe_ignored, find_start_poses
+from crosscheck.equivalence.proving.features import (
+    CommonGround,
+    add_feature_differences,
+    describe_ignored,
+    find_start_poses,
+)
 from crosscheck.equivalence.proving.provers import add_dynamics
-from crosscheck.equivalence.reduce import Reduced, build_matched_trees
+from crosscheck.equivalence.reduce import ReducedTrees, build_matched_trees
 from crosscheck.equivalence.result import JUDGED, Comparison
 from crosscheck.equivalence.sources import describe_pair
 from crosscheck.equivalence.tree import Tree, build_tree
@@ -100,11 +105,11 @@ def check_comparison_options(tolerance: float, judge: Iterable[str]) -> tuple[st
 
 
 @dataclass(frozen=True)
-class Found:
+class TreeComparison:
     """Differences of two reduced trees, with the alignment of their members."""
 
-    trees: Reduced
-    seats: list[Aligned]
+    trees: ReducedTrees
+    alignments: list[MemberAlignment]
     differences: list[Difference]
     motion: Placement
 
@@ -132,39 +137,47 @@ def compare_descriptions(
     pairs = match(one, two, stated)
     beams = _build_beams(flexible, pairs)
     if any(True for _ in beams.both):
-        second = replace(second, mechanism=make_rigid_mechanism(beams.base()))
+        second = replace(second, mechanism=make_rigid_mechanism(beams.build_base_mechanism()))
         two = build_tree(second.mechanism, second.gears)
     bent = compute_beam_effects(beams)
     size = max(_compute_tree_size(one), _compute_tree_size(two))
-    printed = Digits(Sheet(one, first.printed), Sheet(two, second.printed))
-    found = _find_least_explanation(one, two, dict(pairs.pairs), size, printed)
-    trees = found.trees
-    seats = {found.trees.first.members[s.first].joint: s for s in found.seats}
+    printed = PairedDigits(PrintedDigits(one, first.printed), PrintedDigits(two, second.printed))
+    least_explanation = _find_least_explanation(one, two, dict(pairs.pairs), size, printed)
+    trees = least_explanation.trees
+    seats = {least_explanation.trees.first.members[s.first].joint: s for s in least_explanation.alignments}
     moving = {joint: seats[joint] for joint in trees.first.moving if trees.first.moving[joint] in dict(trees.pairs)}
     placed = first.root_stated and second.root_stated
-    told = [*rooted.found, *(d for d in found.differences if placed or d.cause != START)]
+    told = [*rooted.conventions, *(d for d in least_explanation.differences if placed or d.cause != START)]
     rounding = SINGLE * max(first.precision, second.precision)
     every = add_coupling_differences(one, two, pairs.pairs, moving, told, max(SAME, rounding))
     tied = first.mechanism, second.mechanism
-    every += list_loop_differences(tied, (one, two), pairs.pairs, moving, size, found.motion, max(SAME, rounding))
+    every += list_loop_differences(
+        tied, (one, two), pairs.pairs, moving, size, least_explanation.motion, max(SAME, rounding)
+    )
     states = sample_states(trees.first)
     names = {joint: trees.second.members[seat.second].joint for joint, seat in moving.items()}
     wanted: dict[str, Any] = {}
     if names:
-        theirs = evaluate_efforts(_remove_loops(second.mechanism), map_states(states, trees.first, moving), names)
-        wanted = map_efforts_back(theirs, trees.first, moving)
+        efforts = evaluate_efforts(_remove_loops(second.mechanism), map_states(states, trees.first, moving), names)
+        wanted = map_efforts_back(efforts, trees.first, moving)
     bound = max(tolerance, rounding)
-    judged = _add_beam_effects(judge(Bench(trees.first, states, wanted), [*every, *bent.differences], bound), bent)
+    judged = _add_beam_effects(
+        judge(EffortProblem(trees.first, states, wanted), [*every, *bent.differences], bound), bent
+    )
     if any(side.features or side.dynamics is not None for side in lifted):
         silent = trees.first.replace_fields(c for d in every if not d.cause for c in d.changes)
         places = sample_states(trees.first, SEED, (SAMPLES, 0))
-        ground = Ground(trees.first, places, moving, names, find_start_poses(trees.first, silent), not rooted.links)
+        ground = CommonGround(
+            trees.first, places, moving, names, find_start_poses(trees.first, silent), not rooted.links
+        )
         judged = add_feature_differences(judged, lifted, ground, ignored, bound)
-    sides = Sides((first, second), (trees.first, trees.second), {s.first: s for s in found.seats}, rooted.links)
+    sides = ComparedDescriptions(
+        (first, second), (trees.first, trees.second), {s.first: s for s in least_explanation.alignments}, rooted.links
+    )
     return Comparison(
         first=first.label, second=second.label, matched=pairs.words, judged=judged,
         certificate=list_checks(trees.first, trees.second, moving),
-        notes=(*_describe_conventions(one, two, pairs, found), *beams.describe_other_meshes(), *bent.notes),
+        notes=(*_describe_conventions(one, two, pairs, least_explanation), *beams.describe_other_meshes(), *bent.notes),
         dropped=tuple((d.label, d.dropped) for d in (first, second) if d.dropped),
         advice=collect_advice(judged, sides), tolerance=bound, bends=not all(side.is_rigid for side in flexible),
         proofs=tuple((side.label, proof) for side, proof in zip(lifted, proofs, strict=True)),
@@ -172,21 +185,21 @@ def compare_descriptions(
     )  # fmt: skip
 
 
-def _build_beams(mechanisms: tuple[Mechanism, Mechanism], pairs: Match) -> Beams:
+def _build_beams(mechanisms: tuple[Mechanism, Mechanism], pairs: Match) -> MatchedBeams:
     """The beams of both, by links whose joints are matched."""
     first, second = mechanisms
     joints = {a: b for a, b in pairs.pairs.items() if a in first.joint_of and b in second.joint_of}
     fixed = {j.child for m in mechanisms for j in m.joints if j.kind == "fixed"}
     links = {first.joint_of[a].child: second.joint_of[b].child for a, b in joints.items()}
     links |= {name: name for name in fixed if name in first.link_of and name in second.link_of and name not in links}
-    return Beams(first, second, links, joints)
+    return MatchedBeams(first, second, links, joints)
 
 
-def _add_beam_effects(judged: Judged, bent: Felt) -> Judged:
+def _add_beam_effects(judgement: Judgement, bent: BeamEffects) -> Judgement:
     """The judgement with the torques of links that bend, where those differ more."""
-    worst = max((judged.before, judged.before_effort, judged.worst_joint), bent.before)
-    after = max(judged.after, bent.after[0])
-    return replace(judged, before=worst[0], before_effort=worst[1], worst_joint=worst[2], after=after)
+    worst = max((judgement.before, judgement.before_effort, judgement.worst_joint), bent.before)
+    after = max(judgement.after, bent.after[0])
+    return replace(judgement, before=worst[0], before_effort=worst[1], worst_joint=worst[2], after=after)
 
 
 def _remove_loops(mechanism: Mechanism) -> Mechanism:
@@ -194,32 +207,38 @@ def _remove_loops(mechanism: Mechanism) -> Mechanism:
 
 
 def _compute_tree_size(tree: Tree) -> float:
-    places = np.array([pose.position for pose in tree.poses()] or np.zeros((1, 3)))
+    places = np.array([pose.position for pose in tree.compute_poses()] or np.zeros((1, 3)))
     return float(np.ptp(places, axis=0).max()) or 1.0
 
 
-def _find_least_explanation(one: Tree, two: Tree, joints: dict[str, str], size: float, printed: Digits) -> Found:
+def _find_least_explanation(
+    one: Tree, two: Tree, joints: dict[str, str], size: float, printed: PairedDigits
+) -> TreeComparison:
     """The explanation with the fewest differences: fixed links kept or merged."""
-    kept = _find_explanation(one, two, joints, True, size, printed)
-    if not _count(kept) or all(member.kind != "fixed" for member in kept.trees.first.members):
-        return kept
+    explanation = _find_explanation(one, two, joints, True, size, printed)
+    if not _count(explanation) or all(member.kind != "fixed" for member in explanation.trees.first.members):
+        return explanation
     whole = _find_explanation(one, two, joints, False, size, printed)
-    return kept if _count(kept) <= _count(whole) else whole
+    return explanation if _count(explanation) <= _count(whole) else whole
 
 
-def _count(found: Found) -> int:
+def _count(comparison: TreeComparison) -> int:
     """Differences that are no rounding, beside those of links welded to the world, which merging loses."""
-    held = {f"link {m.name}" for m in found.trees.first.members if m.kind == "fixed" and m.parent < 0}
+    held = {f"link {m.name}" for m in comparison.trees.first.members if m.kind == "fixed" and m.parent < 0}
     return sum(
-        1 for d in found.differences if d.cause and d.family != "limits" and d.place not in held and not is_rounding(d)
+        1
+        for d in comparison.differences
+        if d.cause and d.family != "limits" and d.place not in held and not is_rounding(d)
     )
 
 
-def _find_explanation(one: Tree, two: Tree, joints: dict[str, str], links: bool, size: float, printed: Digits) -> Found:
+def _find_explanation(
+    one: Tree, two: Tree, joints: dict[str, str], links: bool, size: float, printed: PairedDigits
+) -> TreeComparison:
     trees = build_matched_trees(one, two, joints, links)
     alignment = find_alignment(trees.first, trees.second, trees.pairs, size)
     members = trees.first.members, trees.second.members
-    pairs = [Pair(members[0][s.first], members[1][s.second], s, size, printed) for s in alignment.seats]
+    pairs = [MemberPair(members[0][s.first], members[1][s.second], s, size, printed) for s in alignment.alignments]
     found: list[Difference] = []
     for pair in pairs:
         own = [*list_body_differences(pair)]
@@ -231,11 +250,11 @@ def _find_explanation(one: Tree, two: Tree, joints: dict[str, str], links: bool,
         ]
     found = join_exchanged_bodies(trees.first, trees.second, pairs, found)
     base = list_base_differences(trees.first, trees.second, alignment.motion, pairs)
-    found = [*trees.found, *base, *join_equal_differences(join_scaled_differences(trees.first, found))]
-    return Found(trees, alignment.seats, found, alignment.motion)
+    found = [*trees.differences, *base, *join_equal_differences(join_scaled_differences(trees.first, found))]
+    return TreeComparison(trees, alignment.alignments, found, alignment.motion)
 
 
-def _describe_conventions(one: Tree, two: Tree, pairs: Match, found: Found) -> list[str]:
+def _describe_conventions(one: Tree, two: Tree, pairs: Match, comparison: TreeComparison) -> list[str]:
     """Conventions that change no coordinate: names, order, frames of links, merged links."""
     notes = []
     renamed = {a: b for a, b in pairs.pairs.items() if a != b}
@@ -245,8 +264,8 @@ def _describe_conventions(one: Tree, two: Tree, pairs: Match, found: Found) -> l
     if order != [joint for joint in two.moving if joint in set(order)]:
         notes.append("coordinates in another order: map them by name")
     frames = [
-        found.trees.first.members[s.first].name
-        for s in found.seats
+        comparison.trees.first.members[s.first].name
+        for s in comparison.alignments
         if np.abs(s.frame.position).max() > SAME or np.abs(s.frame.rotation - np.eye(3)).max() > SAME
     ]
     if frames:

@@ -7,7 +7,7 @@ from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import replace
 from itertools import combinations
 
-from crosscheck.equivalence.alignment.seats import SAME, Aligned
+from crosscheck.equivalence.alignment.member_alignment import SAME, MemberAlignment
 from crosscheck.equivalence.difference import Difference
 from crosscheck.equivalence.judge import is_rounding
 from crosscheck.equivalence.members import SIGN, ZERO
@@ -23,7 +23,7 @@ SHOWN = 4  # names of joints
 
 
 def add_coupling_differences(
-    one: Tree, two: Tree, pairs: Mapping[str, str], seats: Mapping[str, Aligned], found: Iterable[Difference],
+    one: Tree, two: Tree, pairs: Mapping[str, str], alignments: Mapping[str, MemberAlignment], differences: Iterable[Difference],
     tolerance: float = SAME,
 ) -> list[Difference]:  # fmt: skip
     """Return the differences given and those of couplings [-], [rad], [m]: laws  sum factor q = offset  in A's coordinates.
@@ -33,20 +33,20 @@ def add_coupling_differences(
     A law that both files write alike, over a coordinate that counts another way in B, moves what it couples another way.  That is
     one difference, of the coordinate, and counts as a difference of what drives add: a convention is what no torque feels.
     """
-    back = {theirs: ours for ours, theirs in pairs.items()}
-    ours = dict(_list_coupling_laws(one))
+    back = {second: first for first, second in pairs.items()}
+    first = dict(_list_coupling_laws(one))
     plain = dict(_list_coupling_laws(two, back))
-    theirs = {key: _map_law(law, back, seats) for key, law in plain.items()}
-    apart = [key for key in ours if key in theirs and not _is_same_law(ours[key], theirs[key], tolerance)]
-    told = list(found)
+    second = {key: _map_law(law, back, alignments) for key, law in plain.items()}
+    apart = [key for key in first if key in second and not _is_same_law(first[key], second[key], tolerance)]
+    told = list(differences)
     counted = [(d.cause, d.place.removeprefix("joint ")) for d in told if d.cause in CONVENTIONS]
     follows = _find_following_couplings(
-        {key: (ours[key], plain[key]) for key in apart}, back, seats, counted, tolerance
+        {key: (first[key], plain[key]) for key in apart}, back, alignments, counted, tolerance
     )
     told = [_move_to_drive_family(difference, follows) for difference in told]
-    for key in [*ours, *(k for k in theirs if k not in ours)]:
-        a = ours.get(key)
-        b = theirs.get(key)
+    for key in [*first, *(k for k in second if k not in first)]:
+        a = first.get(key)
+        b = second.get(key)
         place = "joints " + ", ".join(sorted(key))
         if a is None or b is None:
             side, law = ("A", a) if b is None else ("B", b)
@@ -74,19 +74,19 @@ def _is_same_law(a: Law, b: Law, tolerance: float) -> bool:
 def _find_following_couplings(
     apart: Mapping[Joints, tuple[Law, Law]],
     back: Mapping[str, str],
-    seats: Mapping[str, Aligned],
+    alignments: Mapping[str, MemberAlignment],
     counted: list[Counted],
     tolerance: float,
 ) -> Follows:
     """Couplings that differ because coordinates count another way: with the fewest of them, and with those of most couplings."""
     ways: dict[Joints, list[tuple[Counted, ...]]] = {}
-    for key, (ours, theirs) in apart.items():
+    for key, (first, second) in apart.items():
         for number in range(1, MOST + 1):
-            tried = combinations([one for one in counted if one[1] in key and one[1] in seats], number)
+            tried = combinations([one for one in counted if one[1] in key and one[1] in alignments], number)
             alike = [
                 some
                 for some in tried
-                if _is_same_law(ours, _map_law(theirs, back, _drop_coordinate_changes(seats, some)), tolerance)
+                if _is_same_law(first, _map_law(second, back, _drop_coordinate_changes(alignments, some)), tolerance)
             ]
             if alike:
                 ways[key] = alike
@@ -95,12 +95,14 @@ def _find_following_couplings(
     return {key: max(alike, key=lambda some: sum(often[one] for one in some)) for key, alike in ways.items()}
 
 
-def _drop_coordinate_changes(seats: Mapping[str, Aligned], some: Iterable[Counted]) -> dict[str, Aligned]:
+def _drop_coordinate_changes(
+    alignments: Mapping[str, MemberAlignment], some: Iterable[Counted]
+) -> dict[str, MemberAlignment]:
     """The alignments as if some coordinates counted in B as in A."""
-    found = dict(seats)
+    result = dict(alignments)
     for cause, name in some:
-        found[name] = replace(found[name], sign=1.0) if cause == SIGN else replace(found[name], offset=0.0)
-    return found
+        result[name] = replace(result[name], sign=1.0) if cause == SIGN else replace(result[name], offset=0.0)
+    return result
 
 
 def _move_to_drive_family(difference: Difference, follows: Follows) -> Difference:
@@ -129,15 +131,15 @@ def _scale_law(law: Law) -> Law:
     return {name: factor / lead for name, factor in factors.items()}, offset / lead
 
 
-def _map_law(law: Law, back: Mapping[str, str], seats: Mapping[str, Aligned]) -> Law:
+def _map_law(law: Law, back: Mapping[str, str], alignments: Mapping[str, MemberAlignment]) -> Law:
     """B's law in A's coordinates: q_B = sign (q_A - offset)."""
     factors = {}
     offset = law[1]
     for name, factor in law[0].items():
-        ours = back.get(name, name)
-        seat = seats.get(ours)
+        first = back.get(name, name)
+        seat = alignments.get(first)
         sign, zero = (seat.sign, seat.offset) if seat is not None else (1.0, 0.0)
-        factors[ours] = factor * sign
+        factors[first] = factor * sign
         offset += factor * sign * zero
     return _scale_law((factors, offset))
 

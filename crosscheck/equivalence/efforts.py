@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from crosscheck.equivalence.alignment.seats import Aligned
+from crosscheck.equivalence.alignment.member_alignment import MemberAlignment
 from crosscheck.equivalence.tree import SCALARS, Member, Tree, build_mechanism
 from crosscheck.lifting.rigid import (
     apply_placement,
@@ -106,12 +106,12 @@ def _sample_fourier_series(rng: np.random.Generator, count: int, reach: float) -
 
 
 def _sample_poses(member: Member, rng: np.random.Generator, count: int) -> list[Placement]:
-    found = []
+    poses = []
     for _ in range(count):
         axis = rng.standard_normal(3)
         place = rng.uniform(-1, 1, 3) if member.kind == "free" else np.zeros(3)
-        found.append(Placement(place, turned(axis / np.linalg.norm(axis), rng.uniform(0, 3))))
-    return found
+        poses.append(Placement(place, turned(axis / np.linalg.norm(axis), rng.uniform(0, 3))))
+    return poses
 
 
 def evaluate_efforts(
@@ -124,7 +124,7 @@ def evaluate_efforts(
     if not states.qd:
         return {}  # nothing moves
     names = joints if joints is not None else {name: name for name in states.qd}
-    back = {theirs: ours for ours, theirs in names.items()}
+    back = {second: first for first, second in names.items()}
     count = len(next(iter(states.qd.values())))
     q = np.tile(mechanism.neutral, (count, 1))
     qd = np.zeros((count, mechanism.nv))
@@ -164,14 +164,14 @@ def evaluate_tree_efforts(tree: Tree, states: States) -> dict[str, Array]:
     return evaluate_efforts(build_mechanism(tree), states)
 
 
-def map_states(states: States, tree: Tree, seats: Mapping[str, Aligned]) -> States:
+def map_states(states: States, tree: Tree, alignments: Mapping[str, MemberAlignment]) -> States:
     """Return states of A as states of B, by joint of A [rad], [m]."""
     q = {}
     poses = {}
     qd = {}
     qdd = {}
     for joint, k in tree.moving.items():
-        seat = seats[joint]
+        seat = alignments[joint]
         kind = tree.members[k].kind
         if kind in SCALARS:
             q[joint] = seat.sign * (states.q[joint] - seat.offset)
@@ -187,13 +187,15 @@ def map_states(states: States, tree: Tree, seats: Mapping[str, Aligned]) -> Stat
     return States(q, poses, qd, qdd)
 
 
-def map_efforts_back(found: Mapping[str, Array], tree: Tree, seats: Mapping[str, Aligned]) -> dict[str, Array]:
+def map_efforts_back(
+    values: Mapping[str, Array], tree: Tree, alignments: Mapping[str, MemberAlignment]
+) -> dict[str, Array]:
     """Return efforts of B as efforts of A's coordinates [N m], [N]."""
     made = {}
     for joint, k in tree.moving.items():
         kind = tree.members[k].kind
-        dual = seats[joint].sign if kind in SCALARS else _build_velocity_map(kind, seats[joint].frame)
-        made[joint] = found[joint] * dual if kind in SCALARS else found[joint] @ dual
+        dual = alignments[joint].sign if kind in SCALARS else _build_velocity_map(kind, alignments[joint].frame)
+        made[joint] = values[joint] * dual if kind in SCALARS else values[joint] @ dual
     return made
 
 

@@ -7,9 +7,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from crosscheck.equivalence.alignment.seats import SAME, SEEN
+from crosscheck.equivalence.alignment.member_alignment import SAME, SEEN
 from crosscheck.equivalence.difference import Difference
-from crosscheck.equivalence.members import Pair, list_body_differences
+from crosscheck.equivalence.members import MemberPair, list_body_differences
 from crosscheck.equivalence.tree import Member, Tree, join_bodies
 from crosscheck.lifting.rigid import move_inertia
 from flexinv.model.mechanism import Array, Inertia, Placement
@@ -28,34 +28,34 @@ FIELDS = {
 FIELDS |= {"rotor inertia": "rotor_inertia", "damping": "damping", "dry friction": "friction"}
 
 
-def find_missing_links(pair: Pair) -> Difference | None:
+def find_missing_links(pair: MemberPair) -> Difference | None:
     """Return the links whose bodies only one of them has, where that is all that differs of a member [kg]."""
     one = pair.one
-    there = move_inertia(pair.seat.frame, pair.two.inertia)
-    ours = dict(one.parts)
-    theirs = {name: move_inertia(pair.seat.frame, body) for name, body in pair.two.parts}
-    for side, mine, others, target in (("A", ours, theirs, there), ("B", theirs, ours, one.inertia)):
+    there = move_inertia(pair.alignment.frame, pair.two.inertia)
+    first = dict(one.parts)
+    second = {name: move_inertia(pair.alignment.frame, body) for name, body in pair.two.parts}
+    for side, mine, others, target in (("A", first, second, there), ("B", second, first, one.inertia)):
         for lost in _list_missing_candidates(mine, others):
-            left = join_bodies(body for name, body in mine.items() if name not in lost)
-            if _is_same_body(left, target, pair.size):
+            bodies = join_bodies(body for name, body in mine.items() if name not in lost)
+            if _is_same_body(bodies, target, pair.size):
                 return _make_missing_difference(pair, side, lost, mine, there)
     return None
 
 
-def find_differing_body(pair: Pair) -> list[Difference]:
+def find_differing_body(pair: MemberPair) -> list[Difference]:
     """Return the differences of one body of several that make up a member, where that body is all that differs.
 
     Bodies have counterparts by their names; or one body of either is what the whole of the other leaves beside its others,
     however the other merged or split them.
     """
-    ours = dict(pair.one.parts)
-    theirs = {n: move_inertia(pair.seat.frame, body) for n, body in pair.two.parts}
-    if len(ours) == len(pair.one.parts) > 1 and ours.keys() == theirs.keys():
-        found = {name: list(_list_part_differences(pair, name, ours[name], theirs[name])) for name in ours}
+    first = dict(pair.one.parts)
+    second = {n: move_inertia(pair.alignment.frame, body) for n, body in pair.two.parts}
+    if len(first) == len(pair.one.parts) > 1 and first.keys() == second.keys():
+        found = {name: list(_list_part_differences(pair, name, first[name], second[name])) for name in first}
         # What is no more than rounding of turned frames is put right with it.
         off = [own for own in found.values() if _list_with_cause(own)]
         return [d for own in found.values() for d in own] if len(off) == 1 else []
-    tried = [own for own in (_list_single_body_differences(pair, ours), _find_body_of_second(pair, theirs)) if own]
+    tried = [own for own in (_list_single_body_differences(pair, first), _find_body_of_second(pair, second)) if own]
     return min(tried, key=lambda own: len(_list_with_cause(own)), default=[])
 
 
@@ -67,12 +67,12 @@ def find_counterpart(parts: Mapping[str, Inertia], rest: Inertia, size: float) -
     return ""
 
 
-def _list_single_body_differences(pair: Pair, ours: dict[str, Inertia]) -> list[Difference]:
+def _list_single_body_differences(pair: MemberPair, ours: dict[str, Inertia]) -> list[Difference]:
     """The differences of one body of A, where those are fewer than those of the whole."""
     if len(ours) < max(2, len(pair.one.parts)):
         return []
     whole = _list_with_cause(list_body_differences(pair))
-    there = move_inertia(pair.seat.frame, pair.two.inertia)
+    there = move_inertia(pair.alignment.frame, pair.two.inertia)
     tried = []
     for name, body in ours.items():
         rest = join_bodies(other for own, other in ours.items() if own != name)
@@ -82,7 +82,7 @@ def _list_single_body_differences(pair: Pair, ours: dict[str, Inertia]) -> list[
     return best if best and len(_list_with_cause(best)) < len(whole) else []
 
 
-def _find_body_of_second(pair: Pair, theirs: dict[str, Inertia]) -> list[Difference]:
+def _find_body_of_second(pair: MemberPair, theirs: dict[str, Inertia]) -> list[Difference]:
     """The difference of one body of B, where that body's alone stands for two or more of the whole."""
     whole = list(list_body_differences(pair))
     one = pair.one.inertia
@@ -98,8 +98,8 @@ def _find_body_of_second(pair: Pair, theirs: dict[str, Inertia]) -> list[Differe
     return []
 
 
-def _list_with_cause(found: Iterable[Difference]) -> list[Difference]:
-    return [d for d in found if d.cause]
+def _list_with_cause(differences: Iterable[Difference]) -> list[Difference]:
+    return [d for d in differences if d.cause]
 
 
 def _compute_body_remainder(whole: Inertia, part: Inertia) -> Inertia:
@@ -108,20 +108,20 @@ def _compute_body_remainder(whole: Inertia, part: Inertia) -> Inertia:
     com = (whole.mass * whole.com - part.mass * part.com) / mass
     arms = [(body.mass, body.com - com) for body in (whole, part)]
     about = [m * (float(d @ d) * np.eye(3) - np.outer(d, d)) for m, d in arms]
-    return Inertia.stated(mass, com, whole.tensor + about[0] - part.tensor - about[1])
+    return Inertia.build_unchecked(mass, com, whole.tensor + about[0] - part.tensor - about[1])
 
 
-def _list_part_differences(pair: Pair, name: str, one: Inertia, two: Inertia) -> Iterator[Difference]:
+def _list_part_differences(pair: MemberPair, name: str, one: Inertia, two: Inertia) -> Iterator[Difference]:
     """Yield the differences of one body of a member, each with a change of that body."""
-    seat = replace(pair.seat, frame=Placement())
+    seat = replace(pair.alignment, frame=Placement())
     for d in list_body_differences(
-        replace(pair, one=_make_body_member(pair, name, one), two=_make_body_member(pair, name, two), seat=seat)
+        replace(pair, one=_make_body_member(pair, name, one), two=_make_body_member(pair, name, two), alignment=seat)
     ):
         changes = tuple((index, f"part {field_name} {name}", value) for index, field_name, value in d.changes)
         yield replace(d, place=f"body {name} (on link {pair.one.name})", changes=changes)
 
 
-def _make_body_member(pair: Pair, name: str, body: Inertia) -> Member:
+def _make_body_member(pair: MemberPair, name: str, body: Inertia) -> Member:
     return replace(pair.one, name=name, mass=body.mass, com=body.com, tensor=body.tensor, parts=((name, body),))
 
 
@@ -146,20 +146,22 @@ def _is_same_body(one: Inertia, two: Inertia, size: float, tolerance: float = SA
 
 
 def _make_missing_difference(
-    pair: Pair, side: str, lost: tuple[str, ...], mine: dict[str, Inertia], there: Inertia
+    pair: MemberPair, side: str, lost: tuple[str, ...], mine: dict[str, Inertia], there: Inertia
 ) -> Difference:
     mass = sum(mine[name].mass for name in lost)
     values = (f"{mass:.9g} kg", "none") if side == "A" else ("none", f"{mass:.9g} kg")
     place = ("link " if len(lost) == 1 else "links ") + ", ".join(lost)
-    changes = tuple(pair.change(n, v) for n, v in (("mass", there.mass), ("com", there.com), ("tensor", there.tensor)))
+    changes = tuple(
+        pair.make_change(n, v) for n, v in (("mass", there.mass), ("com", there.com), ("tensor", there.tensor))
+    )
     return Difference("rigid", f"body that only {side} has", place, mass, "kg", *values, changes)
 
 
 def join_exchanged_bodies(
-    first: Tree, second: Tree, pairs: Iterable[Pair], found: list[Difference]
+    first: Tree, second: Tree, pairs: Iterable[MemberPair], differences: list[Difference]
 ) -> list[Difference]:
     """Return the differences with bodies that stand at one another's link as one each."""
-    off = {d.place for d in found if d.cause in BODY}
+    off = {d.place for d in differences if d.cause in BODY}
     by_place = {pair.link: pair for pair in pairs if pair.link in off}
     used: set[str] = set()
     made = []
@@ -168,14 +170,16 @@ def join_exchanged_bodies(
             if place >= other or {place, other} & used or not _is_exchanged_pair(pair, that):
                 continue
             used |= {place, other}
-            changes = [c for d in found if d.place in (place, other) and d.cause in (*BODY, "") for c in d.changes]
+            changes = [
+                c for d in differences if d.place in (place, other) and d.cause in (*BODY, "") for c in d.changes
+            ]
             size = abs(pair.one.mass - that.one.mass)
             words = f"{place} and {other}"
             made.append(Difference("rigid", "bodies exchanged", words, size, "kg", "", "", tuple(changes)))
-    return made + [d for d in found if not (d.place in used and d.cause in (*BODY, ""))]
+    return made + [d for d in differences if not (d.place in used and d.cause in (*BODY, ""))]
 
 
-def _is_exchanged_pair(one: Pair, two: Pair) -> bool:
+def _is_exchanged_pair(one: MemberPair, two: MemberPair) -> bool:
     """Return True if each has the other's body, and not its own to rounding: two alike are not exchanged."""
     alike = _has_equal_inertia(one.one, one.two, one.size, SEEN) and _has_equal_inertia(
         two.one, two.two, one.size, SEEN
@@ -189,34 +193,34 @@ def _has_equal_inertia(one: Member, two: Member, size: float, tolerance: float =
     return bool(one.mass) and _is_same_body(one.inertia, two.inertia, size, tolerance)
 
 
-def join_scaled_differences(first: Tree, found: list[Difference]) -> list[Difference]:
+def join_scaled_differences(first: Tree, differences: list[Difference]) -> list[Difference]:
     """Return the differences with one factor on all numbers of a kind as one each."""
     for cause, name in FIELDS.items():
-        own = [d for d in found if d.cause == cause]
+        own = [d for d in differences if d.cause == cause]
         factors = [factor for d in own if (factor := _find_common_factor(first, d, name)) is not None]
         if len(own) < ALL or len(factors) < len(own) or np.ptp(factors) > 1e-6 * abs(factors[0]):
             continue
         if len(own) == sum(bool(np.any(_read_member_field(m, name))) for m in first.members):
-            found = [d for d in found if d.cause != cause]
-            found.append(_join_differences(own, factors[0]))
-    return found
+            differences = [d for d in differences if d.cause != cause]
+            differences.append(_join_differences(own, factors[0]))
+    return differences
 
 
-def join_equal_differences(found: list[Difference]) -> list[Difference]:
+def join_equal_differences(differences: list[Difference]) -> list[Difference]:
     """Return the differences with the same two numbers of drives in several joints as one each [unit of each]."""
     for cause in ALIKE:
-        own = [d for d in found if d.cause == cause and d.place.startswith("joint ")]
+        own = [d for d in differences if d.cause == cause and d.place.startswith("joint ")]
         for pair in dict.fromkeys((d.first, d.second) for d in own):
             same = [d for d in own if (d.first, d.second) == pair]
             if len(same) < ALL or len({d.unit for d in same}) > 1:
                 continue
             names = ", ".join(d.place.removeprefix("joint ") for d in same)
             changes = tuple(change for d in same for change in d.changes)
-            found = [d for d in found if d not in same]
-            found.append(
+            differences = [d for d in differences if d not in same]
+            differences.append(
                 replace(same[0], place=f"joints {names}", changes=changes, printed=max(d.printed for d in same))
             )
-    return found
+    return differences
 
 
 def _read_member_field(member: Member, name: str) -> Array:

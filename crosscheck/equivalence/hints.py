@@ -91,5 +91,5 @@ def _list_tensor_hints(one: Inertia, two: Inertia) -> Iterator[str]:
 
 def _compute_steiner_term(body: Inertia) -> Array:
     c = body.com
-    made: Array = body.mass * (float(c @ c) * np.eye(3) - np.outer(c, c))
-    return made
+    steiner_term: Array = body.mass * (float(c @ c) * np.eye(3) - np.outer(c, c))
+    return steiner_term

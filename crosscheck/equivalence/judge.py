@@ -26,7 +26,7 @@ SIGNIFICANT = 5e-3  # relative: half the last of three significant digits; to th
 
 
 @dataclass(frozen=True)
-class Judged:
+class Judgement:
     """Causes, what files round, what no torque can tell; the largest effort error [-] of its range before and after repair.
 
     before_effort : the largest difference of an effort before repair [N m], [N], and at which joint
@@ -45,23 +45,25 @@ class Judged:
 
 
 @dataclass(frozen=True)
-class Bench:
+class EffortProblem:
     """The tree of A, states, and B's efforts there in A's coordinates [N m], [N]; kinds : A's moving joints as B has them."""
 
     tree: Tree
     states: States
-    wanted: Mapping[str, Array]
+    target_efforts: Mapping[str, Array]
 
-    def efforts(self, differences: Iterable[Difference]) -> dict[str, Array]:
+    def compute_efforts(self, differences: Iterable[Difference]) -> dict[str, Array]:
         """Return the efforts of A with the changes of differences [N m], [N]."""
         return evaluate_tree_efforts(self.tree.replace_fields(c for d in differences for c in d.changes), self.states)
 
-    def share(self, found: Mapping[str, Array], wanted: Mapping[str, Array]) -> Share:
+    def compute_share(self, values: Mapping[str, Array], targets: Mapping[str, Array]) -> Share:
         """Return the largest difference over the range of B's effort [-], the difference there [N m], [N], and its joint."""
-        return compute_effort_share(found, wanted, self.wanted)
+        return compute_effort_share(values, targets, self.target_efforts)
 
 
-def compute_effort_share(found: Mapping[str, Array], wanted: Mapping[str, Array], scale: Mapping[str, Array]) -> Share:
+def compute_effort_share(
+    values: Mapping[str, Array], targets: Mapping[str, Array], scale: Mapping[str, Array]
+) -> Share:
     """Return the largest difference over the range of its effort [-], the difference there [N m], [N], and its joint.
 
     scale : efforts by joint (samples, nv) whose sizes are the ranges [N m], [N]; of the smallest ones FLOOR times the largest
@@ -71,22 +73,22 @@ def compute_effort_share(found: Mapping[str, Array], wanted: Mapping[str, Array]
     worst = (0.0, 0.0, "")
     for name, own in sizes.items():
         size = np.maximum(own, FLOOR * largest)
-        gap = np.abs(found[name] - wanted[name]).max(axis=0, initial=0.0)
+        gap = np.abs(values[name] - targets[name]).max(axis=0, initial=0.0)
         k = int(np.argmax(gap / size)) if gap.size else 0
         if gap.size and gap[k] / size[k] > worst[0]:
             worst = (float(gap[k] / size[k]), float(gap[k]), name)
     return worst
 
 
-def judge(bench: Bench, found: Iterable[Difference], tolerance: float) -> Judged:
+def judge(bench: EffortProblem, differences: Iterable[Difference], tolerance: float) -> Judgement:
     """Sort differences by what they do to efforts; tolerance : relative to the range of an effort [-]."""
-    found = list(found)
-    silent = [d for d in found if not d.cause]
-    acting = [d for d in found if d.cause and d.changes and d.family in ("rigid", "drive")]
-    stated = [d for d in found if d.cause and not d.changes and d.family in ("rigid", "drive")]
-    whole = bench.efforts([*silent, *acting])
-    after = bench.share(whole, bench.wanted)
-    before = bench.share(bench.efforts(silent), bench.wanted)
+    differences = list(differences)
+    silent = [d for d in differences if not d.cause]
+    acting = [d for d in differences if d.cause and d.changes and d.family in ("rigid", "drive")]
+    stated = [d for d in differences if d.cause and not d.changes and d.family in ("rigid", "drive")]
+    whole = bench.compute_efforts([*silent, *acting])
+    after = bench.compute_share(whole, bench.target_efforts)
+    before = bench.compute_share(bench.compute_efforts(silent), bench.target_efforts)
     measured = [_compute_effect(bench, d, [*silent, *acting], whole) for d in acting]
     rounding = [d for d in measured if is_rounding(d)]
     rest = [d for d in measured if not is_rounding(d)]
@@ -97,17 +99,17 @@ def judge(bench: Bench, found: Iterable[Difference], tolerance: float) -> Judged
         bench, silent + rounding + placed, [d for d in rest if d not in placed], whole, tolerance
     )
     rest = [*placed, *rest]
-    small = bench.efforts([*silent, *rest, *unseen]) if rounding else whole
-    bent = [d for d in found if d.family == "beam"]  # measured already, with torques of their own
+    small = bench.compute_efforts([*silent, *rest, *unseen]) if rounding else whole
+    bent = [d for d in differences if d.family == "beam"]  # measured already, with torques of their own
     stated += [d for d in bent if d.share is None or d.share > tolerance]
     unseen += [d for d in bent if d.share is not None and d.share <= tolerance]
-    conventions = [d for d in found if d.family == "convention"]
-    limits = [d for d in found if d.family == "limits"]
+    conventions = [d for d in differences if d.family == "convention"]
+    limits = [d for d in differences if d.family == "limits"]
     causes = sorted([*stated, *rest], key=lambda d: (d.family != "rigid", not d.structural, -(d.share or 0.0)))
-    return Judged(
+    return Judgement(
         tuple(causes), (*rounding, *(d for d in [*conventions, *limits] if is_rounding(d))), tuple(unseen),
         tuple(d for d in conventions if not is_rounding(d)), tuple(d for d in limits if not is_rounding(d)),
-        before[0], after[0], before[1], before[2], bench.share(small, whole)[1],
+        before[0], after[0], before[1], before[2], bench.compute_share(small, whole)[1],
     )  # fmt: skip
 
 
@@ -131,15 +133,19 @@ def _find_largest_number(text: str) -> float:
 
 
 def _compute_effect(
-    bench: Bench, difference: Difference, every: list[Difference], whole: Mapping[str, Array]
+    bench: EffortProblem, difference: Difference, every: list[Difference], whole: Mapping[str, Array]
 ) -> Difference:
-    without = bench.efforts(d for d in every if d is not difference)
-    share, effort, _ = bench.share(without, whole)
+    without = bench.compute_efforts(d for d in every if d is not difference)
+    share, effort, _ = bench.compute_share(without, whole)
     return replace(difference, effect=effort, share=share)
 
 
 def _find_minimal_differences(
-    bench: Bench, always: list[Difference], acting: list[Difference], whole: Mapping[str, Array], tolerance: float
+    bench: EffortProblem,
+    always: list[Difference],
+    acting: list[Difference],
+    whole: Mapping[str, Array],
+    tolerance: float,
 ) -> tuple[list[Difference], list[Difference]]:
     """Leave out, one after the other, what leaves no more than the tolerance; then all of a link, then all of rigid bodies."""
     kept = list(acting)
@@ -147,7 +153,7 @@ def _find_minimal_differences(
 
     def can_drop(group: list[Difference]) -> bool:
         rest = [d for d in kept if d not in group]
-        return bool(group) and bench.share(bench.efforts([*always, *rest]), whole)[0] <= tolerance
+        return bool(group) and bench.compute_share(bench.compute_efforts([*always, *rest]), whole)[0] <= tolerance
 
     small = [[d] for d in sorted(acting, key=lambda d: d.share or 0.0) if (d.share or 0.0) <= tolerance]
     bodies = [d for d in acting if d.family == "rigid" and d.cause in ("mass", "centre of mass", "inertia tensor")]

@@ -16,7 +16,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from crosscheck.equivalence.alignment.seats import SAME, Aligned
+from crosscheck.equivalence.alignment.member_alignment import SAME, MemberAlignment
 from crosscheck.equivalence.difference import Difference
 from crosscheck.equivalence.tree import Tree
 from crosscheck.lifting.rigid import apply_placement, compute_angle, compute_relative_pose, inverse
@@ -24,7 +24,7 @@ from flexinv.model.mechanism import WORLD, Array, Attachment, Closure, Mechanism
 
 
 @dataclass(frozen=True)
-class Tied:
+class MemberClosure:
     """A closure between two members of A, "" the world: kind, and its frames there [m]; axis (3,) [-] in both frames."""
 
     kind: str
@@ -46,7 +46,7 @@ class Tied:
 
 
 @dataclass(frozen=True)
-class Side:
+class ComparedMechanism:
     """A mechanism and its tree; joints by which A calls them; frames : of a member in A's, by joint of A, "" the world [m]."""
 
     mechanism: Mechanism
@@ -59,40 +59,40 @@ def list_loop_differences(
     mechanisms: tuple[Mechanism, Mechanism],
     trees: tuple[Tree, Tree],
     pairs: Mapping[str, str],
-    seats: Mapping[str, Aligned],
+    alignments: Mapping[str, MemberAlignment],
     size: float,
     motion: Placement,
     tolerance: float = SAME,
 ) -> Iterator[Difference]:
     """Yield loops that only one closes [-], and those of both whose points or axes differ [m], [rad].
 
-    mechanisms, trees : of both, not reduced; pairs : joints of A by those of B; seats : alignment by joint of A
+    mechanisms, trees : of both, not reduced; pairs : joints of A by those of B; alignments : alignment by joint of A
     size : [m]; motion : of B's world in A's [m]
     tolerance : of points over the size [-] and of axes [rad]: rounding of the readers' numbers
     """
-    frames = {"": motion} | {joint: seat.frame for joint, seat in seats.items()}
+    frames = {"": motion} | {joint: seat.frame for joint, seat in alignments.items()}
     own = {joint: joint for joint in pairs}
-    back = {theirs: ours for ours, theirs in pairs.items()}
-    ours = list(_list_closures(Side(mechanisms[0], trees[0], own, {})))
-    theirs = list(_list_closures(Side(mechanisms[1], trees[1], back, frames)))
-    for one in ours:
-        like = [other for other in theirs if other.key == one.key]
+    back = {second: first for first, second in pairs.items()}
+    first = list(_list_closures(ComparedMechanism(mechanisms[0], trees[0], own, {})))
+    second = list(_list_closures(ComparedMechanism(mechanisms[1], trees[1], back, frames)))
+    for one in first:
+        like = [other for other in second if other.key == one.key]
         if not like:
             yield _make_lone_difference("A", one)
             continue
         nearest = min(like, key=lambda other: sum(_compute_closure_gaps(one, other)))
-        theirs.remove(nearest)
+        second.remove(nearest)
         yield from _compare_closures(one, nearest, size, tolerance)
-    for other in theirs:
+    for other in second:
         yield _make_lone_difference("B", other)
 
 
-def _make_lone_difference(side: str, one: Tied) -> Difference:
+def _make_lone_difference(side: str, one: MemberClosure) -> Difference:
     a, b = (one.place, "none") if side == "A" else ("none", one.place)
     return Difference("rigid", f"loop that only {side} closes", one.place, 1.0, "-", a, b, structural=True)
 
 
-def _compare_closures(one: Tied, other: Tied, size: float, tolerance: float) -> Iterator[Difference]:
+def _compare_closures(one: MemberClosure, other: MemberClosure, size: float, tolerance: float) -> Iterator[Difference]:
     way, turn = _compute_closure_gaps(one, other)
     if way > tolerance * size:
         shown = [" and ".join(map(_format_point, (tied.first, tied.second))) for tied in (one, other)]
@@ -105,7 +105,7 @@ def _format_point(end: Placement) -> str:
     return " ".join(f"{x:.9g}" for x in end.position)
 
 
-def _compute_closure_gaps(one: Tied, other: Tied) -> tuple[float, float]:
+def _compute_closure_gaps(one: MemberClosure, other: MemberClosure) -> tuple[float, float]:
     """Distance [m] and angle [rad] by which two closures of one kind differ."""
     if one.kind == "fixed":
         ways = [apply_placement(tied.first, inverse(tied.second)) for tied in (one, other)]
@@ -127,9 +127,9 @@ def _compute_closure_gaps(one: Tied, other: Tied) -> tuple[float, float]:
     return max(*off, abs(along[0] - along[1])), max(turns)
 
 
-def _list_closures(side: Side) -> Iterator[Tied]:
+def _list_closures(side: ComparedMechanism) -> Iterator[MemberClosure]:
     """Closures of one side, each with its ends in A's frames, the joint that comes first in the alphabet first."""
-    poses = side.tree.poses()
+    poses = side.tree.compute_poses()
     number = {member.name: k for k, member in enumerate(side.tree.members)}
     for closure in side.mechanism.closures:
         if closure.kind == "coupling":
@@ -138,16 +138,16 @@ def _list_closures(side: Side) -> Iterator[Tied]:
         yield _make_ordered_closure(closure, ends)
 
 
-def _make_ordered_closure(closure: Closure, ends: list[tuple[str, Placement]]) -> Tied:
+def _make_ordered_closure(closure: Closure, ends: list[tuple[str, Placement]]) -> MemberClosure:
     links = (closure.first.link, closure.second.link)
     if ends[1][0] < ends[0][0]:
         ends = ends[::-1]
         links = links[::-1]
-    return Tied(closure.kind, (ends[0][0], ends[1][0]), ends[0][1], ends[1][1], closure.axis, links)
+    return MemberClosure(closure.kind, (ends[0][0], ends[1][0]), ends[0][1], ends[1][1], closure.axis, links)
 
 
 def _find_attachment(
-    side: Side, poses: list[Placement], number: Mapping[str, int], at: Attachment
+    side: ComparedMechanism, poses: list[Placement], number: Mapping[str, int], at: Attachment
 ) -> tuple[str, Placement]:
     """The matched joint of A that carries an attachment, "" for the world, and its frame in that member of A [m]."""
     k = -1 if at.link == WORLD else number[at.link]

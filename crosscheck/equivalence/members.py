@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from crosscheck.equivalence.alignment.seats import SAME, Aligned
+from crosscheck.equivalence.alignment.member_alignment import SAME, MemberAlignment
 from crosscheck.equivalence.difference import Change, Difference
-from crosscheck.equivalence.digits import VECTOR, Digits
+from crosscheck.equivalence.digits import VECTOR, PairedDigits
 from crosscheck.equivalence.hints import describe_factor, describe_tensor_change, describe_vector_change
 from crosscheck.equivalence.tree import SCALARS, Member
 from crosscheck.lifting.rigid import apply_placement, compute_angle, move_inertia
@@ -36,14 +36,14 @@ TURN = 2 * np.pi  # [rad]
 
 
 @dataclass(frozen=True)
-class Pair:
+class MemberPair:
     """A member of A with the one of B, and how they are aligned; size : of the machines [m]; printed : digits of both."""
 
     one: Member
     two: Member
-    seat: Aligned
+    alignment: MemberAlignment
     size: float
-    printed: Digits
+    printed: PairedDigits
 
     @property
     def joint(self) -> str:
@@ -55,33 +55,33 @@ class Pair:
         """Return the link in words."""
         return f"link {self.one.name}"
 
-    def of_joint(self, quantity: str) -> float:
+    def compute_joint_rounding(self, quantity: str) -> float:
         """Return the part of a joint that printed digits leave open [the quantity's unit]; 0 where none are printed."""
-        return self.printed.joint(self.one, self.two, quantity)
+        return self.printed.compute_joint_rounding(self.one, self.two, quantity)
 
-    def of_body(self, quantity: str) -> float:
+    def compute_body_rounding(self, quantity: str) -> float:
         """Return the part of a body that printed digits leave open [the quantity's unit]; 0 where none are printed."""
-        return self.printed.body(self.one, self.two, quantity)
+        return self.printed.compute_body_rounding(self.one, self.two, quantity)
 
-    def change(self, name: str, value: Any) -> Change:
+    def make_change(self, name: str, value: Any) -> Change:
         """Return the change of one field of A's member [unit of the field]."""
-        return self.seat.first, name, value
+        return self.alignment.first, name, value
 
 
-def list_member_differences(pair: Pair) -> Iterator[Difference]:
+def list_member_differences(pair: MemberPair) -> Iterator[Difference]:
     """Yield every difference of two matched members [unit of each]."""
     yield from list_joint_differences(pair)
     yield from list_body_differences(pair)
     yield from list_drive_differences(pair)
 
 
-def list_joint_differences(pair: Pair) -> Iterator[Difference]:
+def list_joint_differences(pair: MemberPair) -> Iterator[Difference]:
     """Yield differences of kind, place, axis [m], [rad], and of how the coordinate counts."""
     one = pair.one
     two = pair.two
-    seat = pair.seat
+    seat = pair.alignment
     if one.kind != two.kind:
-        own = (pair.change("kind", two.kind), pair.change("axis", seat.frame.rotation @ two.axis))
+        own = (pair.make_change("kind", two.kind), pair.make_change("axis", seat.frame.rotation @ two.axis))
         yield Difference("rigid", "kind of joint", pair.joint, 1.0, "-", one.kind, two.kind, own, structural=True)
         return
     yield from _compare_placement(pair)
@@ -90,8 +90,8 @@ def list_joint_differences(pair: Pair) -> Iterator[Difference]:
     axis = seat.frame.rotation @ two.axis * seat.sign
     tilt = float(np.arctan2(np.linalg.norm(np.cross(one.axis, axis)), one.axis @ axis))
     if tilt > SAME:
-        digits = pair.of_joint("axis") + pair.of_joint("rotation")
-        changes = (pair.change("axis", axis),)
+        digits = pair.compute_joint_rounding("axis") + pair.compute_joint_rounding("rotation")
+        changes = (pair.make_change("axis", axis),)
         shown = format_vector(one.axis), format_vector(axis)
         yield Difference("rigid", "joint axis", pair.joint, tilt, "rad", *shown, changes, printed=digits)
     elif tilt > 0.0:
@@ -102,16 +102,16 @@ def list_joint_differences(pair: Pair) -> Iterator[Difference]:
     if seat.sign < 0:
         yield Difference("convention", SIGN, pair.joint, 2.0, "-", "+", "-", hints=_describe_unchanged_limits(pair))
     if abs(seat.offset) > SAME * (pair.size if unit == "m" else 1.0):
-        digits = pair.of_joint("shift" if unit == "m" else "zero")
+        digits = pair.compute_joint_rounding("shift" if unit == "m" else "zero")
         yield Difference(
             "convention", ZERO, pair.joint, abs(seat.offset), unit, "0", f"{seat.offset:.9g}",
             hints=(*describe_factor(seat.offset, 0.0), *_describe_unchanged_limits(pair)), printed=digits,
         )  # fmt: skip
 
 
-def _compare_placement(pair: Pair) -> Iterator[Difference]:
+def _compare_placement(pair: MemberPair) -> Iterator[Difference]:
     one = pair.one
-    rest = pair.seat.rest
+    rest = pair.alignment.rest
     way = float(np.linalg.norm(rest.position))
     turn = compute_angle(rest.rotation)
     target = apply_placement(one.placement, rest)
@@ -119,28 +119,28 @@ def _compare_placement(pair: Pair) -> Iterator[Difference]:
         yield from _compare_start_pose(pair, target, way, turn)
         return
     if way > SAME * pair.size:
-        changes = (pair.change("placement position", target.position),)
+        changes = (pair.make_change("placement position", target.position),)
         shown = format_vector(one.placement.position), format_vector(target.position)
         hints = describe_vector_change(target.position, one.placement.position)
-        digits = pair.of_joint("position")
+        digits = pair.compute_joint_rounding("position")
         yield Difference("rigid", "position of joint", pair.joint, way, "m", *shown, changes, hints, printed=digits)
     elif way > 0.0:
         yield _make_silent_difference(pair, "placement position", target.position)
     if turn > SAME:
-        changes = (pair.change("placement rotation", target.rotation),)
-        digits = pair.of_joint("rotation")
+        changes = (pair.make_change("placement rotation", target.rotation),)
+        digits = pair.compute_joint_rounding("rotation")
         shown = _format_rpy(one.placement.rotation), _format_rpy(target.rotation)
         yield Difference("rigid", "orientation of joint", pair.joint, turn, "rad", *shown, changes, printed=digits)
     elif turn > 0.0:
         yield _make_silent_difference(pair, "placement rotation", target.rotation)
 
 
-def _make_silent_difference(pair: Pair, name: str, value: Any) -> Difference:
+def _make_silent_difference(pair: MemberPair, name: str, value: Any) -> Difference:
     """Put right a difference too small to be named: many of them add up."""
-    return Difference("rigid", "", pair.joint, 0.0, "-", "", "", (pair.change(name, value),))
+    return Difference("rigid", "", pair.joint, 0.0, "-", "", "", (pair.make_change(name, value),))
 
 
-def _compare_start_pose(pair: Pair, target: Placement, way: float, turn: float) -> Iterator[Difference]:
+def _compare_start_pose(pair: MemberPair, target: Placement, way: float, turn: float) -> Iterator[Difference]:
     """Compare the pose of a floating base at zero [m], [rad]: its coordinates count from there; what acts on it is the same."""
     one = pair.one
     yield _make_silent_difference(pair, "placement position", target.position)
@@ -154,72 +154,72 @@ def _compare_start_pose(pair: Pair, target: Placement, way: float, turn: float) 
             yield Difference("convention", START, pair.joint, size, unit, a, b, hints=hints)
 
 
-def list_body_differences(pair: Pair) -> Iterator[Difference]:
+def list_body_differences(pair: MemberPair) -> Iterator[Difference]:
     """Yield differences of mass [kg], centre of mass [m] and tensor [kg m^2] of a link."""
     one = pair.one
-    there = move_inertia(pair.seat.frame, pair.two.inertia)
+    there = move_inertia(pair.alignment.frame, pair.two.inertia)
     if abs(there.mass - one.mass) > SAME * max(one.mass, there.mass):
         yield _make_scalar_difference(pair, "rigid", "mass", "mass", there.mass, "kg", pair.link)
     gap = float(np.linalg.norm(there.com - one.com))
     if there.mass and (one.mass or one.tensor.any()) and gap > SAME * pair.size:
         shown = format_vector(one.com), format_vector(there.com)
         hints = describe_vector_change(there.com, one.com)
-        changes = (pair.change("com", there.com),)
-        digits = VECTOR * pair.of_body("com")
+        changes = (pair.make_change("com", there.com),)
+        digits = VECTOR * pair.compute_body_rounding("com")
         yield Difference("rigid", "centre of mass", pair.link, gap, "m", *shown, changes, hints, printed=digits)
     elif gap > 0.0:
-        yield Difference("rigid", "", pair.link, 0.0, "-", "", "", (pair.change("com", there.com),))
+        yield Difference("rigid", "", pair.link, 0.0, "-", "", "", (pair.make_change("com", there.com),))
     off = float(np.abs(there.tensor - one.tensor).max())
     if off > SAME * max(float(np.abs(one.tensor).max()), float(np.abs(there.tensor).max())):
         shown = _format_tensor(one.tensor), _format_tensor(there.tensor)
         hints = describe_tensor_change(one.inertia, there)
-        changes = (pair.change("tensor", there.tensor),)
-        digits = pair.of_body("tensor")
+        changes = (pair.make_change("tensor", there.tensor),)
+        digits = pair.compute_body_rounding("tensor")
         yield Difference("rigid", "inertia tensor", pair.link, off, "kg m^2", *shown, changes, hints, printed=digits)
 
 
-def list_drive_differences(pair: Pair) -> Iterator[Difference]:
+def list_drive_differences(pair: MemberPair) -> Iterator[Difference]:
     """Yield differences of rotor, damping, friction, spring, gear [-] and limits."""
     one = pair.one
     two = pair.two
-    seat = pair.seat
+    seat = pair.alignment
     if one.kind == "fixed":
         return
     for name, (cause, turning, sliding) in DRIVES.items():
-        ours = getattr(one, name)
-        theirs = getattr(two, name)
-        if abs(ours - theirs) > SAME * max(abs(ours), abs(theirs)):
+        first = getattr(one, name)
+        second = getattr(two, name)
+        if abs(first - second) > SAME * max(abs(first), abs(second)):
             unit = sliding if one.kind == "prismatic" else turning
-            yield _make_scalar_difference(pair, "drive", cause, name, theirs, unit)
+            yield _make_scalar_difference(pair, "drive", cause, name, second, unit)
     rest = seat.sign * two.rest + seat.offset
     if one.stiffness and two.stiffness and abs(rest - one.rest) > SAME:
         yield _make_scalar_difference(
             pair, "drive", "rest of spring", "rest", rest, "m" if one.kind == "prismatic" else "rad"
         )
     elif two.stiffness and rest != one.rest:
-        yield Difference("drive", "", pair.joint, 0.0, "-", "", "", (pair.change("rest", rest),))
+        yield Difference("drive", "", pair.joint, 0.0, "-", "", "", (pair.make_change("rest", rest),))
     if one.gear and two.gear and abs(one.gear - seat.sign * two.gear) > SAME * abs(one.gear):
         yield _make_scalar_difference(pair, "drive", "gear", "gear", seat.sign * two.gear, "-")
     yield from _compare_limits(pair)
 
 
-def _compare_limits(pair: Pair) -> Iterator[Difference]:
+def _compare_limits(pair: MemberPair) -> Iterator[Difference]:
     """Limits, B's in A's coordinate; one that a file does not state is none."""
-    ours = pair.one.limits
-    theirs = _map_limits(pair.two.limits, pair.seat)
+    first = pair.one.limits
+    second = _map_limits(pair.two.limits, pair.alignment)
     # Where the coordinate counts otherwise and its range was left, that is one thing, which the convention says.
-    left = (pair.seat.sign < 0 or pair.seat.offset) and _close(ours, pair.two.limits)
+    left = (pair.alignment.sign < 0 or pair.alignment.offset) and _close(first, pair.two.limits)
     unit = "m" if pair.one.kind == "prismatic" else "rad"
     units = dict(zip(BOUNDS, (unit, unit, "N" if unit == "m" else "N m", f"{unit}/s"), strict=True))
     for name in BOUNDS[2:] if left else BOUNDS:
-        a = _resolve_limit(getattr(ours, name))
-        b = _resolve_limit(getattr(theirs, name))
+        a = _resolve_limit(getattr(first, name))
+        b = _resolve_limit(getattr(second, name))
         if name in BOUNDS[:2] and np.isfinite(a) != np.isfinite(b):
             values = ("none", f"{b:.9g}") if np.isfinite(b) else (f"{a:.9g}", "none")
-            changes = (pair.change(f"limits {name}", b),)
+            changes = (pair.make_change(f"limits {name}", b),)
             yield Difference("limits", f"{name} limit", pair.joint, 1.0, "-", values[0], values[1], changes)
         if np.isfinite(a) and np.isfinite(b) and abs(a - b) > SAME * max(abs(a), abs(b), 1e-3):
-            changes = (pair.change(f"limits {name}", b),)
+            changes = (pair.make_change(f"limits {name}", b),)
             digits = 0.5e-4 * max(abs(a), abs(b))
             yield Difference(
                 "limits", f"{name} limit", pair.joint, abs(b - a), units[name], f"{a:.9g}", f"{b:.9g}", changes,
@@ -231,20 +231,20 @@ def _resolve_limit(limit: float) -> float:
     return limit if abs(limit) < UNBOUND else float(np.copysign(np.inf, limit))
 
 
-def _describe_unchanged_limits(pair: Pair) -> tuple[str, ...]:
+def _describe_unchanged_limits(pair: MemberPair) -> tuple[str, ...]:
     """Words where the limits are the same numbers although the coordinate counts otherwise: the sign of a mistake."""
-    ours = pair.one.limits
-    theirs = pair.two.limits
-    if not np.isfinite(ours.lower) or not _close(ours, theirs):
+    first = pair.one.limits
+    second = pair.two.limits
+    if not np.isfinite(first.lower) or not _close(first, second):
         return ()
-    seats = [pair.seat]
+    seats = [pair.alignment]
     if pair.one.kind == "revolute":  # a whole turn on, a hinge is in the same place
-        seats += [replace(pair.seat, offset=pair.seat.offset + way) for way in (-TURN, TURN)]
-    return () if any(_close(ours, _map_limits(theirs, seat)) for seat in seats) else (LEFT_LIMITS,)
+        seats += [replace(pair.alignment, offset=pair.alignment.offset + way) for way in (-TURN, TURN)]
+    return () if any(_close(first, _map_limits(second, seat)) for seat in seats) else (LEFT_LIMITS,)
 
 
-def _map_limits(limits: Limits, seat: Aligned) -> Limits:
-    ends = sorted((seat.sign * limits.lower + seat.offset, seat.sign * limits.upper + seat.offset))
+def _map_limits(limits: Limits, alignment: MemberAlignment) -> Limits:
+    ends = sorted((alignment.sign * limits.lower + alignment.offset, alignment.sign * limits.upper + alignment.offset))
     return Limits(limits.effort, limits.velocity, *ends)
 
 
@@ -255,13 +255,13 @@ def _close(one: Limits, two: Limits) -> bool:
 
 
 def _make_scalar_difference(
-    pair: Pair, family: str, cause: str, name: str, value: float, unit: str, place: str = ""
+    pair: MemberPair, family: str, cause: str, name: str, value: float, unit: str, place: str = ""
 ) -> Difference:
-    ours = float(getattr(pair.one, name))
-    digits = pair.of_body(name) if place else pair.of_joint(name)
+    first = float(getattr(pair.one, name))
+    digits = pair.compute_body_rounding(name) if place else pair.compute_joint_rounding(name)
     return Difference(
-        family, cause, place or pair.joint, abs(value - ours), unit, f"{ours:.9g}", f"{value:.9g}",
-        (pair.change(name, value),), describe_factor(value, ours), printed=digits,
+        family, cause, place or pair.joint, abs(value - first), unit, f"{first:.9g}", f"{value:.9g}",
+        (pair.make_change(name, value),), describe_factor(value, first), printed=digits,
     )  # fmt: skip
 
 

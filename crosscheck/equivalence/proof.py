@@ -37,7 +37,7 @@ LOST = "not reproduced"
 
 
 @dataclass(frozen=True)
-class Lost:
+class EffortGap:
     """A joint whose effort the mechanism does not reproduce.
 
     joint : its name; gap : largest difference of its effort [N m], [N]; share : of the range of that effort [-]
@@ -64,7 +64,7 @@ class Proof:
 
     state: str
     reader: str = ""
-    lost: tuple[Lost, ...] = ()
+    lost: tuple[EffortGap, ...] = ()
     worst: float = 0.0
     reason: str = ""
 
@@ -96,17 +96,17 @@ def prove(description: Description) -> Proof:
         return Proof(PROVEN, reader)
     off = list_feature_names(description)
     states = sample_states(tree, SEED, (SAMPLES, 0))
-    ours = evaluate_efforts(remove_ties(description.mechanism), states)
+    efforts = evaluate_efforts(remove_ties(description.mechanism), states)
     try:
-        theirs = evaluate_reader_efforts(description, states, without=off)
+        reader_efforts = evaluate_reader_efforts(description, states, without=off)
         ties = check_ties(description.mechanism, description.dynamics, off)
     except InputError as error:
         return Proof(UNPROVEN, reader, reason=f"{reader}: {error}")
     held = SINGLE if max(description.precision, description.dynamics.precision) > 0.0 else HELD
-    found = _judge_efforts(reader, ours, theirs, held)
+    found = _judge_efforts(reader, efforts, reader_efforts, held)
     if ties.state == UNJUDGED:
-        return replace(found, reason=ties.words)
-    return replace(found, state=LOST, reason=ties.words) if ties.state == TIES_LOST else found
+        return replace(found, reason=ties.reason)
+    return replace(found, state=LOST, reason=ties.reason) if ties.state == TIES_LOST else found
 
 
 def list_feature_names(description: Description) -> frozenset[str]:
@@ -143,7 +143,7 @@ def remove_ties(mechanism: Mechanism) -> Mechanism:
 def _judge_efforts(reader: str, ours: Mapping[str, Array], theirs: Mapping[str, Array], held: float) -> Proof:
     sizes = {name: np.maximum(np.abs(ours[name]), np.abs(theirs[name])).max(axis=0) for name in ours}
     largest = max(float(np.nan_to_num(size).max(initial=0.0)) for size in sizes.values())
-    lost: list[Lost] = []
+    lost: list[EffortGap] = []
     worst = 0.0
     for name, size in sizes.items():
         gap = np.abs(ours[name] - theirs[name]).max(axis=0)
@@ -151,7 +151,7 @@ def _judge_efforts(reader: str, ours: Mapping[str, Array], theirs: Mapping[str, 
         wrong = ~(gap <= np.maximum(held * size, ROUNDING * largest))  # what is no number is wrong, too
         if wrong.any():
             k = int(np.argmax(np.where(wrong, np.nan_to_num(share, nan=np.inf), -1.0)))
-            lost.append(Lost(name, float(gap[k]), float(share[k])))
+            lost.append(EffortGap(name, float(gap[k]), float(share[k])))
         worst = max(worst, float(share[size > HELD * largest].max(initial=0.0)))
     if lost:
         lost.sort(key=lambda one: -np.nan_to_num(one.share, nan=np.inf))

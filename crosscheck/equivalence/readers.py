@@ -21,7 +21,7 @@ REFERENCE = {"urdf": "flexinv", "mjcf": "mujoco", "sdf": "drake"}
 
 
 @dataclass(frozen=True)
-class Loaded:
+class ReaderRow:
     """One row: a reader, its moving joints, their mass [kg], and what differs from the first reader; words where it refuses.
 
     dropped : what the reader leaves out or takes for granted, a line each
@@ -31,8 +31,8 @@ class Loaded:
     joints: str
     mass: str
     result: str
-    words: str
-    found: Comparison | None = None
+    refusal: str
+    comparison: Comparison | None = None
     dropped: tuple[str, ...] = ()
 
     @property
@@ -43,14 +43,14 @@ class Loaded:
             "joints": self.joints,
             "mass": self.mass,
             "result": self.result,
-            "words": self.words,
+            "words": self.refusal,
             "dropped": list(self.dropped),
         }
-        return own | ({"comparison": self.found.plain} if self.found is not None else {})
+        return own | ({"comparison": self.comparison.plain} if self.comparison is not None else {})
 
 
 @dataclass(frozen=True)
-class Measure:
+class ComparisonSettings:
     """Settings of a comparison of readers: tolerance of efforts relative to their range [-], families that count, strictness.
 
     ignored : names of features that are left out; unproven : none needs to be held against a reader's own model
@@ -69,20 +69,23 @@ def run_function_here(function: Callable[..., T], file: str, *arguments: Any) ->
 
 
 def compare_readers(
-    file: str, wanted: str = "all", measure: Measure | None = None, way: Callable[..., Any] = run_function_here
-) -> list[Loaded]:
+    file: str,
+    target: str = "all",
+    measure: ComparisonSettings | None = None,
+    way: Callable[..., Any] = run_function_here,
+) -> list[ReaderRow]:
     """Return a row for every reader of a file, first that which the others are held against; what one refuses is in its row.
 
-    wanted : "all", or engines by comma; way : to call a function for a file, such as in a process of its own
+    target : "all", or engines by comma; way : to call a function for a file, such as in a process of its own
     Raises InputError for a file that nobody has a reader for.
     """
-    measure = measure or Measure()
+    measure = measure or ComparisonSettings()
     check_comparison_options(measure.tolerance, measure.families)
     kind, known = way(_find_format_and_readers, file)
-    names = known if wanted == "all" else [name.strip() for name in wanted.split(",") if name.strip()]
-    if not names and wanted != "all":
+    names = known if target == "all" else [name.strip() for name in target.split(",") if name.strip()]
+    if not names and target != "all":
         raise InputError(
-            f"--readers {wanted!r}: expected 'all', or engines by comma; here {', '.join(known)} read {kind.upper()}"
+            f"--readers {target!r}: expected 'all', or engines by comma; here {', '.join(known)} read {kind.upper()}"
         )
     first = _find_reference_reader(file, list(dict.fromkeys([*_list_preferred_readers(kind, known), *known])), way)
     return [
@@ -124,12 +127,14 @@ def _find_reference_reader(file: str, names: list[str], way: Callable[..., Any])
     return names[0]
 
 
-def _compare_reader_safely(file: str, first: str, name: str, measure: Measure, way: Callable[..., Any]) -> Loaded:
+def _compare_reader_safely(
+    file: str, first: str, name: str, measure: ComparisonSettings, way: Callable[..., Any]
+) -> ReaderRow:
     """The row of a reader; one that dies or comes to no end is its row alone."""
     try:
-        row: Loaded = way(_compare_reader, file, first, name, measure)
+        row: ReaderRow = way(_compare_reader, file, first, name, measure)
     except InputError as error:
-        return Loaded(name, "", "", "cannot", " ".join(str(error).split()))
+        return ReaderRow(name, "", "", "cannot", " ".join(str(error).split()))
     return row
 
 
@@ -144,17 +149,17 @@ def _describe_refusal(file: str, name: str) -> str:
     return ""
 
 
-def _compare_reader(file: str, first: str, name: str, measure: Measure) -> Loaded:
+def _compare_reader(file: str, first: str, name: str, measure: ComparisonSettings) -> ReaderRow:
     if refusal := _describe_refusal(file, name):
-        return Loaded(name, "", "", "cannot", refusal)
+        return ReaderRow(name, "", "", "cannot", refusal)
     try:
         one, two = describe_pair(f"{file}@{first}", f"{file}@{name}")
         found = compare_descriptions(one, two, measure.tolerance, {}, measure.ignored)
     except InputError as error:
-        return Loaded(name, "", "", "cannot", " ".join(str(error).split()))
+        return ReaderRow(name, "", "", "cannot", " ".join(str(error).split()))
     found = replace(found, families=measure.families, strict=measure.strict, unproven=measure.unproven)
     moving = [joint for joint in two.mechanism.joints if joint.nv]
     mass = sum(body.inertia.mass for link in two.mechanism.links for body in link.bodies)
     told = [*found.doubts, *(d.words for d in found.differences[:6])]
     words = "; ".join(told) or "; ".join(found.notes[:2])
-    return Loaded(name, str(len(moving)), f"{mass:.6g}", found.state, words, found, two.dropped)
+    return ReaderRow(name, str(len(moving)), f"{mass:.6g}", found.state, words, found, two.dropped)

@@ -12,16 +12,16 @@ from flexinv.model.mechanism import Placement
 
 
 @dataclass(frozen=True)
-class Reduced:
+class ReducedTrees:
     """Two trees with the same members: numbers of the second by those of the first, and what was held in which."""
 
     first: Tree
     second: Tree
     pairs: list[tuple[int, int]]
-    found: tuple[Difference, ...] = ()
+    differences: tuple[Difference, ...] = ()
 
 
-def build_matched_trees(first: Tree, second: Tree, joints: dict[str, str], links: bool) -> Reduced:
+def build_matched_trees(first: Tree, second: Tree, joints: dict[str, str], links: bool) -> ReducedTrees:
     """Return both trees with the members that match; links : keep fixed links that both have by name, too.
 
     joints : matched joints by joint of the first.  Joints that only one of them has are held at zero, which is a difference.
@@ -43,7 +43,7 @@ def build_matched_trees(first: Tree, second: Tree, joints: dict[str, str], links
             break
         fixed = {a: b for a, b in fixed.items() if a not in wrong}
     one, pairs, moved = _move_to_matched_parents(one, two, pairs)
-    return Reduced(one, two, sorted(pairs.items()), (*found, *moved))
+    return ReducedTrees(one, two, sorted(pairs.items()), (*found, *moved))
 
 
 def _list_unmatched_members(tree: Tree, joints: set[str], fixed: set[int]) -> list[int]:
@@ -90,11 +90,11 @@ def _list_unmatched_joints(tree: Tree, other: Tree, joints: dict[str, str], side
         )
 
 
-def _make_kind_difference(name: str, ours: str, theirs: str) -> Difference:
+def _make_kind_difference(name: str, first: str, second: str) -> Difference:
     """A joint of one name whose coordinates cannot be those of the other, such as a hinge and a ball: both are held."""
     hint = "their coordinates are none of one another: both are held at zero for the rest of the comparison"
     return Difference(
-        "rigid", "kind of joint", f"joint {name}", 1.0, "-", ours, theirs, hints=(hint,), structural=True
+        "rigid", "kind of joint", f"joint {name}", 1.0, "-", first, second, hints=(hint,), structural=True
     )  # fmt: skip
 
 
@@ -107,7 +107,7 @@ def _move_to_matched_parents(
     """
     back = {b: a for a, b in pairs.items()}
     found = []
-    poses = one.poses()
+    poses = one.compute_poses()
     members = []
     for other, index in sorted(back.items()):
         parent = two.members[other].parent

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from crosscheck.equivalence.difference import FAMILIES, Difference
-from crosscheck.equivalence.judge import Judged
+from crosscheck.equivalence.judge import Judgement
 from crosscheck.equivalence.proof import LOST, UNPROVEN, Proof
 from crosscheck.measures.certificate import Check
 
@@ -45,7 +45,7 @@ class Comparison:
     first: str
     second: str
     matched: str
-    judged: Judged
+    judged: Judgement
     certificate: tuple[Check, ...] = ()
     notes: tuple[str, ...] = ()
     dropped: tuple[tuple[str, tuple[str, ...]], ...] = ()

@@ -24,7 +24,7 @@ from crosscheck.lifting.usd import SUFFIXES as USD_SUFFIXES
 from crosscheck.lifting.usd import can_read_usd, lift_usd
 from flexinv.errors import InputError
 from flexinv.files.from_urdf import read_xml
-from flexinv.files.regular_files import NotRegular, describe_kind, read_regular
+from flexinv.files.regular_files import NotRegularFile, describe_kind, read_regular
 from flexinv.files.toml_tables import LONGEST_PATH, make_input_error
 from flexinv.files.values import LONGEST_TEXT
 from flexinv.model.mechanism import WORLD, Mechanism
@@ -57,12 +57,12 @@ def describe(source: Any, base: str = "fixed") -> Description:
     name, engine = _split(str(source))
     path = Path(name)
     if engine:
-        found = replace(_read_by_engine(path, engine), label=f"{path.name}@{engine}", reader=engine)
+        result = replace(_read_by_engine(path, engine), label=f"{path.name}@{engine}", reader=engine)
     elif os.path.isdir(path):  # Path.is_dir raises where a name is too long for the system
-        found = _read_folder(path)
+        result = _read_folder(path)
     else:
-        found = _read_file(path, base)
-    return found
+        result = _read_file(path, base)
+    return result
 
 
 def check_readable(source: str) -> None:
@@ -116,11 +116,11 @@ def _add_free_root(description: Description, source: Any) -> Description:
 
 def _apply_gravity(one: Description, other: Description) -> Description:
     """A description under the other's gravity, where it states none itself."""
-    theirs = other.mechanism.gravity
-    if one.gravity_stated or not other.gravity_stated or np.array_equal(one.mechanism.gravity, theirs):
+    second = other.mechanism.gravity
+    if one.gravity_stated or not other.gravity_stated or np.array_equal(one.mechanism.gravity, second):
         return one
-    words = f"gravity: {one.format.upper()} does not state it; taken to be {theirs.tolist()} m/s^2, as in the other description"
-    return replace(one, mechanism=replace(one.mechanism, gravity=theirs), dropped=(*one.dropped, words))
+    words = f"gravity: {one.format.upper()} does not state it; taken to be {second.tolist()} m/s^2, as in the other description"
+    return replace(one, mechanism=replace(one.mechanism, gravity=second), dropped=(*one.dropped, words))
 
 
 def _split(text: str) -> tuple[str, str]:
@@ -162,7 +162,7 @@ def _read_start(path: Path) -> bytes:
     """The first bytes of a regular file.  Raises InputError."""
     try:
         return read_regular(path, 4095)
-    except NotRegular as error:
+    except NotRegularFile as error:
         expected = "a description of a machine, as a regular file"
         raise make_input_error(str(path)[:LONGEST_PATH], str(error), expected, WRITE) from None
 
@@ -240,7 +240,7 @@ def _choose_reader(path: Path, kind: str) -> str:
 
 def list_readers(kind: str) -> list[str]:
     """Return the engines that have a reader of their own for a format, those that are installed."""
-    found = []
+    readers = []
     for name, engine in _collect_engines().items():
         if "-" in name or describe_missing_package(engine) is not None or name in ("measured", "flexinv"):
             continue
@@ -249,8 +249,8 @@ def list_readers(kind: str) -> list[str]:
         except ImportError:
             continue
         if offered(adapter, "lift") is not None and kind in getattr(adapter, "READS", ("urdf", "mjcf")):
-            found.append(name)
-    return found
+            readers.append(name)
+    return readers
 
 
 def _read_by_engine(path: Path, name: str) -> Description:
@@ -268,8 +268,8 @@ def _read_by_engine(path: Path, name: str) -> Description:
             f"{path}@{name}: {name} has no reader of its own here; write one of {', '.join(list_readers('urdf'))}"
         )
     find_format(path)
-    found: Description = lift(path)
-    return found
+    description: Description = lift(path)
+    return description
 
 
 def _read_live_model(source: Any) -> Description:
@@ -281,8 +281,8 @@ def _read_live_model(source: Any) -> Description:
         lifts = offered(adapter, "lifts")
         lift = offered(adapter, "lift")
         if lifts is not None and lift is not None and lifts(source):
-            found: Description = lift(source)
-            return replace(found, reader=engine.name)
+            description: Description = lift(source)
+            return replace(description, reader=engine.name)
     kind = type(source).__module__ + "." + type(source).__name__
     raise InputError(
         f"{kind}: no engine knows a model of this kind; expected {WRITE}, mjModel, pin.Model or a mechanism"

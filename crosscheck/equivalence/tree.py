@@ -74,7 +74,7 @@ class Member:
     @property
     def inertia(self) -> Inertia:
         """Return mass [kg], centre [m] and tensor [kg m^2] as one record."""
-        return Inertia.stated(self.mass, self.com, self.tensor)
+        return Inertia.build_unchecked(self.mass, self.com, self.tensor)
 
 
 @dataclass(frozen=True)
@@ -85,7 +85,7 @@ class Tree:
     gravity: Array
     couplings: Mapping[str, tuple[Mapping[str, float], float]] = field(default_factory=dict)
 
-    def children(self, index: int) -> list[int]:
+    def list_children(self, index: int) -> list[int]:
         """Return the numbers of the members that a member carries."""
         return self._children.get(index, [])
 
@@ -99,39 +99,39 @@ class Tree:
 
     @cached_property
     def _moving_from(self) -> dict[int, int]:
-        found: dict[int, int] = {}
+        result: dict[int, int] = {}
         for index in reversed(range(len(self.members))):
-            found[index] = 1 + sum(found[k] for k in self.list_moving_children(index))
-        return found
+            result[index] = 1 + sum(result[k] for k in self.list_moving_children(index))
+        return result
 
     @cached_property
     def _children(self) -> dict[int, list[int]]:
-        found: dict[int, list[int]] = {}
+        result: dict[int, list[int]] = {}
         for k, member in enumerate(self.members):
-            found.setdefault(member.parent, []).append(k)
-        return found
+            result.setdefault(member.parent, []).append(k)
+        return result
 
     @cached_property
     def _carried(self) -> dict[int, list[int]]:
-        found: dict[int, list[int]] = {}
+        result: dict[int, list[int]] = {}
         for index in range(len(self.members) - 1, -2, -1):  # who is carried comes after who carries it
-            own = [found[k] if self.members[k].kind == "fixed" else [k] for k in self.children(index)]
-            found[index] = [k for some in own for k in some]
-        return found
+            own = [result[k] if self.members[k].kind == "fixed" else [k] for k in self.list_children(index)]
+            result[index] = [k for some in own for k in some]
+        return result
 
     @property
     def moving(self) -> dict[str, int]:
         """Return the numbers of the members that move, by joint."""
         return {member.joint: k for k, member in enumerate(self.members) if member.kind != "fixed"}
 
-    def poses(self) -> list[Placement]:
+    def compute_poses(self) -> list[Placement]:
         """Return the frame of every member in the world, all joints at zero [m]."""
-        found: list[Placement] = []
+        poses: list[Placement] = []
         for member in self.members:
-            found.append(
-                apply_placement(found[member.parent], member.placement) if member.parent >= 0 else member.placement
+            poses.append(
+                apply_placement(poses[member.parent], member.placement) if member.parent >= 0 else member.placement
             )
-        return found
+        return poses
 
     def replace_fields(self, changes: Iterable[tuple[int, str, Any]]) -> Tree:
         """Return the tree with other fields, (member or -1 for the tree itself, field, value) each [unit of it]."""
@@ -201,7 +201,7 @@ def join_bodies(parts: Iterable[Inertia]) -> Inertia:
     for part in parts:
         d = part.com - com
         tensor = tensor + part.tensor + part.mass * (float(d @ d) * np.eye(3) - np.outer(d, d))
-    return Inertia.stated(float(mass), com, tensor)
+    return Inertia.build_unchecked(float(mass), com, tensor)
 
 
 def join_into_carriers(tree: Tree, still: Iterable[int]) -> tuple[Tree, dict[int, int]]:

@@ -66,7 +66,7 @@ class Scatter:
     near: float = 0.0
     turn: float = 1.0
 
-    def at(self, rate: Array) -> Array:
+    def evaluate_scatter(self, rate: Array) -> Array:
         """Return s [unit of the channel] at rates (samples,) [rad/s], [m/s]."""
         return np.asarray(np.sqrt(_compute_rate_shapes(rate, self.turn) @ [self.steady, self.near]))
 
@@ -116,34 +116,34 @@ class Margins:
     scatters: tuple[Scatter, ...]
 
 
-def predict(machine: Machine, found: Fit, margin: Margins, run: Run) -> Prediction:
+def predict(machine: Machine, fit: Fit, margin: Margins, run: Run) -> Prediction:
     """Return readings with 90 % bands [units of the channels] of a run; margin : of `compute_margins`."""
-    value = compute_readings(machine, run, machine.space.values(found.z))
-    own = _compute_parameter_scatter(machine, found, run, value)
+    value = compute_readings(machine, run, machine.space.compute_values(fit.z))
+    parameter_scatter = _compute_parameter_scatter(machine, fit, run, value)
     left = np.column_stack(
-        [s.at(v) for s, v in zip(margin.scatters, _compute_channel_rates(machine, run).T, strict=True)]
+        [s.evaluate_scatter(v) for s, v in zip(margin.scatters, _compute_channel_rates(machine, run).T, strict=True)]
     )
-    rest = np.sqrt(left**2 + _compute_run_scatter(machine, found, run) ** 2)
-    half = margin.factor * np.sqrt(own**2 + rest**2)
-    return Prediction(run.name, run.time, value, value - half, value + half, own, rest, run.sliding)
+    rest = np.sqrt(left**2 + _compute_run_scatter(machine, fit, run) ** 2)
+    half = margin.factor * np.sqrt(parameter_scatter**2 + rest**2)
+    return Prediction(run.name, run.time, value, value - half, value + half, parameter_scatter, rest, run.sliding)
 
 
-def compute_margins(task: Problem, found: Fit) -> Margins:
+def compute_margins(task: Problem, fit: Fit) -> Margins:
     """Return the scatter of each channel, and q [-] with which `HOLD` of the residuals of blocks left out lie inside."""
     machine = task.machine
-    rates = task.pick([_compute_channel_rates(machine, run) for run in task.runs])
-    extra = task.pick([_compute_run_scatter(machine, found, run) for run in task.runs])
+    rates = task.collect_counted_samples([_compute_channel_rates(machine, run) for run in task.runs])
+    extra = task.collect_counted_samples([_compute_run_scatter(machine, fit, run) for run in task.runs])
     out = []
     factor = []
     for c, (channel, rate, more) in enumerate(zip(machine.channels, rates, extra, strict=True)):
-        held = found.held[c]
-        unsure = found.unsure[c]
+        held = fit.held[c]
+        unsure = fit.unsure[c]
         slowest = machine.settings.still_rad_per_s
         known = channel.sense == "effort" and slowest > 0.0
-        law = fit_scatter(rate, held, unsure, float(found.agree[c]), slowest) if known else None
-        out.append(law or Scatter(float(found.spread[c] ** 2)))
-        sd = np.sqrt(unsure**2 + out[-1].at(rate) ** 2 + more**2)
-        widest = WIDEST * found.block[c] / float(np.quantile(sd, USUAL))
+        law = fit_scatter(rate, held, unsure, float(fit.agree[c]), slowest) if known else None
+        out.append(law or Scatter(float(fit.spread[c] ** 2)))
+        sd = np.sqrt(unsure**2 + out[-1].evaluate_scatter(rate) ** 2 + more**2)
+        widest = WIDEST * fit.block[c] / float(np.quantile(sd, USUAL))
         factor.append(min(float(np.quantile(np.abs(held) / sd, HOLD)), widest))
     return Margins(np.array(factor), tuple(out))
 
@@ -160,20 +160,20 @@ def _compute_channel_rates(machine: Machine, run: Run) -> Array:
     return rate
 
 
-def _compute_parameter_scatter(machine: Machine, found: Fit, run: Run, value: Array) -> Array:
+def _compute_parameter_scatter(machine: Machine, fit: Fit, run: Run, value: Array) -> Array:
     slopes = []
-    for k in range(len(found.z)):  # one prediction each; those of sensors and friction solve nothing anew
-        ahead = found.z.copy()
+    for k in range(len(fit.z)):  # one prediction each; those of sensors and friction solve nothing anew
+        ahead = fit.z.copy()
         ahead[k] += STEP
-        slopes.append((compute_readings(machine, run, machine.space.values(ahead)) - value) / STEP)
+        slopes.append((compute_readings(machine, run, machine.space.compute_values(ahead)) - value) / STEP)
     j = np.stack(slopes, axis=-1)
-    variance = np.einsum("tcp,pq,tcq->tc", j, found.covariance, j, optimize=True)
+    variance = np.einsum("tcp,pq,tcq->tc", j, fit.covariance, j, optimize=True)
     return np.asarray(np.sqrt(np.maximum(variance, 0.0)))
 
 
-def _compute_run_scatter(machine: Machine, found: Fit, run: Run) -> Array:
+def _compute_run_scatter(machine: Machine, fit: Fit, run: Run) -> Array:
     """Scatter of friction between runs, and what a joint holds while it stands, (samples, channels)."""
-    values = machine.space.values(found.z)
+    values = machine.space.compute_values(fit.z)
     spacing = float(run.time[1] - run.time[0])
     columns = []
     for channel in machine.channels:
@@ -190,7 +190,7 @@ def _compute_run_scatter(machine: Machine, found: Fit, run: Run) -> Array:
 
 
 @dataclass(frozen=True)
-class Judged:
+class ChannelJudgement:
     """One channel of a judged log: parts explained while sliding, of that without a constant, and over all samples.
 
     coverage : part of samples inside the band; width : of the band over the RMS error; all [-]; rms : RMS error [unit]
@@ -213,7 +213,9 @@ def compute_explained_share(measured: Array, told: Array) -> float:
     return float(1.0 - np.sum((measured - told) ** 2) / np.sum((measured - measured.mean()) ** 2))
 
 
-def judge(machine: Machine, run: Run, told: Prediction, chosen: NDArray[np.bool_] | None = None) -> list[Judged]:
+def judge(
+    machine: Machine, run: Run, prediction: Prediction, chosen: NDArray[np.bool_] | None = None
+) -> list[ChannelJudgement]:
     """Judge a prediction by the measurement [-]; chosen : (samples, channels), by default `Run.counted`.
 
     A prediction is nan where there is none, outside of all blocks: "all samples" are those that it has.
@@ -224,24 +226,24 @@ def judge(machine: Machine, run: Run, told: Prediction, chosen: NDArray[np.bool_
     for c, channel in enumerate(machine.channels):
         u = counted[:, c]
         y = run.measured[:, c]
-        known = np.isfinite(told.value[:, c])
+        known = np.isfinite(prediction.value[:, c])
         if u.sum() < 10:
             continue
-        e = y[u] - told.value[u, c]
+        e = y[u] - prediction.value[u, c]
         rms = float(np.sqrt(np.mean(e**2)))
-        inside = (y[u] >= told.low[u, c]) & (y[u] <= told.high[u, c])
-        width = float(np.mean(told.high[u, c] - told.low[u, c])) / rms
+        inside = (y[u] >= prediction.low[u, c]) & (y[u] <= prediction.high[u, c])
+        width = float(np.mean(prediction.high[u, c] - prediction.low[u, c])) / rms
         shares = (
-            compute_explained_share(y[u], told.value[u, c]),
+            compute_explained_share(y[u], prediction.value[u, c]),
             1.0 - float(np.var(e) / np.var(y[u])),
-            compute_explained_share(y[known], told.value[known, c]),
+            compute_explained_share(y[known], prediction.value[known, c]),
             float(inside.mean()),
         )
-        out.append(Judged(run.name, channel.name, channel.unit, int(u.sum()), *shares, width, rms))
+        out.append(ChannelJudgement(run.name, channel.name, channel.unit, int(u.sum()), *shares, width, rms))
     return out
 
 
-def judge_predictions(machine: Machine, some: list[tuple[Run, Prediction]]) -> list[Judged]:
+def judge_predictions(machine: Machine, some: list[tuple[Run, Prediction]]) -> list[ChannelJudgement]:
     """Judge predictions of several runs, and all of them together where there are more [-]."""
     out = [row for run, told in some for row in judge(machine, run, told)]
     if len(some) < 2:

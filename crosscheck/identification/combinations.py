@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from crosscheck.identification.fit import TOLD, Fit
-from crosscheck.identification.parameters import MASS, Key, Space
+from crosscheck.identification.parameters import MASS, Key, ParameterSpace
 from crosscheck.identification.pseudo_inertia import NAMES, QUANTITIES, UNITS, convert_to_com, move_mass_properties
 
 Array = NDArray[np.float64]
@@ -31,42 +31,43 @@ MOST = 4  # others that a sentence names
 
 
 @dataclass(frozen=True)
-class Together:
+class ParameterCombination:
     """A parameter that the logs tell only together with others.
 
     key, unit : what and where; others : kind and place of each, the first takes most
-    alone : its 90 % interval is +- this [unit] were they known; left : part of its effect that is not theirs [-]
+    alone : its 90 % interval is +- this [unit] were they known; distinct_share : part of its effect that is not theirs [-]
     """
 
     key: Key
     unit: str
     others: tuple[Key, ...]
     alone: float
-    left: float
+    distinct_share: float
 
     @property
     def words(self) -> str:
         """The same in a sentence [-]."""
         others = " and ".join(_describe_parameter(key) for key in self.others)
         return (
-            f"{_describe_parameter(self.key)} cannot be told apart from {others}: all but {self.left:.1g} of what it changes "
+            f"{_describe_parameter(self.key)} cannot be told apart from {others}: "
+            f"all but {self.distinct_share:.1g} of what it changes "
             f"in these logs "
             f"could be theirs; were they known, it would be known to ±{self.alone:.2g} {self.unit}"
         )
 
 
-def count_narrowed_directions(found: Fit) -> int:
+def count_narrowed_directions(fit: Fit) -> int:
     """Return the number of independent combinations that the logs narrow to `fit.TOLD` of their priors [-]."""
-    return int((np.linalg.eigvalsh(found.covariance) < TOLD**2).sum())
+    return int((np.linalg.eigvalsh(fit.covariance) < TOLD**2).sum())
 
 
-def list_combinations(space: Space, found: Fit) -> list[Together]:
+def list_combinations(space: ParameterSpace, fit: Fit) -> list[ParameterCombination]:
     """Return the parameters [unit of each] that are told only together with others, at most `MOST` others each."""
-    keys, units, slope = _convert_to_physical(space, found.z)
+    keys, units, slope = _convert_to_physical(space, fit.z)
     width = np.linalg.norm(slope, axis=1)
     back = np.linalg.inv(slope / width[:, None])
-    information = back.T @ (np.linalg.inv(found.covariance) - np.eye(len(found.z))) @ back
-    told = np.sqrt(np.diag(slope @ found.covariance @ slope.T)) < TOLD * width
+    information = back.T @ (np.linalg.inv(fit.covariance) - np.eye(len(fit.z))) @ back
+    told = np.sqrt(np.diag(slope @ fit.covariance @ slope.T)) < TOLD * width
     out = []
     for k, key in enumerate(keys):
         if told[k] or information[k, k] < SHOWN:
@@ -74,7 +75,7 @@ def list_combinations(space: Space, found: Fit) -> list[Together]:
         others, left = _find_pursuit_columns(information, k)
         if others and left < 1.0 / (1.0 + information[k, k]) ** 0.5:
             alone = 1.645 * width[k] / np.sqrt(1.0 + information[k, k])
-            out.append(Together(key, units[k], tuple(keys[j] for j in others), float(alone), left))
+            out.append(ParameterCombination(key, units[k], tuple(keys[j] for j in others), float(alone), left))
     return out
 
 
@@ -107,13 +108,13 @@ def _compute_column_rest(information: Array, k: int, others: list[int]) -> float
     return float(information[k, k] - beside @ np.linalg.solve(block, beside))
 
 
-def _convert_to_physical(space: Space, z: Array) -> tuple[list[Key], list[str], Array]:
+def _convert_to_physical(space: ParameterSpace, z: Array) -> tuple[list[Key], list[str], Array]:
     """Return the parameters in physical quantities: what and where, units, derivatives by z (parameters, parameters)."""
     at = {p.key: k for k, p in enumerate(space.parameters)}
     keys: list[Key] = [p.key for p in space.parameters]
     units = [p.unit for p in space.parameters]
     slope = np.diag(
-        [p.error * (p.value(float(x)) if p.positive else 1.0) for p, x in zip(space.parameters, z, strict=True)]
+        [p.error * (p.compute_value(float(x)) if p.positive else 1.0) for p, x in zip(space.parameters, z, strict=True)]
     )
     for name, factor in space.factors.items():
         here = [at[MASS, f"{name}.{n}"] for n in NAMES]

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from crosscheck.identification.fit import PER_PERIOD, TOLD, Fit, build_problem, compute_jacobian
 from crosscheck.identification.logs.log import Log
 from crosscheck.identification.readings import Machine, Run, compute_measured_motion
-from crosscheck.identification.response import Measured, build_response
+from crosscheck.identification.response import MeasuredMotion, build_response
 
 Array = NDArray[np.float64]
 HARMONICS = 5
@@ -38,46 +38,46 @@ class Proposal:
     words: list[str]
 
 
-def find_exciting_motion(machine: Machine, found: Fit, log: Log, seconds: float = 10.0) -> Proposal:
+def find_exciting_motion(machine: Machine, fit: Fit, log: Log, seconds: float = 10.0) -> Proposal:
     """Return the best of some dozen bounded Fourier series of that duration [s], with what it would tell [-].
 
     log : its ranges and rates bound the motion where the mechanism states no limits [rad], [m]
     """
     random = np.random.default_rng(0)  # the same logs propose the same motion
-    seen = compute_measured_motion(machine, log)
-    bounds = [_find_motion_bounds(machine, seen, k) for k in range(len(seen.names))]
-    shape = (len(seen.names), 2, HARMONICS)
+    measured_motion = compute_measured_motion(machine, log)
+    bounds = [_find_motion_bounds(machine, measured_motion, k) for k in range(len(measured_motion.names))]
+    shape = (len(measured_motion.names), 2, HARMONICS)
     fine = np.arange(0.0, seconds, log.spacing)
     best = random.normal(size=shape)
-    least, after = _compute_motion_score(machine, found, best, seconds, bounds)
+    least, after = _compute_motion_score(machine, fit, best, seconds, bounds)
     for k in range(CANDIDATES + REFINED):
         tried = random.normal(size=shape) if k < CANDIDATES else best + SHRINK * random.normal(size=shape)
-        score, variance = _compute_motion_score(machine, found, tried, seconds, bounds)
+        score, variance = _compute_motion_score(machine, fit, tried, seconds, bounds)
         if score < least:
             best = tried
             least = score
             after = variance
-    before = np.sqrt(np.diag(found.covariance))
-    names = machine.space.names()
+    before = np.sqrt(np.diag(fit.covariance))
+    names = machine.space.describe_parameters()
     news = [k for k in range(len(names)) if np.sqrt(after[k]) < TOLD <= before[k]]
     words = [f"this motion would tell {names[k]}: {before[k]:.2g} of the prior's width is left now, {np.sqrt(after[k]):.2g} then"
              for k in news]  # fmt: skip
     left = [names[k] for k in range(len(names)) if np.sqrt(after[k]) >= TOLD]
     words += [f"no motion that was tried tells {', '.join(left)}"] if left else []
-    return Proposal(fine, seen.names, _evaluate_fourier_series(best, fine, seconds, bounds)[0], words)
+    return Proposal(fine, measured_motion.names, _evaluate_fourier_series(best, fine, seconds, bounds)[0], words)
 
 
 Bounds = tuple[float, float, float]  # middle, half range, largest rate
 
 
-def _find_motion_bounds(machine: Machine, seen: Measured, k: int) -> Bounds:
-    limits = machine.mechanism.joint_of[seen.names[k]].limits
-    low = seen.q[:, k].min()
-    high = seen.q[:, k].max()
+def _find_motion_bounds(machine: Machine, measured_motion: MeasuredMotion, k: int) -> Bounds:
+    limits = machine.mechanism.joint_of[measured_motion.names[k]].limits
+    low = measured_motion.q[:, k].min()
+    high = measured_motion.q[:, k].max()
     if np.isfinite([limits.lower, limits.upper]).all():
         low = limits.lower
         high = limits.upper
-    rate = limits.velocity if np.isfinite(limits.velocity) else float(np.abs(seen.qd[:, k]).max())
+    rate = limits.velocity if np.isfinite(limits.velocity) else float(np.abs(measured_motion.qd[:, k]).max())
     return float(low + high) / 2.0, ALLOWED * float(high - low) / 2.0, ALLOWED * float(rate)
 
 
@@ -100,11 +100,11 @@ def _evaluate_fourier_series(
 
 
 def _compute_motion_score(
-    machine: Machine, found: Fit, coefficients: Array, seconds: float, bounds: list[Bounds]
+    machine: Machine, fit: Fit, coefficients: Array, seconds: float, bounds: list[Bounds]
 ) -> tuple[float, Array]:
     """Sum of log variances after the motion, and the variances (parameters,)."""
     time = np.arange(0.0, seconds, 1.0 / (PER_PERIOD * machine.settings.bandwidth_Hz))
-    motion = Measured(
+    motion = MeasuredMotion(
         time, tuple(machine.settings.joints), *_evaluate_fourier_series(coefficients, time, seconds, bounds)
     )
     tell = build_response(machine.mechanism, machine.space, machine.settings, motion)
@@ -114,9 +114,9 @@ def _compute_motion_score(
         for c in machine.channels
     ])  # fmt: skip
     run = Run("proposed", time, motion, tell, None, moving, moving)
-    slopes = compute_jacobian(build_problem(machine, (run,)), found.z)
-    precision = np.linalg.inv(found.covariance)
-    for j, spread, agree in zip(slopes, found.spread, found.agree, strict=True):
+    slopes = compute_jacobian(build_problem(machine, (run,)), fit.z)
+    precision = np.linalg.inv(fit.covariance)
+    for j, spread, agree in zip(slopes, fit.spread, fit.agree, strict=True):
         precision = precision + j.T @ j / (spread**2 * agree)
     variance = np.diag(np.linalg.inv(precision))
     return float(np.sum(np.log(variance))), variance

@@ -7,16 +7,16 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from crosscheck.identification.bands import Judged, Prediction
+from crosscheck.identification.bands import ChannelJudgement, Prediction
 from crosscheck.identification.readings import Machine
 from crosscheck.identification.table import Row
 
 
-def write_prediction(machine: Machine, told: Prediction, file: Path) -> None:
+def write_prediction(machine: Machine, prediction: Prediction, file: Path) -> None:
     """Write time [s], and of every channel value, low and high end of its 90 % band [unit of the channel]."""
-    columns: dict[str, object] = {"time_s": [repr(float(t)) for t in told.time]}  # with all its digits
+    columns: dict[str, object] = {"time_s": [repr(float(t)) for t in prediction.time]}  # with all its digits
     for k, channel in enumerate(machine.channels):
-        for suffix, values in (("", told.value), (" low", told.low), (" high", told.high)):
+        for suffix, values in (("", prediction.value), (" low", prediction.low), (" high", prediction.high)):
             columns[f"{channel.name}{suffix} [{channel.unit}]"] = values[:, k]
     pd.DataFrame(columns).to_csv(file, index=False, float_format="%.9g")
 
@@ -28,8 +28,10 @@ def write_parameters(table: list[Row], file: Path) -> None:
     frame.to_csv(file, index=False, float_format="%.9g")
 
 
-def write_judged(seen: list[Judged], judged: list[Judged], file: Path) -> None:
+def write_judged(judgements: list[ChannelJudgement], judged: list[ChannelJudgement], file: Path) -> None:
     """Write what is explained and covered of every channel [-], RMS errors [unit of the channel]."""
-    rows = [{"part": part} | vars(row) for part, some in (("identified", seen), ("held out", judged)) for row in some]
+    rows = [
+        {"part": part} | vars(row) for part, some in (("identified", judgements), ("held out", judged)) for row in some
+    ]
     frame = pd.DataFrame(rows)
     frame.replace([np.inf], np.nan).to_csv(file, index=False, float_format="%.6g")

@@ -70,10 +70,10 @@ class Problem:
 
     def predict(self, z: Array) -> list[Array]:
         """Return the readings (samples, channels) [units of the channels] of each run at z (parameters,) [-]."""
-        values = self.machine.space.values(z)
+        values = self.machine.space.compute_values(z)
         return [compute_readings(self.machine, run, values) for run in self.runs]
 
-    def pick(self, arrays: list[Array]) -> list[Array]:
+    def collect_counted_samples(self, arrays: list[Array]) -> list[Array]:
         """Return of each channel the samples that count, of all runs one after the other, (counted,) [any unit]."""
         out = []
         for c in range(len(self.machine.channels)):
@@ -90,14 +90,16 @@ def build_problem(
     every = tuple(
         max(1, int(1.0 / (PER_PERIOD * machine.settings.bandwidth_Hz * (run.time[1] - run.time[0])))) for run in runs
     )
-    made = Problem(machine, runs, counted, every)
-    for channel, values in zip(machine.channels, made.pick([np.zeros(c.shape) for c in counted]), strict=True):
+    problem = Problem(machine, runs, counted, every)
+    for channel, values in zip(
+        machine.channels, problem.collect_counted_samples([np.zeros(c.shape) for c in counted]), strict=True
+    ):
         if len(values) < 10:
             raise InputError(
                 f"{', '.join(r.name for r in runs)}: {channel.name} has {len(values)} samples that count, expected 10 or more: "
                 f"{channel.place} hardly moves, or window_s leaves it out; write a wider window, or no effort of this joint"
             )
-    return made
+    return problem
 
 
 def fit(task: Problem, start: Array | None = None, prior: tuple[Array, Array] | None = None) -> Fit:
@@ -108,23 +110,23 @@ def fit(task: Problem, start: Array | None = None, prior: tuple[Array, Array] | 
     count = len(task.machine.space.parameters)
     z = np.zeros(count) if start is None else start.copy()
     mean, root = (np.zeros(count), np.eye(count)) if prior is None else prior
-    measured = task.pick([_read_measured(run) for run in task.runs])
+    measured = task.collect_counted_samples([_read_measured(run) for run in task.runs])
     z = _find_start_by_scan(task, measured, z) if start is None else z
-    told = compute_noise(_compute_residuals(task, measured, z), [np.zeros((len(m), count)) for m in measured], root)
+    noise = compute_noise(_compute_residuals(task, measured, z), [np.zeros((len(m), count)) for m in measured], root)
     for _ in range(ROUNDS):
-        z, slopes = _find_minimum(task, measured, told.weight, z, mean, root)
-        last = told.weight
-        told = compute_noise(_compute_residuals(task, measured, z), slopes, root)
-        if np.abs(told.weight / last - 1.0).max() < STEADY:
+        z, slopes = _find_minimum(task, measured, noise.weight, z, mean, root)
+        last = noise.weight
+        noise = compute_noise(_compute_residuals(task, measured, z), slopes, root)
+        if np.abs(noise.weight / last - 1.0).max() < STEADY:
             break
-    return _compute_posterior(task, z, slopes, told, root)
+    return _compute_posterior(task, z, slopes, noise, root)
 
 
 def _find_start_by_scan(task: Problem, measured: list[Array], z: Array) -> Array:
     """A start beyond valleys: natural frequencies that pass one of the motion's make the cost of stiffnesses rough."""
 
     def compute_cost(x: Array) -> float:
-        told = task.pick(task.predict(x))
+        told = task.collect_counted_samples(task.predict(x))
         return float(sum(np.log(np.mean((m - p) ** 2)) for m, p in zip(measured, told, strict=True)))
 
     least = compute_cost(z)
@@ -143,7 +145,7 @@ def _find_start_by_scan(task: Problem, measured: list[Array], z: Array) -> Array
 
 
 def _compute_residuals(task: Problem, measured: list[Array], z: Array) -> list[Array]:
-    return [m - p for m, p in zip(measured, task.pick(task.predict(z)), strict=True)]
+    return [m - p for m, p in zip(measured, task.collect_counted_samples(task.predict(z)), strict=True)]
 
 
 def _read_measured(run: Run) -> Array:
@@ -153,13 +155,15 @@ def _read_measured(run: Run) -> Array:
 
 
 def compute_jacobian(task: Problem, z: Array) -> list[Array]:
-    """Return the derivatives of what `Problem.pick` gives by z, (counted, parameters) [units of the channels] per channel."""
-    level = task.pick(task.predict(z))
+    """Return the derivatives by z of what `Problem.collect_counted_samples` gives, (counted, parameters) [units of channels]."""
+    level = task.collect_counted_samples(task.predict(z))
     columns = []
     for k in range(len(z)):
         ahead = z.copy()
         ahead[k] += STEP
-        columns.append([(a - b) / STEP for a, b in zip(task.pick(task.predict(ahead)), level, strict=True)])
+        columns.append(
+            [(a - b) / STEP for a, b in zip(task.collect_counted_samples(task.predict(ahead)), level, strict=True)]
+        )
     return [np.column_stack([c[channel] for c in columns]) for channel in range(len(level))]
 
 
@@ -184,22 +188,24 @@ def _find_minimum(
     return x, last[0][1] if np.array_equal(last[0][0], x) else compute_jacobian(task, x)
 
 
-def _compute_posterior(task: Problem, z: Array, slopes: list[Array], told: Noise, root: Array) -> Fit:
-    residual = _compute_residuals(task, task.pick([_read_measured(r) for r in task.runs]), z)
-    scaled = [w * j for w, j in zip(told.weight, slopes, strict=True)]
-    errors = [w * r for w, r in zip(told.weight, residual, strict=True)]
+def _compute_posterior(task: Problem, z: Array, slopes: list[Array], noise: Noise, root: Array) -> Fit:
+    residual = _compute_residuals(task, task.collect_counted_samples([_read_measured(r) for r in task.runs]), z)
+    scaled = [w * j for w, j in zip(noise.weight, slopes, strict=True)]
+    errors = [w * r for w, r in zip(noise.weight, residual, strict=True)]
     hessian = sum((j.T @ j for j in scaled), root.T @ root)
-    label = task.pick([_list_block_numbers(task, run) for run in task.runs])
+    label = task.collect_counted_samples([_list_block_numbers(task, run) for run in task.runs])
     base = np.linalg.inv(hessian)
     left_out, held, unsure = _solve_without_blocks(scaled, errors, label, hessian)
     scatter = (len(left_out) - 1) * np.var(left_out, axis=0)
     ratio = scatter / np.diag(base)
     told_of = np.sqrt(np.diag(base)) < HALF * np.sqrt(np.diag(np.linalg.inv(root.T @ root)))
     kappa = float(max(1.0, np.median(ratio[told_of]))) if told_of.any() and len(left_out) > 2 else 1.0
-    own = [h / w for h, w in zip(held, told.weight, strict=True)]
-    sides = [np.sqrt(kappa * u) / w for u, w in zip(unsure, told.weight, strict=True)]
+    own = [h / w for h, w in zip(held, noise.weight, strict=True)]
+    sides = [np.sqrt(kappa * u) / w for u, w in zip(unsure, noise.weight, strict=True)]
     block = np.array([np.sqrt(np.mean(h**2)) for h in own])
-    return Fit(z, _scale_covariance(base, kappa, root), told.spread, told.agree, kappa, block, tuple(own), tuple(sides))
+    return Fit(
+        z, _scale_covariance(base, kappa, root), noise.spread, noise.agree, kappa, block, tuple(own), tuple(sides)
+    )
 
 
 def _scale_covariance(base: Array, kappa: float, root: Array) -> Array:

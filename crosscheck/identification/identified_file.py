@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from crosscheck import output_folder as owned
-from crosscheck.identification.identify import Identified
+from crosscheck.identification.identify import Identification
 from crosscheck.identification.response import compute_link_inertias, turn_gravity
 from crosscheck.identification.table import Row
 from crosscheck.report.words import format_short
@@ -40,21 +40,21 @@ OF_SECTION = {"EA_N", "GA_N", "GJ_Nm2", "EI_Nm2", "E_Pa", "G_Pa"}
 Tables = dict[str, dict[str, tuple[Any, str]]]
 
 
-def write_identified(found: Identified, base: Path, file: Path) -> None:
+def write_identified(identification: Identification, base: Path, file: Path) -> None:
     """Write the overlay of a mechanism file [kg], [m], [kg m^2], [N m s/rad], [N m]; base : that file; file : where to write."""
-    mechanism = found.machine.mechanism
-    space = found.machine.space
+    mechanism = identification.machine.mechanism
+    space = identification.machine.space
     data = read_layers(base)[0]
-    rows = {(row.parameter, row.place): row for row in found.parameters}
+    rows = {(row.parameter, row.place): row for row in identification.parameters}
     tables: Tables = {}
     done: set[tuple[str, str]] = set()
-    _fill_link_tables(found, rows, data, tables)
+    _fill_link_tables(identification, rows, data, tables)
     done |= {key for key in rows if key[0] in LINKS and key[1] in space.factors and "urdf" not in data}
     done |= set(_fill_joint_tables(mechanism, rows, data, tables))
     done |= set(_fill_beam_tables(rows, data, tables))
     done |= set(_fill_load_tables(mechanism, rows, data, tables))
     rest = [row for key, row in rows.items() if key not in done]
-    logs = [run.name for run, _ in found.shown]
+    logs = [run.name for run, _ in identification.shown]
     over = os.path.relpath(base.resolve(), file.resolve().parent)
     owned.write(file, "\n".join(_format_file_lines(mechanism, logs, Path(over).as_posix(), tables, rest)) + "\n")
 
@@ -66,12 +66,14 @@ def _describe_row(row: Row) -> str:
     )
 
 
-def _fill_link_tables(found: Identified, rows: Mapping[Any, Row], data: Mapping[str, Any], tables: Tables) -> None:
+def _fill_link_tables(
+    identification: Identification, rows: Mapping[Any, Row], data: Mapping[str, Any], tables: Tables
+) -> None:
     if "urdf" in data:
         return
-    mechanism = found.machine.mechanism
-    space = found.machine.space
-    ten = compute_link_inertias(space, mechanism, space.values(found.fit.z))
+    mechanism = identification.machine.mechanism
+    space = identification.machine.space
+    ten = compute_link_inertias(space, mechanism, space.compute_values(identification.fit.z))
     for k, link in enumerate(mechanism.links):
         if link.name not in space.factors:
             continue

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from crosscheck.identification.bands import (
-    Judged,
+    ChannelJudgement,
     Margins,
     Prediction,
     compute_margins,
@@ -37,7 +37,7 @@ Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
-class Identified:
+class Identification:
     """A machine identified from logs.
 
     margin : what bands of predictions are made of; parameters : with intervals, in the unit of each
@@ -50,8 +50,8 @@ class Identified:
     fit: Fit
     margin: Margins
     parameters: list[Row]
-    seen: list[Judged]
-    judged: list[Judged]
+    seen: list[ChannelJudgement]
+    judged: list[ChannelJudgement]
     shown: list[tuple[Run, Prediction]]
     held: list[tuple[Run, Prediction]]
     words: list[str]
@@ -87,7 +87,7 @@ def identify(
     logs: Sequence[Log | str | Path],
     hold_out: Sequence[Log | str | Path] = (),
     settings: IdentifyTable | None = None,
-) -> Identified:
+) -> Identification:
     """Return parameters with 90 % intervals [unit of each], and how well logs are explained that nothing was fitted to [-].
 
     mechanism : folder with mechanism.toml and identify.toml, or a mechanism with ``settings``; logs : files or `Log`
@@ -114,10 +114,10 @@ def identify(
 
     shown = list_predictions(runs)
     others = list_predictions([make_run(machine, log) for log in held])
-    seen = judge_predictions(machine, shown)
+    predictions = judge_predictions(machine, shown)
     unseen = judge_predictions(machine, others)
-    words = describe_log_failures(machine, [*given, *held], [*seen, *unseen]) + words
-    return Identified(machine, task, found, q, table, seen, unseen, shown, others, words)
+    words = describe_log_failures(machine, [*given, *held], [*predictions, *unseen]) + words
+    return Identification(machine, task, found, q, table, predictions, unseen, shown, others, words)
 
 
 def read_of(machine: Machine, log: Log | str | Path) -> Log:
@@ -125,7 +125,7 @@ def read_of(machine: Machine, log: Log | str | Path) -> Log:
     return log if isinstance(log, Log) else read_log(log, machine.settings.time, machine.settings.time_unit)
 
 
-def judge_blocks(machine: Machine, log: Log, count: int) -> list[Judged]:
+def judge_blocks(machine: Machine, log: Log, count: int) -> list[ChannelJudgement]:
     """Judge each of ``count`` equal blocks of the window [-] by a fit to the others, in turn, and pool them."""
     run = make_run(machine, log)
     first, last = machine.settings.window_s or (float(log.time[0]), float(log.time[-1]))

@@ -46,18 +46,18 @@ def compute_noise(residuals: Sequence[Array], slopes: Sequence[Array], root: Arr
     seen = [compute_autocovariance(r) for r in residuals]
     behind = [_take_positive_lags(own) for own in seen]
     lasting = np.array([r.mean() for r in residuals])
-    told = _build_noise(behind, lasting)
-    spectra = [_Slopes.of(j) for j in slopes]
+    noise = _build_noise(behind, lasting)
+    spectra = [_Slopes.build_for(j) for j in slopes]
     for _ in range(ROUNDS):
-        before = told
+        before = noise
         behind = [
             _take_positive_lags(own + more)
-            for own, more in zip(seen, _compute_absorbed_part(behind, told, spectra, root), strict=True)
+            for own, more in zip(seen, _compute_absorbed_part(behind, noise, spectra, root), strict=True)
         ]
-        told = _build_noise(behind, lasting)
-        if np.abs(told.weight / before.weight - 1.0).max() < STEADY:
+        noise = _build_noise(behind, lasting)
+        if np.abs(noise.weight / before.weight - 1.0).max() < STEADY:
             break
-    return told
+    return noise
 
 
 def compute_autocovariance(residual: Array) -> Array:
@@ -68,8 +68,8 @@ def compute_autocovariance(residual: Array) -> Array:
 
 def count_agreeing_samples(residual: Array) -> float:
     """Return the number of neighbouring samples (samples,) that count as one [-]: 1 + 2 sum rho_l up to the first rho_l <= 0."""
-    own = _take_positive_lags(compute_autocovariance(residual))
-    return _count(own) if own[0] > 0.0 else 1.0
+    positive_lags = _take_positive_lags(compute_autocovariance(residual))
+    return _count(positive_lags) if positive_lags[0] > 0.0 else 1.0
 
 
 def _build_noise(behind: Sequence[Array], lasting: Array) -> Noise:
@@ -99,11 +99,11 @@ class _Slopes:
     spectrum: Array
 
     @classmethod
-    def of(cls, slopes: Array) -> _Slopes:
+    def build_for(cls, slopes: Array) -> _Slopes:
         size = next_fast_len(2 * len(slopes), real=True)
         return cls(slopes, size, _split_spectrum(np.fft.rfft(slopes, size, axis=0)))
 
-    def spread(self, alike: Array) -> Array:
+    def apply_noise_covariance(self, alike: Array) -> Array:
         """The covariance of the noise times slopes: its lags on both sides of each sample (counted, parameters) [unit^2]."""
         both = np.zeros(self.size)
         both[: len(alike)] = alike
@@ -114,10 +114,12 @@ class _Slopes:
         return np.asarray(all_of[: len(self.slopes)])
 
 
-def _compute_absorbed_part(behind: Sequence[Array], told: Noise, slopes: Sequence[_Slopes], root: Array) -> list[Array]:
+def _compute_absorbed_part(
+    behind: Sequence[Array], noise: Noise, slopes: Sequence[_Slopes], root: Array
+) -> list[Array]:
     """Return the part of the autocovariance that the parameters take away, (samples,) per channel [unit^2]."""
-    square = told.weight**2
-    spread = [j.spread(own) for own, j in zip(behind, slopes, strict=True)]
+    square = noise.weight**2
+    spread = [j.apply_noise_covariance(own) for own, j in zip(behind, slopes, strict=True)]
     precision = root.T @ root
     hessian = sum((w * j.slopes.T @ j.slopes for w, j in zip(square, slopes, strict=True)), precision)
     covariance = np.linalg.inv(hessian)

@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from crosscheck.identification.bands import Judged, Prediction
-from crosscheck.identification.causes.name_causes import Remains
-from crosscheck.identification.identify import Identified
+from crosscheck.identification.bands import ChannelJudgement, Prediction
+from crosscheck.identification.causes.name_causes import CauseFindings
+from crosscheck.identification.identify import Identification
 from crosscheck.identification.readings import Machine, Run
 from crosscheck.identification.settings import LimitTable, list_matching_names
 from crosscheck.identification.table import Row
@@ -51,12 +51,14 @@ UNJUDGED = """
 No limit is stated, so that nothing is judged: write [[limits]] into identify.toml, and give a log that is held out."""
 
 
-def write_page(found: Identified, causes: Sequence[tuple[str, Remains]], command: str, out: Path) -> Results:
+def write_page(
+    identification: Identification, causes: Sequence[tuple[str, CauseFindings]], command: str, out: Path
+) -> Results:
     """Write index.html, the page of the study, results.json, junit.xml and summary.md into a folder; return the results [-].
 
     causes : name of a log and what it shows beside the model
     """
-    study = build_study_row(found, causes)
+    study = build_study_row(identification, causes)
     results = Results(
         format_current_time(),
         command,
@@ -70,34 +72,34 @@ def write_page(found: Identified, causes: Sequence[tuple[str, Remains]], command
     return results
 
 
-def build_study_row(found: Identified, causes: Sequence[tuple[str, Remains]]) -> StudyRow:
+def build_study_row(identification: Identification, causes: Sequence[tuple[str, CauseFindings]]) -> StudyRow:
     """Return all that the page shows [unit of each]."""
-    name = found.machine.mechanism.name
-    told = sum(row.identifiable for row in found.parameters)
-    scatter = SCATTER.format(found.fit.kappa) if found.fit.kappa > WIDER else STEADY
-    bandwidth = found.machine.settings.bandwidth_Hz
-    text = TEXT.format(count=told, all=len(found.parameters), bandwidth=bandwidth, scatter=scatter)
-    text = text.replace("\n", " ") + ("" if found.machine.settings.limits else UNJUDGED)
-    figures = [*_list_band_figures(found), *_list_spectrum_figures(found)]
+    name = identification.machine.mechanism.name
+    told = sum(row.identifiable for row in identification.parameters)
+    scatter = SCATTER.format(identification.fit.kappa) if identification.fit.kappa > WIDER else STEADY
+    bandwidth = identification.machine.settings.bandwidth_Hz
+    text = TEXT.format(count=told, all=len(identification.parameters), bandwidth=bandwidth, scatter=scatter)
+    text = text.replace("\n", " ") + ("" if identification.machine.settings.limits else UNJUDGED)
+    figures = [*_list_band_figures(identification), *_list_spectrum_figures(identification)]
     tables = [
         _build_cause_table(causes),
-        _build_doubt_table(found.words),
-        _build_parameter_table(found.parameters),
+        _build_doubt_table(identification.words),
+        _build_parameter_table(identification.parameters),
         _build_least_table(causes),
-        _build_scatter_table(found),
+        _build_scatter_table(identification),
     ]
     return StudyRow(
         f"identify {name}",
         f"{name}, identified",
         text,
         COLUMNS,
-        tuple(_list_channel_rows(found)),
+        tuple(_list_channel_rows(identification)),
         figures=tuple(figures),
         tables=tuple(tables),
     )
 
 
-def judge_channel(limits: Sequence[LimitTable], row: Judged) -> tuple[str, str]:
+def judge_channel(limits: Sequence[LimitTable], row: ChannelJudgement) -> tuple[str, str]:
     """Return verdict and message of a judged channel by the limits that are stated for it [-]."""
     own = [limit for limit in limits if list_matching_names(limit.channel, [row.channel])]
     if not own:
@@ -115,10 +117,10 @@ def judge_channel(limits: Sequence[LimitTable], row: Judged) -> tuple[str, str]:
     return ("deviation", "; ".join(broken)) if broken else ("within", "")
 
 
-def _list_channel_rows(found: Identified) -> Iterator[dict[str, Any]]:
-    limits = found.machine.settings.limits
-    for part, some in (("held out", found.judged), ("identified from", found.seen)):
-        judges = part == "held out" or not found.judged
+def _list_channel_rows(identification: Identification) -> Iterator[dict[str, Any]]:
+    limits = identification.machine.settings.limits
+    for part, some in (("held out", identification.judged), ("identified from", identification.seen)):
+        judges = part == "held out" or not identification.judged
         for row in some:
             word, message = judge_channel(limits, row) if judges else ("skipped", "other logs judge")
             yield vars(row) | {"part": part, "verdict": word, "message": message}
@@ -127,16 +129,16 @@ def _list_channel_rows(found: Identified) -> Iterator[dict[str, Any]]:
 # ------------------------------------------------------------------------------------------------------------ figures
 
 
-def _list_band_figures(found: Identified) -> Iterator[dict[str, Any]]:
+def _list_band_figures(identification: Identification) -> Iterator[dict[str, Any]]:
     """One figure per sensor: of the first log held out, or the first one."""
-    run, told = (found.held or found.shown)[0]
+    run, told = (identification.held or identification.shown)[0]
     every = max(1, len(run.time) // POINTS)
     time = run.time[::every].round(4).tolist()
-    for c, channel in enumerate(found.machine.channels):
+    for c, channel in enumerate(identification.machine.channels):
         lines = {} if run.measured is None else {"measured": run.measured[:, c]}
         lines |= {"predicted": told.value[:, c], "low": told.low[:, c], "high": told.high[:, c]}
         curves = {n: {"x": time, "y": _drop_digits(v[::every])} for n, v in lines.items()}
-        held = "held out" if found.held else "which identified"
+        held = "held out" if identification.held else "which identified"
         yield {
             "title": f"{channel.name}: {run.name}, {held}",
             "x": "time [s]",
@@ -145,17 +147,17 @@ def _list_band_figures(found: Identified) -> Iterator[dict[str, Any]]:
         }
 
 
-def _list_spectrum_figures(found: Identified) -> Iterator[dict[str, Any]]:
+def _list_spectrum_figures(identification: Identification) -> Iterator[dict[str, Any]]:
     """Amplitude spectra of what remains, each over the RMS of what was measured."""
-    run, told = (found.held or found.shown)[0]
+    run, told = (identification.held or identification.shown)[0]
     if run.measured is None:
         return
     spacing = float(run.time[1] - run.time[0])
     frequency = np.fft.rfftfreq(len(run.time), spacing)
-    kept = frequency <= 1.5 * found.machine.settings.bandwidth_Hz
+    kept = frequency <= 1.5 * identification.machine.settings.bandwidth_Hz
     every = max(1, int(kept.sum()) // FREQUENCIES)
     curves = {}
-    for c, channel in enumerate(found.machine.channels):
+    for c, channel in enumerate(identification.machine.channels):
         rest = np.where(run.counted[:, c], run.measured[:, c] - told.value[:, c], 0.0)
         whole = np.where(run.counted[:, c], run.measured[:, c], 0.0)
         amplitude = 2.0 * np.abs(np.fft.rfft(rest * np.hanning(len(rest)))) / max(1.0, 0.5 * run.counted[:, c].sum())
@@ -178,7 +180,7 @@ def _drop_digits(values: Array) -> list[float]:
 # ------------------------------------------------------------------------------------------------------------- tables
 
 
-def _build_cause_table(causes: Sequence[tuple[str, Remains]]) -> dict[str, Any]:
+def _build_cause_table(causes: Sequence[tuple[str, CauseFindings]]) -> dict[str, Any]:
     rows = []
     for log, rest in causes:
         rows += [
@@ -194,7 +196,7 @@ def _build_cause_table(causes: Sequence[tuple[str, Remains]]) -> dict[str, Any]:
     return {"title": "Causes of what remains", "columns": columns, "rows": rows}
 
 
-def _build_least_table(causes: Sequence[tuple[str, Remains]]) -> dict[str, Any]:
+def _build_least_table(causes: Sequence[tuple[str, CauseFindings]]) -> dict[str, Any]:
     rows = [
         {"log": log, "name": one.name, "place": one.place, "size": one.size if np.isfinite(one.size) else None, "unit": one.unit}
         for log, rest in causes
@@ -242,12 +244,12 @@ def _build_doubt_table(words: Sequence[str]) -> dict[str, Any]:
     }
 
 
-def _build_scatter_table(found: Identified) -> dict[str, Any]:
+def _build_scatter_table(identification: Identification) -> dict[str, Any]:
     """Mean and RMS error of every sensor in every log: how much runs differ beside what scatters inside of one."""
     rows = []
-    for part, some in (("identified from", found.shown), ("held out", found.held)):
+    for part, some in (("identified from", identification.shown), ("held out", identification.held)):
         for run, told in some:
-            rows += list(_list_sensor_errors(found.machine, part, run, told))
+            rows += list(_list_sensor_errors(identification.machine, part, run, told))
     columns = [
         ("log", "log", ""), ("part", "log is", ""), ("channel", "sensor", ""), ("mean", "mean error", "unit"),
         ("rms", "RMS error", "unit"), ("unit", "unit", ""),
@@ -255,11 +257,11 @@ def _build_scatter_table(found: Identified) -> dict[str, Any]:
     return {"title": "From run to run", "columns": columns, "rows": rows}
 
 
-def _list_sensor_errors(machine: Machine, part: str, run: Run, told: Prediction) -> Iterator[dict[str, Any]]:
+def _list_sensor_errors(machine: Machine, part: str, run: Run, prediction: Prediction) -> Iterator[dict[str, Any]]:
     if run.measured is None:
         return
     for c, channel in enumerate(machine.channels):
-        error = (run.measured - told.value)[run.counted[:, c], c]
+        error = (run.measured - prediction.value)[run.counted[:, c], c]
         if len(error):
             own = {"mean": float(error.mean()), "rms": float(np.sqrt(np.mean(error**2))), "unit": channel.unit}
             yield {"log": run.name, "part": part, "channel": channel.name} | own

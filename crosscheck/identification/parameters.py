@@ -43,7 +43,7 @@ ELSEWHERE = {
 
 
 @dataclass(frozen=True)
-class Kind:
+class ParameterKind:
     """A kind of parameter.
 
     unit : of one that turns and of one that slides; positive : by its nature
@@ -63,8 +63,8 @@ class Kind:
 
 def _make_kind(
     name: str, unit: str, positive: bool, places: str, class_: str, slides: str = "", **more: object
-) -> Kind:
-    return Kind(name, (unit, slides or unit), positive, places, class_, **more)  # type: ignore[arg-type]
+) -> ParameterKind:
+    return ParameterKind(name, (unit, slides or unit), positive, places, class_, **more)  # type: ignore[arg-type]
 
 
 KINDS = {
@@ -124,13 +124,13 @@ class Parameter:
         """Kind and place [-]."""
         return self.kind, self.place
 
-    def value(self, z: float) -> float:
+    def compute_value(self, z: float) -> float:
         """Return the value [unit] at a coordinate z [-]."""
         return self.known * float(np.exp(self.error * z)) if self.positive else self.known + self.error * z
 
 
 @dataclass(frozen=True)
-class Space:
+class ParameterSpace:
     """All free parameters of a mechanism.
 
     factors : L (4, 4) of the mass properties of links that are free; more : m, h, I (10,) beside them [kg], [kg m], [kg m^2]
@@ -140,16 +140,16 @@ class Space:
     factors: Mapping[str, Array]
     more: Mapping[str, Array] = field(default_factory=dict)
 
-    def values(self, z: Array) -> Values:
+    def compute_values(self, z: Array) -> Values:
         """Return the values [units of the parameters] at coordinates z (parameters,) [-]."""
-        return {p.key: p.value(float(x)) for p, x in zip(self.parameters, z, strict=True)}
+        return {p.key: p.compute_value(float(x)) for p, x in zip(self.parameters, z, strict=True)}
 
-    def names(self) -> list[str]:
+    def describe_parameters(self) -> list[str]:
         """Return the parameters in words [-]."""
         return [f"{p.kind} of {p.place}" for p in self.parameters]
 
 
-def build_space(mechanism: Mechanism, settings: IdentifyTable) -> Space:
+def build_space(mechanism: Mechanism, settings: IdentifyTable) -> ParameterSpace:
     """Return the free parameters with what is known before [units of the parameters].
 
     Raises InputError: unknown kind, no such place, free twice, nothing known of what is positive.
@@ -177,17 +177,17 @@ def build_space(mechanism: Mechanism, settings: IdentifyTable) -> Space:
             else:
                 made = [_make_parameter(mechanism, settings, kind, place, free.value, free.relative, free.error)]
             parameters |= {p.key: p for p in made}
-    return Space(tuple(parameters.values()), factors)
+    return ParameterSpace(tuple(parameters.values()), factors)
 
 
-def _find_kind(name: str) -> Kind:
+def _find_kind(name: str) -> ParameterKind:
     if name in KINDS:
         return KINDS[name]
     hint = ELSEWHERE.get(name, f'write parameter = "{find_nearest_word(name, list(KINDS)) or MASS}"')
     raise InputError(f"identify.toml, [[free]]: parameter {name!r}, expected one of {', '.join(KINDS)}; {hint}")
 
 
-def list_places(mechanism: Mechanism, settings: IdentifyTable, kind: Kind) -> list[str]:
+def list_places(mechanism: Mechanism, settings: IdentifyTable, kind: ParameterKind) -> list[str]:
     """Return the places at which a kind of parameter may be free [-]."""
     return {
         "joint": [j.name for j in mechanism.joints if j.name in settings.joints],
@@ -206,7 +206,7 @@ def list_places(mechanism: Mechanism, settings: IdentifyTable, kind: Kind) -> li
 def _make_parameter(
     mechanism: Mechanism,
     settings: IdentifyTable,
-    kind: Kind,
+    kind: ParameterKind,
     place: str,
     value: float | None,
     relative: float | None,
@@ -229,7 +229,7 @@ def _make_parameter(
     )
 
 
-def find_prior_value(mechanism: Mechanism, settings: IdentifyTable, kind: Kind, place: str) -> float:
+def find_prior_value(mechanism: Mechanism, settings: IdentifyTable, kind: ParameterKind, place: str) -> float:
     """Return the value of a parameter in the mechanism [unit of the parameter]."""
     joint = mechanism.joint_of.get(place)
     if kind.name in ("transition rate", "stribeck rate"):

@@ -70,13 +70,14 @@ class PointMotion:
     """Motion of the points of sensors, one for each axis that is measured.
 
     x, a : (samples, sensors) position [m] along the world's axis, acceleration [m/s^2] along the sensor's
-    axis : (samples, sensors, 3) the sensor's axis in the world [-]; felt : (sensors,) whether gravity is part of the reading
+    axis : (samples, sensors, 3) the sensor's axis in the world [-]; includes_gravity : (sensors,) whether gravity is part of
+        the reading
     """
 
     x: Array
     a: Array
     axis: Array
-    felt: NDArray[np.bool_]
+    includes_gravity: NDArray[np.bool_]
 
     @classmethod
     def make_empty(cls, samples: int) -> PointMotion:
@@ -85,7 +86,7 @@ class PointMotion:
 
     def compute_readings(self, gravity: Array) -> Array:
         """Return the readings of the sensors (samples, sensors) [m], [m/s^2] under gravity (3,) [m/s^2]."""
-        return np.where(self.felt, self.a - self.axis @ gravity, self.x)
+        return np.where(self.includes_gravity, self.a - self.axis @ gravity, self.x)
 
 
 def build_point_motion(settings: IdentifyTable, mesh: Mesh, nodes: NodalMotion) -> PointMotion:

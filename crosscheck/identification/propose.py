@@ -57,8 +57,8 @@ def format_identify_toml(
     )
 
 
-def _format_head(log: Log, found: Found, time: str, unit: tuple[str, str]) -> Iterator[str]:
-    rate = max(rate for rate, _ in _find_peak_rates(log, found).values())
+def _format_head(log: Log, columns: Found, time: str, unit: tuple[str, str]) -> Iterator[str]:
+    rate = max(rate for rate, _ in _find_peak_rates(log, columns).values())
     yield f"format = {FORMAT}"
     yield f"source = {json.dumps(f'proposed for {log.name} by crosscheck identify --propose: read every line')}"
     if time != "time_s":
@@ -74,19 +74,22 @@ def _choose_bandwidth(log: Log) -> float:
     return min(10.0, 0.1 / log.spacing)
 
 
-def _find_peak_rates(log: Log, found: Found) -> dict[str, tuple[float, float]]:
+def _find_peak_rates(log: Log, columns: Found) -> dict[str, tuple[float, float]]:
     """Largest rates [rad/s], [m/s] and accelerations [1/s of these], but for the quickest hundredth of the samples."""
     out = {}
-    for name, own in found.items():
-        angle = low_pass(log.column(own["angle"].name), log.spacing, _choose_bandwidth(log)) * ANGLES[own["angle"].unit]
+    for name, own in columns.items():
+        angle = (
+            low_pass(log.read_column(own["angle"].name), log.spacing, _choose_bandwidth(log))
+            * ANGLES[own["angle"].unit]
+        )
         rate = np.gradient(angle, log.spacing)
         both = [float(np.quantile(np.abs(x), 0.99)) for x in (rate, np.gradient(rate, log.spacing))]
         out[name] = (max(both[0], 1e-9), max(both[1], 1e-9))
     return out
 
 
-def _format_joint_tables(mechanism: Mechanism, found: Found, lost: list[str]) -> Iterator[str]:
-    for name, own in found.items():
+def _format_joint_tables(mechanism: Mechanism, columns: Found, lost: list[str]) -> Iterator[str]:
+    for name, own in columns.items():
         drive = mechanism.joint_of[name].drive
         yield f"\n[joints.{_format_key(name)}]"
         for kind, column in own.items():
@@ -106,16 +109,16 @@ def _is_at_motor(column: Column) -> bool:
     return "motor" in column.name.lower()
 
 
-def _format_free_tables(mechanism: Mechanism, log: Log, found: Found) -> Iterator[str]:
+def _format_free_tables(mechanism: Mechanism, log: Log, columns: Found) -> Iterator[str]:
     yield from _format_mass_tables(mechanism)
-    quickest = _find_peak_rates(log, found)
-    for name, own in found.items():
+    quickest = _find_peak_rates(log, columns)
+    for name, own in columns.items():
         if "effort" not in own:
             continue
         joint = mechanism.joint_of[name]
         column = own["effort"]
         rate, acceleration = quickest[name]
-        spread = float(np.std(log.column(column.name))) * EFFORTS[column.unit]
+        spread = float(np.std(log.read_column(column.name))) * EFFORTS[column.unit]
         small = SMALL * spread * (joint.drive.ratio if joint.drive is not None and _is_at_motor(column) else 1.0)
         known = {
             "viscous friction": (joint.damping, small / rate),

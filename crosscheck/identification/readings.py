@@ -20,9 +20,9 @@ from scipy.signal import lfilter
 
 from crosscheck.identification.filters import apply_lag, apply_low_pass_all, low_pass
 from crosscheck.identification.logs.log import Log
-from crosscheck.identification.parameters import KINDS, Key, Space, find_prior_value
+from crosscheck.identification.parameters import KINDS, Key, ParameterSpace, find_prior_value
 from crosscheck.identification.points import PointSensor, list_point_sensors
-from crosscheck.identification.response import Measured, Response, build_response
+from crosscheck.identification.response import MeasuredMotion, Response, build_response
 from crosscheck.identification.settings import ACCELERATIONS, ANGLES, EFFORTS, LENGTHS, RATES, IdentifyTable, RateTable
 from crosscheck.identification.wide_response import WideResponse, compute_wide_response
 from flexinv.errors import InputError
@@ -67,7 +67,7 @@ class Run:
 
     name: str
     time: Array
-    motion: Measured
+    motion: MeasuredMotion
     response: Response
     measured: Array | None
     sliding: NDArray[np.bool_]
@@ -81,7 +81,7 @@ class Machine:
 
     mechanism: Mechanism
     settings: IdentifyTable
-    space: Space
+    space: ParameterSpace
 
     @cached_property
     def channels(self) -> tuple[Channel, ...]:
@@ -129,7 +129,7 @@ class Machine:
         return drive.torque_constant * (1.0 if effort.side == "motor" else drive.ratio)
 
 
-def compute_measured_motion(machine: Machine, log: Log) -> Measured:
+def compute_measured_motion(machine: Machine, log: Log) -> MeasuredMotion:
     """Return the motion of the measured joints [rad], [m], low-passed without delay and differentiated by splines.
 
     Raises InputError: a column missing, constant numbers where every joint stands, angles in degrees that are said to be radians.
@@ -145,7 +145,7 @@ def compute_measured_motion(machine: Machine, log: Log) -> Measured:
     columns = []
     rates = {}
     for k, (name, table) in enumerate(settings.joints.items()):
-        raw = log.column(table.angle.column) * (ANGLES[table.angle.unit] / table.angle.over)
+        raw = log.read_column(table.angle.column) * (ANGLES[table.angle.unit] / table.angle.over)
         _check_angle(machine, log, name, raw)
         columns.append(low_pass(raw, log.spacing, bandwidth))
         if table.rate is not None:
@@ -157,7 +157,7 @@ def compute_measured_motion(machine: Machine, log: Log) -> Measured:
     for k, rate in rates.items():
         qd[:, k] = rate
         qdd[:, k] = CubicSpline(time, rate)(time, 1)
-    return Measured(time, tuple(settings.joints), q, qd, qdd)
+    return MeasuredMotion(time, tuple(settings.joints), q, qd, qdd)
 
 
 @lru_cache(maxsize=64)  # undoing a fault leaves most angles as they were
@@ -170,7 +170,7 @@ def _fit_splines(grid: bytes, values: bytes) -> tuple[Array, Array, Array]:
 
 def _read_rate(log: Log, name: str, table: RateTable, angle: Array) -> Array:
     """The rate [rad/s], [m/s] of a joint that a column states; it has to be the slope of the angle (samples,)."""
-    rate = log.column(table.column) * (RATES[table.unit] / table.over)
+    rate = log.read_column(table.column) * (RATES[table.unit] / table.over)
     slope = np.gradient(angle, log.spacing)
     size = float(rate @ slope) / float(slope @ slope)
     if abs(size - 1.0) > SLOPE:
@@ -210,9 +210,9 @@ def make_run(machine: Machine, log: Log, efforts: bool = True, once: bool = Fals
     edge = EDGE / settings.bandwidth_Hz
     window &= (motion.time >= edge) & (motion.time <= motion.time[-1] - edge)
     measured = read_measured_channels(machine, log) if efforts else None
-    told = build_response(machine.mechanism, machine.space, settings, motion, once)
+    response = build_response(machine.mechanism, machine.space, settings, motion, once)
     wide = compute_wide_responses(machine, log) if efforts else ()
-    return Run(log.name, log.time, motion, told, measured, sliding, sliding & window[:, None], wide)
+    return Run(log.name, log.time, motion, response, measured, sliding, sliding & window[:, None], wide)
 
 
 def _find_window_samples(settings: IdentifyTable, log: Log) -> NDArray[np.bool_]:
@@ -234,8 +234,8 @@ def compute_wide_responses(machine: Machine, log: Log, only: int | None = None) 
         if table is None:
             out.append(None)
             continue
-        angle = log.column(table.column)[window] * (ANGLES[table.unit] / table.over)
-        effort = log.column(channel.column)[window] * channel.factor
+        angle = log.read_column(table.column)[window] * (ANGLES[table.unit] / table.over)
+        effort = log.read_column(channel.column)[window] * channel.factor
         out.append(compute_wide_response(angle, effort, log.spacing, machine.settings.bandwidth_Hz))
     return tuple(out)
 
@@ -244,7 +244,7 @@ def read_measured_channels(machine: Machine, log: Log) -> Array:
     """Return the efforts and gauges of a log (samples, channels) [units of the channels], low-passed.  Raises InputError."""
     columns = []
     for channel in machine.channels:
-        raw = log.column(channel.column) * channel.factor
+        raw = log.read_column(channel.column) * channel.factor
         if np.ptp(raw) == 0.0:
             raise InputError(
                 f"{log.name}: column {channel.column!r} is constant ({raw[0]:g}), expected what {channel.name} measured; "
@@ -264,7 +264,9 @@ def compute_readings(machine: Machine, run: Run, values: Mapping[Key, float]) ->
     return raw
 
 
-def compute_raw_signals(machine: Machine, motion: Measured, respond: Response, values: Mapping[Key, float]) -> Array:
+def compute_raw_signals(
+    machine: Machine, motion: MeasuredMotion, respond: Response, values: Mapping[Key, float]
+) -> Array:
     """Return the raw signals of the sensors, before any low-pass of ours (samples, channels) [units of the channels]."""
     effort, moment, points = respond(values)
     spacing = float(motion.time[1] - motion.time[0])
@@ -336,7 +338,12 @@ def _resolve_value(machine: Machine, values: Mapping[Key, float], kind: str, pla
 
 
 def _compute_gauge_signal(
-    machine: Machine, motion: Measured, channel: Channel, moment: Array, values: Mapping[Key, float], spacing: float
+    machine: Machine,
+    motion: MeasuredMotion,
+    channel: Channel,
+    moment: Array,
+    values: Mapping[Key, float],
+    spacing: float,
 ) -> Array:
     table = machine.settings.gauges[channel.place]
     bent = (

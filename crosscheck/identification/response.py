@@ -14,7 +14,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from crosscheck.identification.parameters import KINDS, MASS, Key, Space, apply_values
+from crosscheck.identification.parameters import KINDS, MASS, Key, ParameterSpace, apply_values
 from crosscheck.identification.points import PointMotion, add_sensor_bodies, build_point_motion, list_point_sensors
 from crosscheck.identification.pseudo_inertia import COLUMNS, NAMES, ROWS, move_mass_properties
 from crosscheck.identification.settings import IdentifyTable
@@ -40,7 +40,7 @@ KEPT = 64  # responses that are remembered: one for each parameter that needs a 
 
 
 @dataclass(frozen=True)
-class Measured:
+class MeasuredMotion:
     """Motion of the joints that a log measures.
 
     time : (samples,) [s], from 0; names : of the joints; q, qd, qdd : (samples, joints) [rad], [m] and per second
@@ -65,7 +65,7 @@ def remove_rotors_and_friction(mechanism: Mechanism, names: tuple[str, ...]) -> 
     return replace(mechanism, joints=tuple(remove_drive(j) for j in mechanism.joints))
 
 
-def compute_link_inertias(space: Space, mechanism: Mechanism, values: Mapping[Key, float]) -> Array:
+def compute_link_inertias(space: ParameterSpace, mechanism: Mechanism, values: Mapping[Key, float]) -> Array:
     """Return m, h, I (links, 10) [kg], [kg m], [kg m^2] of all rigid links; zeros for beams."""
     out = np.zeros((len(mechanism.links), PARAMETERS))
     for k, link in enumerate(mechanism.links):
@@ -93,7 +93,7 @@ def replace_masses(mechanism: Mechanism, masses: Mapping[str, Array]) -> Mechani
         tensor = np.zeros((3, 3))
         tensor[ROWS, COLUMNS] = tensor[COLUMNS, ROWS] = ten[4:]
         tensor -= mass * (com @ com * np.eye(3) - np.outer(com, com))
-        return (Body(name, Inertia.stated(float(mass), com, tensor)),)
+        return (Body(name, Inertia.build_unchecked(float(mass), com, tensor)),)
 
     links = tuple(
         replace(k, bodies=make_bodies(k.name, masses[k.name])) if k.name in masses else k for k in mechanism.links
@@ -113,7 +113,7 @@ def _compute_tilted_gravity(gravity: Array, values: Mapping[Key, float]) -> Arra
 
 
 def build_response(
-    mechanism: Mechanism, space: Space, settings: IdentifyTable, motion: Measured, once: bool = False
+    mechanism: Mechanism, space: ParameterSpace, settings: IdentifyTable, motion: MeasuredMotion, once: bool = False
 ) -> Response:
     """Return the function from values to efforts (samples, joints) [N m], [N], root moments (samples, gauges) [N m] and the
     signals of points (samples, sensors) [m], [m/s^2].
@@ -129,7 +129,7 @@ def build_response(
 
 
 def _build_tree_response(
-    mechanism: Mechanism, space: Space, settings: IdentifyTable, motion: Measured, once: bool
+    mechanism: Mechanism, space: ParameterSpace, settings: IdentifyTable, motion: MeasuredMotion, once: bool
 ) -> Response:
     if still := [j.name for j in mechanism.joints if j.nv and j.name not in motion.names]:
         raise InputError(
@@ -154,7 +154,7 @@ def _build_tree_response(
 
 
 def _build_direct_response(
-    mechanism: Mechanism, space: Space, state: State, rows: list[int]
+    mechanism: Mechanism, space: ParameterSpace, state: State, rows: list[int]
 ) -> Callable[[Mapping[Key, float]], Array]:
     """The efforts (samples, joints) of a tree at any values, each from the motion anew."""
 
@@ -184,7 +184,7 @@ def _scale_spring(spring: Spring, factor: float) -> Spring:
 
 
 def _build_regressor_response(
-    mechanism: Mechanism, space: Space, state: State, rows: list[int]
+    mechanism: Mechanism, space: ParameterSpace, state: State, rows: list[int]
 ) -> Callable[[Mapping[Key, float]], Array]:
     """The efforts (samples, joints) of a tree at any values, by matrices of the motion that are made once."""
     q, qd, qdd = state
@@ -232,7 +232,7 @@ def _split_mechanism(mechanism: Mechanism) -> tuple[Mechanism, Mechanism, dict[s
     return alone, replace(mechanism, springs=()), sprung
 
 
-def _build_states(mechanism: Mechanism, motion: Measured) -> tuple[Array, Array, Array]:
+def _build_states(mechanism: Mechanism, motion: MeasuredMotion) -> tuple[Array, Array, Array]:
     q = np.tile(mechanism.neutral, (len(motion.time), 1))
     qd, qdd = np.zeros((2, len(motion.time), mechanism.nv))
     for k, name in enumerate(motion.names):
@@ -246,7 +246,7 @@ def _build_states(mechanism: Mechanism, motion: Measured) -> tuple[Array, Array,
 
 
 def _build_solver_response(
-    mechanism: Mechanism, space: Space, settings: IdentifyTable, motion: Measured, once: bool
+    mechanism: Mechanism, space: ParameterSpace, settings: IdentifyTable, motion: MeasuredMotion, once: bool
 ) -> Response:
     coarse = mechanism.with_mesh(*settings.mesh) if settings.mesh and mechanism.beams else mechanism
     given = Motion.from_samples(motion.time, {name: motion.q[:, k] for k, name in enumerate(motion.names)})
@@ -303,7 +303,7 @@ def _build_solver_response(
 
 def _build_linear_response(
     mechanism: Mechanism,
-    space: Space,
+    space: ParameterSpace,
     solved: list[Key],
     marched: Callable[[Mapping[Key, float], Mapping[str, Array]], tuple[Told, State]],
     efforts: Callable[[Mapping[Key, float], Mapping[str, Array], State], Array],

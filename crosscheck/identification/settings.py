@@ -247,31 +247,33 @@ def read_settings(path: Path, mechanism: Mechanism) -> IdentifyTable:
     for name in table.joints:
         if name not in joints:
             expected = "a joint of one coordinate: " + ", ".join(joints)
-            raise top.inner("joints").wrong(
+            raise top.make_inner_location("joints").make_error(
                 name, f'"{name}"', expected, f"[joints.{find_nearest_word(name, joints) or joints[0]}]"
             )
     for kind, points in (("markers", table.markers), ("accelerometers", table.accelerometers)):
         for name, point in points.items():
-            _check_point(point, mechanism, top.inner(kind).inner(name))
+            _check_point(point, mechanism, top.make_inner_location(kind).make_inner_location(name))
     for free in table.free:
         if free.relative is None and free.error is None:
             given = f"[[free]] {free.parameter} without either"
             expected = "relative [-] or error [unit]: a believable error"
-            raise top.inner("free").wrong("relative", given, expected, "relative = 0.3")
+            raise top.make_inner_location("free").make_error("relative", given, expected, "relative = 0.3")
     if table.night is not None and bool(table.night.hold_out) == (table.night.blocks is not None):
         given = "both" if table.night.hold_out else "neither hold_out nor blocks"
-        raise top.inner("night").wrong("hold_out", given, "one of them: what judges", 'hold_out = ["other.csv"]')
+        raise top.make_inner_location("night").make_error(
+            "hold_out", given, "one of them: what judges", 'hold_out = ["other.csv"]'
+        )
     return table
 
 
 def _check_point(point: MarkerTable | AccelerometerTable, mechanism: Mechanism, where: Location) -> None:
     if read_end(point, mechanism.link_of, where).link == WORLD:
         moving = ", ".join(list(mechanism.link_of)[:20])
-        raise where.wrong(
+        raise where.make_error(
             "link", f'link = "{WORLD}"', f"a link that moves: {moving}", f'link = "{mechanism.links[-1].name}"'
         )
     if not point.columns.named:
-        raise where.wrong("columns", "no column", "one of x, y and z or more", 'columns = { x = "NAME" }')
+        raise where.make_error("columns", "no column", "one of x, y and z or more", 'columns = { x = "NAME" }')
 
 
 def list_matching_names(patterns: list[str], names: list[str]) -> list[str]:

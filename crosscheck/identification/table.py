@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from crosscheck.identification.fit import TOLD, Fit
-from crosscheck.identification.parameters import MASS, Space
+from crosscheck.identification.parameters import MASS, ParameterSpace
 from crosscheck.identification.pseudo_inertia import NAMES, QUANTITIES, UNITS, convert_to_com, move_mass_properties
 
 Array = NDArray[np.float64]
@@ -49,25 +49,27 @@ def describe_unidentified(table: list[Row]) -> list[str]:
     ]
 
 
-def list_parameter_rows(space: Space, found: Fit) -> list[Row]:
+def list_parameter_rows(space: ParameterSpace, fit: Fit) -> list[Row]:
     """Return all parameters [unit of each] with 90 % intervals."""
     random = np.random.default_rng(0)  # the same log gives the same file
-    count = len(found.z)
-    values, vectors = np.linalg.eigh(found.covariance)
+    count = len(fit.z)
+    values, vectors = np.linalg.eigh(fit.covariance)
     root = vectors * np.sqrt(np.maximum(values, 0.0))
     normal = random.normal(size=(DRAWS, count))
-    after = found.z + normal @ root.T
+    after = fit.z + normal @ root.T
     before = random.normal(size=(DRAWS, count))
     keys = [p.key for p in space.parameters]
     out: list[Row] = []
     for k, one in enumerate(space.parameters):
         if one.kind == MASS:
             continue
-        value = np.array([one.value(float(x)) for x in after[:, k]])
-        known = np.array([one.value(float(x)) for x in before[:, k]])
-        told = bool(np.sqrt(found.covariance[k, k]) < TOLD)
+        value = np.array([one.compute_value(float(x)) for x in after[:, k]])
+        known = np.array([one.compute_value(float(x)) for x in before[:, k]])
+        told = bool(np.sqrt(fit.covariance[k, k]) < TOLD)
         out.append(
-            _make_row((one.kind, one.place, one.unit), one.value(float(found.z[k])), value, one.known, known, told)
+            _make_row(
+                (one.kind, one.place, one.unit), one.compute_value(float(fit.z[k])), value, one.known, known, told
+            )
         )
     for name, factor in space.factors.items():
         errors = np.array([space.parameters[keys.index((MASS, f"{name}.{n}"))].error for n in NAMES])
@@ -75,7 +77,7 @@ def list_parameter_rows(space: Space, found: Fit) -> list[Row]:
         value, known = (
             convert_to_com(move_mass_properties(factor, errors * drawn[:, at])) for drawn in (after, before)
         )
-        here = convert_to_com(move_mass_properties(factor, errors * found.z[at]))
+        here = convert_to_com(move_mass_properties(factor, errors * fit.z[at]))
         there = convert_to_com(move_mass_properties(factor, np.zeros(len(NAMES))))
         for k, (quantity, unit) in enumerate(zip(QUANTITIES, UNITS, strict=True)):
             told = bool(np.std(value[:, k]) < TOLD * np.std(known[:, k]))

@@ -106,7 +106,7 @@ def join_responses(some: Sequence[WideResponse]) -> WideResponse:
 
 
 @dataclass(frozen=True)
-class Expected:
+class ExpectedResponse:
     """Expectation of H (frequencies,), and its variance over |H|^2; ``known`` : its size and not only its phase."""
 
     frequency: Array
@@ -115,27 +115,30 @@ class Expected:
     known: bool
 
 
-def build_expectation(seen: WideResponse, before: Sequence[WideResponse]) -> Expected:
+def build_expectation(response: WideResponse, before: Sequence[WideResponse]) -> ExpectedResponse:
     """Return the expectation of H: that of logs before, or in phase with the acceleration, as that of a rotor inertia is [-]."""
     if before:
-        own = join_responses(before)
-        ratio = np.interp(seen.frequency, own.frequency, own.ratio)
-        variance = np.interp(seen.frequency, own.frequency, own.variance)
-        variance[np.interp(seen.frequency, own.frequency, own.coherence) < SEEN] = np.inf
-        return Expected(seen.frequency, ratio, variance, True)
-    return Expected(
-        seen.frequency, np.ones(len(seen.frequency), dtype=complex), np.full(len(seen.frequency), PHASE**2), False
+        responses = join_responses(before)
+        ratio = np.interp(response.frequency, responses.frequency, responses.ratio)
+        variance = np.interp(response.frequency, responses.frequency, responses.variance)
+        variance[np.interp(response.frequency, responses.frequency, responses.coherence) < SEEN] = np.inf
+        return ExpectedResponse(response.frequency, ratio, variance, True)
+    return ExpectedResponse(
+        response.frequency,
+        np.ones(len(response.frequency), dtype=complex),
+        np.full(len(response.frequency), PHASE**2),
+        False,
     )
 
 
-def compute_response_error(seen: WideResponse, told: Expected, weights: Array) -> Array:
+def compute_response_error(response: WideResponse, expected_response: ExpectedResponse, weights: Array) -> Array:
     """Return the error of H, real and imaginary parts in turn (2 frequencies,) times weights (frequencies,) [-]."""
-    ratio = seen.ratio if told.known else seen.ratio / np.abs(seen.ratio)
-    rest = (ratio / told.ratio - 1.0) * weights
+    ratio = response.ratio if expected_response.known else response.ratio / np.abs(response.ratio)
+    rest = (ratio / expected_response.ratio - 1.0) * weights
     return np.column_stack([rest.real, rest.imag]).ravel()
 
 
-def compute_weights(seen: WideResponse, told: Expected) -> Array:
+def compute_weights(response: WideResponse, expected_response: ExpectedResponse) -> Array:
     """Return one over the standard error of each difference (frequencies,) [-]; 0 where nothing is seen."""
-    variance = 0.5 * (seen.variance + told.variance)
-    return np.asarray(np.where(seen.coherence < SEEN, 0.0, 1.0 / np.sqrt(variance)))
+    variance = 0.5 * (response.variance + expected_response.variance)
+    return np.asarray(np.where(response.coherence < SEEN, 0.0, 1.0 / np.sqrt(variance)))

@@ -41,7 +41,7 @@ def read_answer(folder: Path, mechanism: Mechanism, case: Case, engine: str) -> 
     if not file.is_file():
         raise InputError(f"{folder} holds no series.csv: nothing was answered")
     time, found = read(file)
-    check_times(file, time, wanted := sample_times(case), case.sample)
+    check_times(file, time, times := sample_times(case), case.sample)
     check_names(file, list_all_series(mechanism), found.values())
     _check_complete(file, mechanism, case, found)
     still = {f"torque/{name}" for name in list_idle_velocities(mechanism, case)} - set(found)
@@ -51,7 +51,7 @@ def read_answer(folder: Path, mechanism: Mechanism, case: Case, engine: str) -> 
             found |= series(f"torque/{name}", units[name], np.zeros(time.size))
     _check_finite(file, found, time)
     certificate = read_certificate(resolve_file(folder, "certificate.json"), mechanism)
-    return Record(time=wanted, series=found, wall_time=meta.wall_time, certificate=certificate, **made)
+    return Record(time=times, series=found, wall_time=meta.wall_time, certificate=certificate, **made)
 
 
 def resolve_file(folder: Path, name: str) -> Path:
@@ -111,16 +111,16 @@ def _check_addressed(folder: Path, meta: MetaFile, mechanism: Mechanism, case: C
             )
 
 
-def _check_complete(file: Path, mechanism: Mechanism, case: Case, found: dict[str, Series]) -> None:
+def _check_complete(file: Path, mechanism: Mechanism, case: Case, series: dict[str, Series]) -> None:
     """Raise InputError where a quantity is there in part: a column was forgotten; reactions and sections are free."""
     for quantity in ("torque", "tip", "deflection"):
-        wanted = list_quantity_series(mechanism, case, quantity)
-        there = [name for name in wanted if name in found]
-        missing = [name for name in wanted if name not in found]
+        quantity_series = list_quantity_series(mechanism, case, quantity)
+        there = [name for name in quantity_series if name in series]
+        missing = [name for name in quantity_series if name not in series]
         if missing and (
             quantity == "torque" or (there and quantity in case.quantities and _has_partial_vector(missing, there))
         ):
-            raise InputError(f"{file}: column '{missing[0]} [{wanted[missing[0]]}]' is missing")
+            raise InputError(f"{file}: column '{missing[0]} [{quantity_series[missing[0]]}]' is missing")
 
 
 def _has_partial_vector(missing: list[str], there: list[str]) -> bool:
@@ -128,9 +128,9 @@ def _has_partial_vector(missing: list[str], there: list[str]) -> bool:
     return bool({name.rpartition("/")[0] for name in missing} & {name.rpartition("/")[0] for name in there})
 
 
-def _check_finite(file: Path, found: dict[str, Series], time: np.ndarray) -> None:
+def _check_finite(file: Path, series: dict[str, Series], time: np.ndarray) -> None:
     """Raise InputError where a number is not finite, or an error bar negative."""
-    for one in found.values():
+    for one in series.values():
         for what, values in (("", one.values), (" error", one.error)):
             if values is None:
                 continue
@@ -146,13 +146,13 @@ def _check_finite(file: Path, found: dict[str, Series], time: np.ndarray) -> Non
 def read_certificate(file: Path, mechanism: Mechanism) -> dict[str, Any]:
     """Return the certificate in a file; {} without one, {"broken": why} where it cannot be read or compared."""
     try:
-        found = read_table(file, CertificateFile)
-        if found is None:
+        table = read_table(file, CertificateFile)
+        if table is None:
             return {}
-        _check_shapes(file, found, mechanism)
+        _check_shapes(file, table, mechanism)
     except InputError as error:
         return {BROKEN: str(error)}
-    return {name: value for name, value in found.model_dump(mode="json").items() if value not in (None, {}, [])}
+    return {name: value for name, value in table.model_dump(mode="json").items() if value not in (None, {}, [])}
 
 
 def _check_shapes(file: Path, found: CertificateFile, mechanism: Mechanism) -> None:

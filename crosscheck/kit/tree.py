@@ -34,13 +34,13 @@ HEADER = (
 
 def list_tree_rows(mechanism: Mechanism) -> Iterator[list[str]]:
     """Yield one row of ``tree.csv`` per moving joint, in the order of the coordinates; lengths [m], inertia about the centre."""
-    seats = find_carriers(mechanism)
+    carriers = find_carriers(mechanism)
     moving = [joint for joint in mechanism.joints if joint.nv]
     number = {joint.child: k for k, joint in enumerate(moving)}
     for joint in moving:
-        carrier, place = seats[joint.parent]
+        carrier, place = carriers[joint.parent]
         frame = apply_placement(place, joint.placement)
-        body = join_bodies(mechanism, joint.child, seats)
+        body = join_bodies(mechanism, joint.child, carriers)
         drive = (joint.rotor_inertia, joint.damping, joint.friction, joint.stiffness, joint.rest, float(joint.actuated))
         numbers = [*frame.position, *frame.rotation.ravel(), *joint.axis, *joint.second_axis, *drive]
         numbers += [body.mass, *body.com, *body.tensor.ravel(), *mechanism.gravity, joint.pitch]
@@ -49,13 +49,13 @@ def list_tree_rows(mechanism: Mechanism) -> Iterator[list[str]]:
 
 def find_carriers(mechanism: Mechanism) -> dict[str, tuple[str, Placement]]:
     """Return by link of a rigid mechanism the link that moves it (``world``: none does) and its pose in that link's frame [m]."""
-    seats: dict[str, tuple[str, Placement]] = {WORLD: (WORLD, Placement())}
+    carriers: dict[str, tuple[str, Placement]] = {WORLD: (WORLD, Placement())}
     for joint in mechanism.joints:
-        carrier, place = seats[joint.parent]
-        seats[joint.child] = (
+        carrier, place = carriers[joint.parent]
+        carriers[joint.child] = (
             (joint.child, Placement()) if joint.nv else (carrier, apply_placement(place, joint.placement))
         )
-    return seats
+    return carriers
 
 
 def join_bodies(mechanism: Mechanism, carrier: str, seats: dict[str, tuple[str, Placement]]) -> Inertia:
@@ -75,4 +75,4 @@ def join_bodies(mechanism: Mechanism, carrier: str, seats: dict[str, tuple[str, 
     for m, c, own in parts:
         d = c - com
         tensor += own + m * (float(d @ d) * np.eye(3) - np.outer(d, d))  # Steiner
-    return Inertia.stated(mass, com, tensor)
+    return Inertia.build_unchecked(mass, com, tensor)

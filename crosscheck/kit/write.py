@@ -71,12 +71,12 @@ def write(
     return file
 
 
-def build_motion_table(mechanism: Mechanism, case: Case, said: CaseData, spacing: float) -> tuple[list[str], Array]:
+def build_motion_table(mechanism: Mechanism, case: Case, data: CaseData, spacing: float) -> tuple[list[str], Array]:
     """Return header and rows of ``motion.csv``: time [s], then q, qd, qdd of what the motion gives [rad], [m], [s]."""
     time = sample_times(case) if spacing == case.sample else spacing * np.arange(round(case.end / spacing) + 1)
     q, qd, qdd = case.motion.evaluate(mechanism, time)
-    coordinates = [(k, c) for k, c in enumerate(said.coordinates) if c.given]
-    velocities = [(k, v) for k, v in enumerate(said.velocities) if v.given]
+    coordinates = [(k, c) for k, c in enumerate(data.coordinates) if c.given]
+    velocities = [(k, v) for k, v in enumerate(data.velocities) if v.given]
     header = [
         TIME,
         *(f"q/{c.name} [{c.unit}]" for _, c in coordinates),

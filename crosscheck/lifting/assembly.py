@@ -37,11 +37,11 @@ Bodies = Mapping[str, Inertia]
 
 
 @dataclass(frozen=True)
-class Between:
+class BodyJoint:
     """A joint between two bodies, WORLD one of them perhaps.
 
     on_parent, on_child : its frame on each [m]; axis, second_axis : (3,) [-] in that frame
-    own : further fields of a `Joint` (limits, damping [N m s], ...); closes : it is stated to close a loop
+    joint_fields : further fields of a `Joint` (limits, damping [N m s], ...); closes : it is stated to close a loop
     """
 
     name: str
@@ -52,11 +52,11 @@ class Between:
     on_child: Placement = field(default_factory=Placement)
     axis: Array = field(default_factory=lambda: np.array([0.0, 0.0, 1.0]))
     second_axis: Array = field(default_factory=lambda: np.array([0.0, 1.0, 0.0]))
-    own: Mapping[str, Any] = field(default_factory=dict)
+    joint_fields: Mapping[str, Any] = field(default_factory=dict)
     closes: bool = False
 
     @property
-    def turned(self) -> Between:
+    def turned(self) -> BodyJoint:
         """Return the same joint from its child to its parent; its coordinate stays what it was [rad], [m]."""
         if self.kind == "universal":
             raise InputError(
@@ -73,7 +73,7 @@ class Between:
 
 
 def assembled(
-    label: str, bodies: Bodies, joints: Iterable[Between], gravity: Array, poses: Mapping[str, Placement]
+    label: str, bodies: Bodies, joints: Iterable[BodyJoint], gravity: Array, poses: Mapping[str, Placement]
 ) -> Mechanism:
     """Return the mechanism of bodies and joints [m, kg, rad], what closes loops as closures.
 
@@ -123,9 +123,9 @@ def _make_free_joint(body: str, pose: Placement, names: set[str]) -> Joint:
     return Joint(name if body == "" else f"{name} {body}", "free", WORLD, body, pose, actuated=False)
 
 
-def _make_joint(one: Between, carrier: Placement) -> Joint:
+def _make_joint(one: BodyJoint, carrier: Placement) -> Joint:
     at = apply_placement(inverse(carrier), one.on_parent)
-    own = dict(one.own)
+    own = dict(one.joint_fields)
     if one.kind not in ("revolute", "prismatic", "continuous", "helical"):
         own.pop("limits", None)
     return Joint(
@@ -140,7 +140,7 @@ def _make_link(name: str, body: Inertia, frame: Placement) -> Link:
     return Link(name, (Body(name, move_inertia(inverse(frame), body)),))
 
 
-def _make_closure(one: Between, frames: Mapping[str, Placement]) -> Closure:
+def _make_closure(one: BodyJoint, frames: Mapping[str, Placement]) -> Closure:
     kind = "revolute" if one.kind == "continuous" else one.kind
     if kind not in CLOSURES:
         raise InputError(

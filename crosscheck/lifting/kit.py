@@ -19,7 +19,7 @@ from crosscheck.kit.tables import (
     JointData,
     MechanismData,
 )
-from crosscheck.lifting.attached import list_force_features
+from crosscheck.lifting.attachment_features import list_force_features
 from crosscheck.lifting.description import Description
 from flexinv.errors import InputError
 from flexinv.files.toml_tables import make_input_error, read_bytes
@@ -50,9 +50,9 @@ def lift_kit(path: Path) -> Description:
     return Description(f"{path.parent.name}/{path.name}", mechanism, "kit", features=features, file=path)
 
 
-def _build_mechanism(said: MechanismData) -> Mechanism:
+def _build_mechanism(data: MechanismData) -> Mechanism:
     return Mechanism(
-        said.name,
+        data.name,
         tuple(
             Link(
                 link.name,
@@ -60,49 +60,49 @@ def _build_mechanism(said: MechanismData) -> Mechanism:
                 None if link.beam is None else _build_beam(link.beam),
                 np.array(link.tip),
             )
-            for link in said.links
+            for link in data.links
         ),
-        tuple(map(_build_joint, said.joints)),
-        gravity=np.array(said.gravity),
-        closures=tuple(map(_build_closure, said.closures)),
-        title=said.title,
+        tuple(map(_build_joint, data.joints)),
+        gravity=np.array(data.gravity),
+        closures=tuple(map(_build_closure, data.closures)),
+        title=data.title,
     )
 
 
-def _build_body(said: BodyData) -> Body:
-    return Body(said.name, Inertia.stated(said.mass, np.array(said.com), np.array(said.inertia)), said.station)
+def _build_body(data: BodyData) -> Body:
+    return Body(data.name, Inertia.build_unchecked(data.mass, np.array(data.com), np.array(data.inertia)), data.station)
 
 
-def _build_beam(said: BeamData) -> Beam:
-    s = said.section
+def _build_beam(data: BeamData) -> Beam:
+    s = data.section
     stiffness = np.column_stack([s.EA, s.GA_y, s.GA_z, s.GJ, s.EI_y, s.EI_z])
     rotary = np.column_stack([s.rho_I_x, s.rho_I_y, s.rho_I_z])
     damping = np.array(s.damping) if s.damping else None
     section = Section(np.array(s.station), stiffness, np.array(s.rho_A), rotary, damping)
-    return Beam(said.length, section, said.elements, said.order, np.array(said.curvature), _build_placement(said.root))
+    return Beam(data.length, section, data.elements, data.order, np.array(data.curvature), _build_placement(data.root))
 
 
-def _build_placement(said: Frame) -> Placement:
-    return Placement(np.array(said.position), np.array(said.rotation))
+def _build_placement(data: Frame) -> Placement:
+    return Placement(np.array(data.position), np.array(data.rotation))
 
 
-def _build_joint(said: JointData) -> Joint:
+def _build_joint(data: JointData) -> Joint:
     own: dict[str, Any] = {
-        name: getattr(said, name)
+        name: getattr(data, name)
         for name in ("rotor_inertia", "damping", "friction", "stiffness", "rest", "actuated", "weight", "pitch")
     }
-    axes: dict[str, Any] = {"axis": np.array(said.axis), "second_axis": np.array(said.second_axis)}
+    axes: dict[str, Any] = {"axis": np.array(data.axis), "second_axis": np.array(data.second_axis)}
     return Joint(
-        said.name, said.kind, said.parent, said.child, _build_placement(said.frame), said.station, **axes, **own
+        data.name, data.kind, data.parent, data.child, _build_placement(data.frame), data.station, **axes, **own
     )
 
 
-def _end(said: End) -> Attachment:
-    return Attachment(said.link, _build_placement(said.frame), said.station)
+def _end(data: End) -> Attachment:
+    return Attachment(data.link, _build_placement(data.frame), data.station)
 
 
-def _build_closure(said: ClosureData) -> Closure:
+def _build_closure(data: ClosureData) -> Closure:
     return Closure(
-        said.name, said.kind, _end(said.first), _end(said.second), np.array(said.axis), np.array(said.second_axis),
-        factors=tuple(said.factors.items()), offset=said.offset,
+        data.name, data.kind, _end(data.first), _end(data.second), np.array(data.axis), np.array(data.second_axis),
+        factors=tuple(data.factors.items()), offset=data.offset,
     )  # fmt: skip

@@ -16,13 +16,13 @@ def unique_names(plain: Sequence[str], paths: Sequence[str], reserved: Collectio
     counts = Counter(plain)
     once = {name for name in plain if counts[name] == 1 and name not in reserved}
     taken = once | set(reserved)
-    found = []
+    result = []
     for name, path in zip(plain, paths, strict=True):
         if name not in once:
             name = _make_free_name(path, taken)
             taken.add(name)
-        found.append(name)
-    return found
+        result.append(name)
+    return result
 
 
 def name_words(kind: str, plain: Sequence[str], names: Sequence[str]) -> list[str]:
@@ -39,7 +39,7 @@ def name_words(kind: str, plain: Sequence[str], names: Sequence[str]) -> list[st
     return lines
 
 
-def _make_free_name(name: str, taken: Collection[str]) -> str:
-    while name in taken:
+def _make_free_name(name: str, used_names: Collection[str]) -> str:
+    while name in used_names:
         name += "_"
     return name

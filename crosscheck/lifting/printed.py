@@ -22,29 +22,29 @@ def compute_half_digit(text: str | None) -> float:
 
 
 def _compute_word_half(word: str) -> float:
-    found = NUMBER.match(word)
-    if found is None or not (found[2] or found[3]):
+    match = NUMBER.match(word)
+    if match is None or not (match[2] or match[3]):
         return 0.0
-    return 0.5 * 10.0 ** (int(found[3] or 0) - len(found[2] or ""))
+    return 0.5 * 10.0 ** (int(match[3] or 0) - len(match[2] or ""))
 
 
 def read_urdf_digits(robot: Element) -> dict[tuple[str, str], float]:
     """Return by (element, quantity) the half digits of a URDF: [kg], [m], [kg m^2], [rad]."""
-    found: dict[tuple[str, str], float] = {}
+    urdf_digits: dict[tuple[str, str], float] = {}
     for link in robot.findall("link"):
-        found.update(_read_inertial_digits(link))
+        urdf_digits.update(_read_inertial_digits(link))
     for joint in robot.findall("joint"):
         name = joint.get("name", "")
         origin = joint.find("origin")
         axis = joint.find("axis")
-        found[name, "position"] = compute_half_digit(_read_attribute(origin, "xyz"))
-        found[name, "rotation"] = compute_half_digit(_read_attribute(origin, "rpy"))
-        found[name, "axis"] = compute_half_digit(_read_attribute(axis, "xyz"))
+        urdf_digits[name, "position"] = compute_half_digit(_read_attribute(origin, "xyz"))
+        urdf_digits[name, "rotation"] = compute_half_digit(_read_attribute(origin, "rpy"))
+        urdf_digits[name, "axis"] = compute_half_digit(_read_attribute(axis, "xyz"))
         for key in ("damping", "friction"):
-            found[name, key] = compute_half_digit(_read_attribute(joint.find("dynamics"), key))
+            urdf_digits[name, key] = compute_half_digit(_read_attribute(joint.find("dynamics"), key))
         mimic = joint.find("mimic")
-        found[f"mimic {name}", "factor"] = compute_half_digit(_read_attribute(mimic, "multiplier"))
-    return found
+        urdf_digits[f"mimic {name}", "factor"] = compute_half_digit(_read_attribute(mimic, "multiplier"))
+    return urdf_digits
 
 
 def _read_inertial_digits(link: Element) -> Iterator[tuple[tuple[str, str], float]]:
@@ -77,7 +77,7 @@ def _find_largest(texts: Iterable[str | None]) -> float:
 
 def printed_of_sdf(root: Element) -> dict[tuple[str, str], float]:
     """Return the half digits of an SDF: [kg], [m], [kg m^2], [rad]; a joint's come from the poses of both of its links."""
-    found: dict[tuple[str, str], float] = {}
+    result: dict[tuple[str, str], float] = {}
     poses: dict[str, tuple[float, float]] = {}
     for link in root.iter("link"):
         name = link.get("name", "")
@@ -86,18 +86,18 @@ def printed_of_sdf(root: Element) -> dict[tuple[str, str], float]:
         if inertial is not None:
             way, turn = _read_pose_digits(inertial)
             texts = [inertial.findtext(f"inertia/{key}") for key in INERTIAS]
-            found[name, "mass"] = compute_half_digit(inertial.findtext("mass"))
-            found[name, "com"] = way
-            found[name, "tensor"] = max(map(compute_half_digit, texts)) + turn * _find_largest(texts)
+            result[name, "mass"] = compute_half_digit(inertial.findtext("mass"))
+            result[name, "com"] = way
+            result[name, "tensor"] = max(map(compute_half_digit, texts)) + turn * _find_largest(texts)
     for joint in root.iter("joint"):
         name = joint.get("name", "")
         none = (0.0, 0.0)
         ends = [poses.get((joint.findtext(end) or "").strip(), none) for end in ("parent", "child")]
         way, turn = (sum(digits[k] for digits in (*ends, _read_pose_digits(joint))) for k in (0, 1))
-        found[name, "rotation"] = turn
-        found[name, "position"] = way + turn  # a link a metre away turns with its pose
-        found[name, "axis"] = compute_half_digit(joint.findtext("axis/xyz")) + turn
-    return found
+        result[name, "rotation"] = turn
+        result[name, "position"] = way + turn  # a link a metre away turns with its pose
+        result[name, "axis"] = compute_half_digit(joint.findtext("axis/xyz")) + turn
+    return result
 
 
 def _read_pose_digits(element: Element) -> tuple[float, float]:
@@ -107,28 +107,28 @@ def _read_pose_digits(element: Element) -> tuple[float, float]:
 
 def read_mjcf_digits(root: Element) -> dict[tuple[str, str], float]:
     """Return the half digits that an MJCF's bodies and joints state themselves: [kg], [m], [kg m^2], [-]."""
-    found: dict[tuple[str, str], float] = {}
+    mjcf_digits: dict[tuple[str, str], float] = {}
     for body, way, turn in _list_bodies(root, 0.0, 0.0):
         name = body.get("name", "")
         inertial = body.find("inertial")
-        found[name, "position"] = way
-        found[name, "rotation"] = turn
+        mjcf_digits[name, "position"] = way
+        mjcf_digits[name, "rotation"] = turn
         if inertial is not None:
             texts = (inertial.get("diaginertia"), inertial.get("fullinertia"))
             words = [word for text in texts for word in (text or "").split()]
-            found[name, "mass"] = compute_half_digit(inertial.get("mass"))
-            found[name, "com"] = compute_half_digit(inertial.get("pos"))
-            found[name, "tensor"] = compute_half_digit(" ".join(words)) + 2 * compute_half_digit(
+            mjcf_digits[name, "mass"] = compute_half_digit(inertial.get("mass"))
+            mjcf_digits[name, "com"] = compute_half_digit(inertial.get("pos"))
+            mjcf_digits[name, "tensor"] = compute_half_digit(" ".join(words)) + 2 * compute_half_digit(
                 inertial.get("quat")
             ) * _find_largest(words)
         for joint in body.iter("joint"):
             own = joint.get("name", "")
-            found[own, "position"] = way + compute_half_digit(joint.get("pos"))
-            found[own, "rotation"] = turn
-            found[own, "axis"] = compute_half_digit(joint.get("axis"))
+            mjcf_digits[own, "position"] = way + compute_half_digit(joint.get("pos"))
+            mjcf_digits[own, "rotation"] = turn
+            mjcf_digits[own, "axis"] = compute_half_digit(joint.get("axis"))
             for key, ours in (("armature", "rotor_inertia"), ("damping", "damping"), ("frictionloss", "friction")):
-                found[own, ours] = compute_half_digit(joint.get(key))
-    return found
+                mjcf_digits[own, ours] = compute_half_digit(joint.get(key))
+    return mjcf_digits
 
 
 def _list_bodies(element: Element, way: float, turn: float) -> Iterator[tuple[Element, float, float]]:

@@ -87,7 +87,7 @@ class ReaderDynamics(Protocol):
 
 
 @dataclass(frozen=True)
-class Answers:
+class FunctionDynamics:
     """`ReaderDynamics` made of functions, for readers that need no class of their own.
 
     inverse : of q, qd, qdd (one sample each), gravity (3,) or None, names that are switched off; the efforts (nv,) [N m], [N]

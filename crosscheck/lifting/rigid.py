@@ -28,7 +28,7 @@ def compute_relative_pose(first: Placement, second: Placement) -> Placement:
 def move_inertia(frame: Placement, body: Inertia) -> Inertia:
     """Return a body that is stated in a frame in the frame outside of it [kg, m, kg m^2]."""
     turn = frame.rotation
-    return Inertia.stated(body.mass, frame.position + turn @ body.com, turn @ body.tensor @ turn.T)
+    return Inertia.build_unchecked(body.mass, frame.position + turn @ body.com, turn @ body.tensor @ turn.T)
 
 
 def compute_angle(rotation: Array) -> float:

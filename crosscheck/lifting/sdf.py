@@ -39,7 +39,7 @@ class Mimic:
 
 
 @dataclass
-class Stated:
+class SdfStatements:
     """Statements of an SDF by scoped names of joints and links; gravity (3,) [m/s^2], None where no world states it.
 
     unread : files that it includes and that are not looked at
@@ -53,27 +53,27 @@ class Stated:
     unread: list[str] = field(default_factory=list)
 
 
-def read_stated(path: Path) -> Stated:
+def read_stated(path: Path) -> SdfStatements:
     """Return the statements of an SDF [N m], [kg], included files beside it among them.  Raises InputError for no numbers."""
-    found = Stated()
+    sdf_statements = SdfStatements()
     root = read_xml(path)
     for world in root.findall("world"):
         if (pull := _read_numbers(world, "gravity", f"{path}: <world>")).size == 3:
-            found.gravity = pull
+            sdf_statements.gravity = pull
         for model in _list_models(world):
-            _read_model(model, "", path, found)
+            _read_model(model, "", path, sdf_statements)
     for model in _list_models(root):
-        _read_model(model, "", path, found)
-    return found
+        _read_model(model, "", path, sdf_statements)
+    return sdf_statements
 
 
 def _list_models(parent: Element) -> Iterator[Element]:
     yield from (part for part in parent if part.tag in ("model", "include"))
 
 
-def _read_model(model: Element, scope: str, path: Path, found: Stated) -> None:
+def _read_model(model: Element, scope: str, path: Path, statements: SdfStatements) -> None:
     if model.tag == "include":
-        _read_include(model, scope, path, found)
+        _read_include(model, scope, path, statements)
         return
     inner = _join_scope(scope, model.get("name", ""))
     for link in model.findall("link"):
@@ -82,41 +82,43 @@ def _read_model(model: Element, scope: str, path: Path, found: Stated) -> None:
         mass = link.find("inertial/fluid_added_mass")
         if mass is not None:
             entries = {key: float(_read_number(mass, key, 0.0, where)) for key in ADDED}
-            found.added[name] = {key: value for key, value in entries.items() if value}
+            statements.added[name] = {key: value for key, value in entries.items() if value}
         if _read_text(link, "gravity") in ("false", "0"):
-            found.floating.append(name)
+            statements.floating.append(name)
     for joint in model.findall("joint"):
-        _read_joint(joint, inner, path, found)
+        _read_joint(joint, inner, path, statements)
     for part in _list_models(model):
-        _read_model(part, scope if part.get("merge") in ("true", "1") and part.tag == "model" else inner, path, found)
+        _read_model(
+            part, scope if part.get("merge") in ("true", "1") and part.tag == "model" else inner, path, statements
+        )
 
 
-def _read_joint(joint: Element, scope: str, path: Path, found: Stated) -> None:
+def _read_joint(joint: Element, scope: str, path: Path, statements: SdfStatements) -> None:
     name = _join_scope(scope, joint.get("name", ""))
     where = f'{path}: <joint name="{joint.get("name", "")}">'
     axes = [axis for axis in (joint.find("axis"), joint.find("axis2")) if axis is not None]
     friction = [_read_number(axis, "dynamics/friction", 0.0, where) for axis in axes]
     if any(friction):
-        found.friction[name] = tuple(friction)
+        statements.friction[name] = tuple(friction)
     law = axes[0].find("mimic") if axes else None
     if law is not None:
         multiplier = _read_number(law, "multiplier", 1.0, where)
         offset, reference = (_read_number(law, key, 0.0, where) for key in ("offset", "reference"))
-        found.mimics[name] = Mimic(_join_scope(scope, law.get("joint", "")), multiplier, offset, reference)
+        statements.mimics[name] = Mimic(_join_scope(scope, law.get("joint", "")), multiplier, offset, reference)
 
 
-def _read_include(include: Element, scope: str, path: Path, found: Stated) -> None:
+def _read_include(include: Element, scope: str, path: Path, statements: SdfStatements) -> None:
     """Look into an included file that stands beside this one; others are said to be unread."""
     uri = _read_text(include, "uri").removeprefix("file://")
     there = path.parent / uri
     if not uri or ":" in uri or not there.is_file():
-        found.unread.append(uri or "an include without uri")
+        statements.unread.append(uri or "an include without uri")
         return
     inner = read_xml(there)
     for model in _list_models(inner):
         if name := _read_text(include, "name"):
             model.set("name", name)
-        _read_model(model, scope, there, found)
+        _read_model(model, scope, there, statements)
 
 
 def _join_scope(scope: str, name: str) -> str:
@@ -138,12 +140,12 @@ def _read_numbers(element: Element, key: str, where: str) -> Array:
 
 
 def _read_number(element: Element, key: str, default: float, where: str) -> float:
-    found = _read_numbers(element, key, where)
-    return float(found[0]) if found.size else default
+    numbers = _read_numbers(element, key, where)
+    return float(numbers[0]) if numbers.size else default
 
 
 def with_stated(
-    mechanism: Mechanism, stated: Stated, joint_of: Callable[[str], str]
+    mechanism: Mechanism, statements: SdfStatements, joint_of: Callable[[str], str]
 ) -> tuple[Mechanism, list[str]]:  # fmt: skip
     """Return a mechanism with the dry friction [N m], [N] and the mimics of an SDF, and what is said of them.
 
@@ -151,7 +153,7 @@ def with_stated(
     """
     words: list[str] = []
     friction: dict[str, float] = {}
-    for scoped, values in stated.friction.items():
+    for scoped, values in statements.friction.items():
         name = joint_of(scoped)
         if not name or mechanism.joint_of[name].kind in WITHOUT_AXIS or len(set(values)) > 1:
             words.append(
@@ -160,15 +162,15 @@ def with_stated(
             continue
         friction[name] = values[0]
     joints = [replace(joint, friction=friction.get(joint.name, joint.friction)) for joint in mechanism.joints]
-    laws = list(_list_couplings(mechanism, stated, joint_of, words))
+    laws = list(_list_couplings(mechanism, statements, joint_of, words))
     return replace(mechanism, joints=tuple(joints), closures=(*mechanism.closures, *laws)), words
 
 
 def _list_couplings(
-    mechanism: Mechanism, stated: Stated, joint_of: Callable[[str], str], words: list[str]
+    mechanism: Mechanism, statements: SdfStatements, joint_of: Callable[[str], str], words: list[str]
 ) -> Iterator[Closure]:  # fmt: skip
     here = Attachment(WORLD)
-    for scoped, law in stated.mimics.items():
+    for scoped, law in statements.mimics.items():
         names = joint_of(scoped), joint_of(law.leader)
         kinds = {mechanism.joint_of[name].kind for name in names if name}
         if not all(names) or not kinds <= {*GEARED, "continuous"}:
@@ -179,15 +181,15 @@ def _list_couplings(
         yield Closure(f"mimic {names[0]}", "coupling", here, here, factors=factors, offset=offset)
 
 
-def features_of(stated: Stated, links: Mapping[str, str]) -> tuple[Feature, ...]:
+def features_of(statements: SdfStatements, links: Mapping[str, str]) -> tuple[Feature, ...]:
     """Return the features of an SDF, of which no reader makes anything [-]; links : the mechanism's names by scoped names."""
     found = []
-    for scoped, entries in stated.added.items():
+    for scoped, entries in statements.added.items():
         numbers: dict[str, Parameter] = dict(entries)
         if numbers:
             found.append(Feature("added-mass", f"link {links.get(scoped, scoped)}", numbers, felt=False))
-    for scoped in stated.floating:
+    for scoped in statements.floating:
         found.append(Feature("gravcomp", f"link {links.get(scoped, scoped)}", {"gravcomp": 1.0}, felt=False))
-    for uri in stated.unread:
+    for uri in statements.unread:
         found.append(Feature("include", f"file {uri}", {"looked at": "no"}, felt=False))
     return tuple(found)

@@ -7,7 +7,7 @@ from collections.abc import Iterable, Iterator
 from dataclasses import replace
 from pathlib import Path
 
-from crosscheck.lifting.attached import list_force_features
+from crosscheck.lifting.attachment_features import list_force_features
 from crosscheck.lifting.description import Description
 from crosscheck.lifting.reader_dynamics import Feature, Parameter
 from crosscheck.measures.mechanisms import read_mechanism
@@ -18,14 +18,14 @@ def lift_toml(path: Path) -> Description:
     """Return the mechanism of a folder or of its file [m, kg, rad].  Raises InputError."""
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
-        stated = read_mechanism(path)
-    gears = {joint.name: joint.drive.ratio for joint in stated.joints if joint.drive is not None}
+        mechanism = read_mechanism(path)
+    gears = {joint.name: joint.drive.ratio for joint in mechanism.joints if joint.drive is not None}
     dropped = [str(one.message) for one in caught]
-    features = (*_find_elastic_drives(stated.joints), *list_force_features(stated.springs, stated.forces))
+    features = (*_find_elastic_drives(mechanism.joints), *list_force_features(mechanism.springs, mechanism.forces))
     label = f"{path.parent.name}/{path.name}" if path.suffix else path.name
     return Description(
         label,
-        replace(stated, springs=(), forces=()),
+        replace(mechanism, springs=(), forces=()),
         "toml",
         "flexinv",
         gears,

@@ -25,14 +25,14 @@ from typing import Any
 
 import numpy as np
 
-from crosscheck.lifting.assembly import Between, assembled
+from crosscheck.lifting.assembly import BodyJoint, assembled
 from crosscheck.lifting.description import Description
 from crosscheck.lifting.names import name_words, unique_names
 from crosscheck.lifting.reader_dynamics import Feature
 from crosscheck.lifting.rigid import apply_placement, compute_relative_pose, turned
 from crosscheck.lifting.usd_features import find_features, find_scenes, has_gravity, is_in_radians, read_disabled_flags
 from crosscheck.lifting.usd_joints import (
-    Told,
+    JointPrim,
     Units,
     build_couplings,
     read_effort_limit,
@@ -72,7 +72,7 @@ def lift_usd(path: Path) -> Description:
             f"{path}\n  given:    what USD refuses: {_format_error(error)}\n  expected: a stage that USD's own library opens\n"
             "  write:    usdcat FILE, which shows where it breaks; or the file as it was exported"
         ) from None
-    return _Stage(stage, path).description()
+    return _Stage(stage, path).build_description()
 
 
 def _format_error(error: Exception) -> str:
@@ -91,7 +91,7 @@ class _Stage:
     dropped: list[str] = field(default_factory=list)
     between: list[str] = field(default_factory=list)
     features: list[Feature] = field(default_factory=list)
-    told: dict[Any, Told] = field(default_factory=dict)
+    joint_prims: dict[Any, JointPrim] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         from pxr import UsdGeom, UsdPhysics
@@ -105,11 +105,13 @@ class _Stage:
         self.world = turned(AXES["X"], np.pi / 2) if self.up == "Y" else np.eye(3)
         self.cache = UsdGeom.XformCache()
         every = list(self.stage.Traverse())
-        self.names = self.named("bodies", [p for p in every if p.HasAPI(UsdPhysics.RigidBodyAPI) and _is_enabled(p)])
+        self.names = self.make_names(
+            "bodies", [p for p in every if p.HasAPI(UsdPhysics.RigidBodyAPI) and _is_enabled(p)]
+        )
         self.tied = [p for p in every if p.IsA(UsdPhysics.Joint) and _is_tying(p)]
-        self.joint_names = self.named("joints", self.tied)
+        self.joint_names = self.make_names("joints", self.tied)
 
-    def named(self, kind: str, prims: list[Any]) -> dict[Any, str]:
+    def make_names(self, kind: str, prims: list[Any]) -> dict[Any, str]:
         """Return names of bodies or joints by prim path [-]: where one stands twice, the path; said in `dropped`."""
         plain = [p.GetName() for p in prims]
         paths = [p.GetPath() for p in prims]
@@ -117,7 +119,7 @@ class _Stage:
         self.dropped += name_words(kind, plain, names)
         return dict(zip(paths, names, strict=True))
 
-    def description(self) -> Description:
+    def build_description(self) -> Description:
         """Return the description of the stage [m, kg, rad]."""
         if not self.names:
             raise InputError(
@@ -126,14 +128,14 @@ class _Stage:
             )
         if self.up == "Y":
             self.dropped.append("up axis Y: the world is turned so that Z is up")
-        bodies = {name: self.inertia(self.stage.GetPrimAtPath(path)) for path, name in self.names.items()}
-        poses = {name: self.pose(self.stage.GetPrimAtPath(path))[0] for path, name in self.names.items()}
-        joints = [one for p in self.tied for one in self.joints(p)]
+        bodies = {name: self.read_inertia(self.stage.GetPrimAtPath(path)) for path, name in self.names.items()}
+        poses = {name: self.compute_pose(self.stage.GetPrimAtPath(path))[0] for path, name in self.names.items()}
+        joints = [one for p in self.tied for one in self.list_joints(p)]
         bodies |= {name: Inertia(0.0) for name in self.between}
-        gravity, stated = self.gravity()
+        gravity, stated = self.read_gravity()
         label = self.path.name
         mechanism = assembled(label, bodies, joints, gravity, poses)
-        laws, lost, features = build_couplings(self.told)
+        laws, lost, features = build_couplings(self.joint_prims)
         mechanism = replace(mechanism, closures=(*mechanism.closures, *laws))
         features += [*self.features, *find_features(self.stage, self.names)]
         return Description(
@@ -142,14 +144,14 @@ class _Stage:
             features=tuple(features), unproven=UNPROVEN,
         )  # fmt: skip
 
-    def pose(self, prim: Any) -> tuple[Placement, Array]:
+    def compute_pose(self, prim: Any) -> tuple[Placement, Array]:
         """Return a prim's frame in the world [m], and its scale (3,) [-]."""
         matrix = np.array(self.cache.GetLocalToWorldTransform(prim))
         scale = np.linalg.norm(matrix[:3, :3], axis=1)
         rotation = (matrix[:3, :3] / scale[:, None]).T
         return Placement(self.world @ matrix[3, :3] * self.meter, self.world @ rotation), scale
 
-    def inertia(self, prim: Any) -> Inertia:
+    def read_inertia(self, prim: Any) -> Inertia:
         """Return mass [kg], centre [m] and tensor [kg m^2] of a body, in its frame."""
         stated = [prim.GetAttribute(f"physics:{key}").Get() for key in ("mass", "diagonalInertia", "centerOfMass")]
         mass, moments, com = (np.zeros(3) if value is None else np.array(value, dtype=float) for value in stated)
@@ -167,8 +169,10 @@ class _Stage:
         whole = prim.GetAttribute("newton:inertia").Get()
         if whole is not None and len(whole) == 6:
             tensor = np.array(whole, dtype=float)[[[0, 3, 4], [3, 1, 5], [4, 5, 2]]]
-        scale = self.pose(prim)[1]
-        return Inertia.stated(float(np.ravel(mass)[0]) * self.kilogram, com * scale * self.meter, unit * tensor)
+        scale = self.compute_pose(prim)[1]
+        return Inertia.build_unchecked(
+            float(np.ravel(mass)[0]) * self.kilogram, com * scale * self.meter, unit * tensor
+        )
 
     def compute_mass_properties(self, prim: Any, missing: list[str], turn: Array) -> tuple[Any, Array, Array, Array]:
         """Return mass, moments, centre and axes as UsdPhysics computes them from what is stated and from shapes."""
@@ -193,12 +197,12 @@ class _Stage:
             )
         return mass, moments, com, _convert_quaternion(found[3]) if "inertia" in missing else turn
 
-    def joints(self, prim: Any) -> Iterator[Between]:
+    def list_joints(self, prim: Any) -> Iterator[BodyJoint]:
         """Yield a joint between two bodies, by axis where it has several; none, with a line on that, where it ties none."""
         from pxr import UsdPhysics
 
         name = self.joint_names[prim.GetPath()]
-        steps = self.steps(prim)
+        steps = self.split_joint(prim)
         joint = UsdPhysics.Joint(prim)
         first = self.end(joint, 0)
         second = self.end(joint, 1)
@@ -210,7 +214,9 @@ class _Stage:
         ends = [first]
         kind = steps[0][0]
         single = len(steps) == 1 and kind in ("revolute", "prismatic") and not closes
-        self.told[prim.GetPath()] = Told(prim, name if single else "", kind, self.units.coordinate(kind))
+        self.joint_prims[prim.GetPath()] = JointPrim(
+            prim, name if single else "", kind, self.units.compute_coordinate_unit(kind)
+        )
         for _, axis in steps[:-1]:
             between = f"{name} after {axis}"
             self.between.append(between)
@@ -218,14 +224,14 @@ class _Stage:
         ends.append((second[0], Placement()))
         for k, (kind, axis) in enumerate(steps):
             called = f"{name}.{axis}" if len(steps) > 1 else name
-            own = self.drive(prim, called, kind, axis[-1:])
+            drive = self.read_drive(prim, called, kind, axis[-1:])
             on_child, last = (second[1], True) if k == len(steps) - 1 else (Placement(), False)
-            yield Between(
+            yield BodyJoint(
                 called, kind, ends[k][0], ends[k + 1][0], ends[k][1], on_child,
-                AXES[axis[-1:] if kind != "spherical" else "Z"], own=own, closes=closes and last,
+                AXES[axis[-1:] if kind != "spherical" else "Z"], joint_fields=drive, closes=closes and last,
             )  # fmt: skip
 
-    def steps(self, prim: Any) -> list[tuple[str, str]]:
+    def split_joint(self, prim: Any) -> list[tuple[str, str]]:
         """Return kind and axis of the joints, one after the other, that a joint is [-]; none where all is free."""
         name = self.joint_names[prim.GetPath()]
         kind = prim.GetTypeName().removeprefix("Physics").removesuffix("Joint").lower()
@@ -285,31 +291,33 @@ class _Stage:
             return WORLD, Placement(
                 self.world @ np.array(place, dtype=float) * self.meter, self.world @ _convert_quaternion(turn)
             )
-        frame, scale = self.pose(prim)
+        frame, scale = self.compute_pose(prim)
         local = Placement(np.array(place, dtype=float) * scale * self.meter, _convert_quaternion(turn))
         while prim.IsValid() and prim.GetPath() not in self.names and not prim.IsPseudoRoot():
             prim = prim.GetParent()
         if prim.GetPath() not in self.names:
             return WORLD, apply_placement(frame, local)
-        return self.names[prim.GetPath()], apply_placement(compute_relative_pose(self.pose(prim)[0], frame), local)
+        return self.names[prim.GetPath()], apply_placement(
+            compute_relative_pose(self.compute_pose(prim)[0], frame), local
+        )
 
-    def drive(self, prim: Any, name: str, kind: str, axis: str) -> dict[str, Any]:
+    def read_drive(self, prim: Any, name: str, kind: str, axis: str) -> dict[str, Any]:
         """Return limits [rad], [m] and passive numbers of a joint; gains of its drive are dropped."""
         if kind == "fixed":
             return {}
-        found = read_passive_values(prim, name, kind, axis, self.units, self.flags_off)
-        self.dropped += found.words
-        self.features += found.features
-        if kind == "revolute" and found.own.get("rest") and self.radian is None:
+        passive_values = read_passive_values(prim, name, kind, axis, self.units, self.flags_off)
+        self.dropped += passive_values.notes
+        self.features += passive_values.features
+        if kind == "revolute" and passive_values.joint_fields.get("rest") and self.radian is None:
             self.dropped.append(f"mjc:springref of joint {name}: no scene states mjc:compiler:angle; read as radians")
         if kind == "spherical":
-            return found.own
-        return {"limits": self.limits(prim, name, kind, axis), **found.own}
+            return passive_values.joint_fields
+        return {"limits": self.read_limits(prim, name, kind, axis), **passive_values.joint_fields}
 
-    def limits(self, prim: Any, name: str, kind: str, axis: str) -> Limits:
+    def read_limits(self, prim: Any, name: str, kind: str, axis: str) -> Limits:
         """Return the limits of a joint [rad], [m], [N m], [N], [rad/s], [m/s]; gains of its drive are told."""
-        unit = self.units.coordinate(kind)
-        force = self.units.effort(kind)
+        unit = self.units.compute_coordinate_unit(kind)
+        force = self.units.compute_effort_unit(kind)
         turn = "angular" if kind == "revolute" else "linear"
         keys = ("physics:lowerLimit", "physics:upperLimit")
         six = prim.GetTypeName() == "PhysicsJoint"
@@ -330,7 +338,7 @@ class _Stage:
         fastest = read_speed_limit(prim, kind, axis if six else "", self.units)
         return Limits(most, fastest, *(float(x) * unit if np.isfinite(x) else float(x) for x in (low, high)))
 
-    def gravity(self) -> tuple[Array, bool]:
+    def read_gravity(self) -> tuple[Array, bool]:
         """Return gravity (3,) [m/s^2] as the scene states it, and whether there is a scene that does."""
         from pxr import UsdPhysics
 

@@ -36,15 +36,15 @@ class Units:
     kilogram: float = 1.0
     radian: bool = True
 
-    def coordinate(self, kind: str) -> float:
+    def compute_coordinate_unit(self, kind: str) -> float:
         """Return the unit of a coordinate that USD and most engines state [rad], [m]: a degree, or that of lengths."""
         return DEGREE if kind in TURNS else self.meter
 
-    def effort(self, kind: str) -> float:
+    def compute_effort_unit(self, kind: str) -> float:
         """Return the unit of an effort [N m], [N]."""
         return self.kilogram * self.meter ** (2 if kind in TURNS else 1)
 
-    def inertia(self, kind: str) -> float:
+    def compute_inertia_unit(self, kind: str) -> float:
         """Return the unit of an armature [kg m^2], [kg], and of what is per radian or per metre [N m s/rad], [N s/m]."""
         return self.kilogram * self.meter ** (2 if kind in TURNS else 0)
 
@@ -56,19 +56,19 @@ class Attribute:
     key: str
     unit: str = "inertia"
 
-    def value(self, prim: Any, kind: str, instances: tuple[str, ...], units: Units) -> float | None:
+    def read_value(self, prim: Any, kind: str, instances: tuple[str, ...], units: Units) -> float | None:
         """Return the number of a joint [kg m^2], [N m], [N m s/rad]; None where it states none."""
         for instance in instances if "{}" in self.key else ("",):
-            stated = read_number(prim, self.key.format(instance))
-            if stated is not None:
-                return stated * self._compute_unit(kind, units)
+            number = read_number(prim, self.key.format(instance))
+            if number is not None:
+                return number * self._compute_unit(kind, units)
         return None
 
     def _compute_unit(self, kind: str, units: Units) -> float:
         if self.unit == "effort":
-            return units.effort(kind)
+            return units.compute_effort_unit(kind)
         per = DEGREE if self.unit == "per degree" and kind in TURNS else 1.0
-        return units.inertia(kind) / per
+        return units.compute_inertia_unit(kind) / per
 
 
 # By field of a `Joint`, the attributes that state it, the first that is there is taken.
@@ -96,16 +96,16 @@ SPEEDS = ("newton:velocityLimit", "physxJointAxis:{}:maxJointVelocity", "physxJo
 
 
 @dataclass
-class Passive:
+class PassiveTerms:
     """Passive numbers of one joint: fields of a `Joint`, what is said of them, and features that no mechanism can say."""
 
-    own: dict[str, Any] = field(default_factory=dict)
-    words: list[str] = field(default_factory=list)
+    joint_fields: dict[str, Any] = field(default_factory=dict)
+    notes: list[str] = field(default_factory=list)
     features: list[Feature] = field(default_factory=list)
 
 
 @dataclass(frozen=True)
-class Told:
+class JointPrim:
     """A joint prim: the joint of the mechanism that it is, "" where it is none or several, its kind and its unit [rad], [m]."""
 
     prim: Any
@@ -132,35 +132,37 @@ def list_instances(prim: Any, kind: str, axis: str) -> tuple[str, ...]:
 
 def read_passive_values(
     prim: Any, name: str, kind: str, axis: str, units: Units, off: frozenset[str] = frozenset()
-) -> Passive:
+) -> PassiveTerms:
     """Return rotor [kg m^2], damping [N m s/rad], friction [N m] and spring [N m/rad] of a joint.
 
     off : MuJoCo's flags that the scene switches off, such as "mjc:flag:spring"
     """
-    found = Passive()
+    passive_terms = PassiveTerms()
     instances = list_instances(prim, kind, axis)
     for key, attributes in PASSIVE.items():
-        stated = {a.key.format(instances[0]): a.value(prim, kind, instances, units) for a in attributes}
+        stated = {a.key.format(instances[0]): a.read_value(prim, kind, instances, units) for a in attributes}
         said = {own: value for own, value in stated.items() if value is not None}
         if not said:
             continue
         source, value = next(iter(said.items()))
         if key in OFF_BY and OFF_BY[key] in off:
-            found.words.append(f"{key} of joint {name}: {OFF_BY[key]} of the scene switches it off")
+            passive_terms.notes.append(f"{key} of joint {name}: {OFF_BY[key]} of the scene switches it off")
             continue
         if any(abs(other - value) > SAME * max(abs(other), abs(value)) for other in said.values()):
-            found.words.append(f"{key} of joint {name}: attributes of two engines differ; {source} is taken")
-            found.features.append(Feature("contradiction", f"joint {name}", {f"{key} {k}": v for k, v in said.items()}))
+            passive_terms.notes.append(f"{key} of joint {name}: attributes of two engines differ; {source} is taken")
+            passive_terms.features.append(
+                Feature("contradiction", f"joint {name}", {f"{key} {k}": v for k, v in said.items()})
+            )
         if value:
-            _add_value(found, key, value, prim, (name, kind), units)
-    found.features += _list_other_features(prim, name)
-    return found
+            _add_value(passive_terms, key, value, prim, (name, kind), units)
+    passive_terms.features += _list_other_features(prim, name)
+    return passive_terms
 
 
-def _add_value(found: Passive, key: str, value: float, prim: Any, joint: tuple[str, str], units: Units) -> None:
+def _add_value(found: PassiveTerms, key: str, value: float, prim: Any, joint: tuple[str, str], units: Units) -> None:
     name, kind = joint
     if key != "stiffness":
-        found.own[key] = value
+        found.joint_fields[key] = value
         return
     rest = read_number(prim, "mjc:springref") or 0.0
     if kind == "spherical":
@@ -168,7 +170,7 @@ def _add_value(found: Passive, key: str, value: float, prim: Any, joint: tuple[s
         return
     if kind == "revolute" and rest and not units.radian:
         rest *= DEGREE
-    found.own |= {"stiffness": value, "rest": rest * (units.meter if kind == "prismatic" else 1.0)}
+    found.joint_fields |= {"stiffness": value, "rest": rest * (units.meter if kind == "prismatic" else 1.0)}
 
 
 def _list_other_features(prim: Any, name: str) -> Iterator[Feature]:
@@ -189,9 +191,9 @@ def read_speed_limit(prim: Any, kind: str, axis: str, units: Units) -> float:
     """Return the largest speed of a joint [rad/s], [m/s]; infinite where none is stated."""
     for key in SPEEDS:
         for instance in list_instances(prim, kind, axis) if "{}" in key else ("",):
-            stated = read_number(prim, key.format(instance))
-            if stated is not None and 0.0 < stated < ENDLESS:
-                return stated * units.coordinate(kind)
+            number = read_number(prim, key.format(instance))
+            if number is not None and 0.0 < number < ENDLESS:
+                return number * units.compute_coordinate_unit(kind)
     return np.inf
 
 
@@ -201,10 +203,10 @@ def read_effort_limit(prim: Any, kind: str, units: Units) -> float:
     low, high = (read_number(prim, f"mjc:actuatorfrcrange:{end}") or 0.0 for end in ("min", "max"))
     if limited == "false" or low >= high:
         return np.inf
-    return max(abs(low), abs(high)) * units.effort(kind)
+    return max(abs(low), abs(high)) * units.compute_effort_unit(kind)
 
 
-def build_couplings(joints: Mapping[Any, Told]) -> tuple[list[Closure], list[str], list[Feature]]:
+def build_couplings(joints: Mapping[Any, JointPrim]) -> tuple[list[Closure], list[str], list[Feature]]:
     """Return the laws  q - factor q_of = offset [rad], [m]  of joints that mimic others, by prim path; what is lost; features."""
     made: list[Closure] = []
     lost: list[str] = []
@@ -227,7 +229,7 @@ def build_couplings(joints: Mapping[Any, Told]) -> tuple[list[Closure], list[str
     return made, lost, features
 
 
-def _read_mimic_law(one: Told) -> tuple[Any, float, float] | None:
+def _read_mimic_law(one: JointPrim) -> tuple[Any, float, float] | None:
     """Prim path of what a joint mimics, factor [-], offset in the units of the stage [deg]."""
     prim = one.prim
     enabled = prim.GetAttribute("newton:mimicEnabled").Get()
@@ -249,7 +251,7 @@ def _read_mimic_law(one: Told) -> tuple[Any, float, float] | None:
     return None
 
 
-def _list_higher_orders(one: Told, other: Told, linear: tuple[float, float]) -> Iterator[Feature]:
+def _list_higher_orders(one: JointPrim, other: JointPrim, linear: tuple[float, float]) -> Iterator[Feature]:
     more = tuple(read_number(one.prim, f"mjc:coef{k}") or 0.0 for k in (2, 3, 4))
     if any(more):
         names = one.name, other.name

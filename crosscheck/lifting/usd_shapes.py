@@ -30,13 +30,13 @@ def compute_shape_mass(shape: Any, body: Any, cache: Any) -> Any:
     scale = np.linalg.norm(matrix[:3, :3], axis=1)
     volume, com, tensor = _compute_solid(shape, scale)
     turn = Gf.Matrix3d(*(float(x) for x in (matrix[:3, :3] / scale[:, None]).ravel())).ExtractRotation().GetQuat()
-    found = UsdPhysics.RigidBodyAPI.MassInformation()
-    found.volume = float(volume)
-    found.inertia = Gf.Matrix3f(*(float(x) for x in tensor.ravel()))
-    found.centerOfMass = Gf.Vec3f(*(float(x) for x in com))
-    found.localPos = Gf.Vec3f(*(float(x) for x in matrix[3, :3]))
-    found.localRot = Gf.Quatf(turn)
-    return found
+    mass_information = UsdPhysics.RigidBodyAPI.MassInformation()
+    mass_information.volume = float(volume)
+    mass_information.inertia = Gf.Matrix3f(*(float(x) for x in tensor.ravel()))
+    mass_information.centerOfMass = Gf.Vec3f(*(float(x) for x in com))
+    mass_information.localPos = Gf.Vec3f(*(float(x) for x in matrix[3, :3]))
+    mass_information.localRot = Gf.Quatf(turn)
+    return mass_information
 
 
 def _remove_scale(matrix: Any) -> Array:

@@ -27,7 +27,7 @@ SIDES = (("left", "right"), ("Left", "Right"), ("LEFT", "RIGHT"), ("l", "r"), ("
 
 
 @dataclass(frozen=True)
-class Stated:
+class LinkStatements:
     """Statements of a file on one link: inertia along its axes; moves: a joint with a freedom carries it; written: it has one."""
 
     name: str
@@ -36,7 +36,7 @@ class Stated:
     written: bool = True
 
 
-def check_bodies(links: Mapping[str, Stated], size: float) -> Iterator[Finding]:
+def check_bodies(links: Mapping[str, LinkStatements], size: float) -> Iterator[Finding]:
     """Yield findings in the inertias of links [kg, m, kg m^2]; size : of the machine [m]."""
     for link in links.values():
         if link.written:
@@ -45,7 +45,7 @@ def check_bodies(links: Mapping[str, Stated], size: float) -> Iterator[Finding]:
     yield from _check_sides(links)
 
 
-def _check_body(link: Stated, size: float) -> Iterator[Finding]:
+def _check_body(link: LinkStatements, size: float) -> Iterator[Finding]:
     place = f"link {link.name}"
     body = link.inertia
     if not all(np.all(np.isfinite(part)) for part in (body.mass, body.com, body.tensor)):
@@ -79,7 +79,7 @@ def _describe_moments(body: Inertia) -> str:
     return "principal moments " + " ".join(f"{p:.4g}" for p in moments) + " kg m^2"
 
 
-def _check_units(link: Stated, size: float) -> Iterator[Finding]:
+def _check_units(link: LinkStatements, size: float) -> Iterator[Finding]:
     place = f"link {link.name}"
     body = link.inertia
     if body.mass > HEAVY:
@@ -106,9 +106,9 @@ def _check_units(link: Stated, size: float) -> Iterator[Finding]:
             yield make_warning("tensor", place, _describe_moments(body), why, "kg m^2, about the centre of mass")
 
 
-def _check_default_tensors(links: Mapping[str, Stated]) -> Iterator[Finding]:
+def _check_default_tensors(links: Mapping[str, LinkStatements]) -> Iterator[Finding]:
     """Tensors that a tool or an author puts in where nothing is known."""
-    groups: dict[tuple[float, ...], list[Stated]] = {}
+    groups: dict[tuple[float, ...], list[LinkStatements]] = {}
     for link in links.values():
         if link.written and link.inertia.mass > 0 and link.inertia.tensor.any():
             groups.setdefault(tuple(link.inertia.tensor.ravel()), []).append(link)
@@ -135,7 +135,7 @@ def _find_placeholder(tensor: Array) -> float | None:
     return moment if equal and moment in DEFAULTS else None
 
 
-def _check_sides(links: Mapping[str, Stated]) -> Iterator[Finding]:
+def _check_sides(links: Mapping[str, LinkStatements]) -> Iterator[Finding]:
     for name, link in links.items():
         for other in _list_partner_names(name):
             if other in links and link.written and links[other].written:
@@ -152,7 +152,7 @@ def _list_partner_names(name: str) -> Iterator[str]:
             yield name.replace(left, right)
 
 
-def _compare_sides(left: Stated, right: Stated) -> Iterator[Finding]:
+def _compare_sides(left: LinkStatements, right: LinkStatements) -> Iterator[Finding]:
     a = left.inertia
     b = right.inertia
     place = f"links {left.name}, {right.name}"

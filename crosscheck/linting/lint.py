@@ -13,7 +13,7 @@ import numpy as np
 from crosscheck.equivalence.sources import describe, find_format, is_xml
 from crosscheck.equivalence.tree import join_bodies
 from crosscheck.lifting.description import Description
-from crosscheck.linting.bodies import Stated, check_bodies
+from crosscheck.linting.bodies import LinkStatements, check_bodies
 from crosscheck.linting.finding import Finding, make_error, make_warning
 from crosscheck.linting.urdf import check_urdf
 from flexinv.errors import InputError
@@ -24,7 +24,7 @@ LAWS = ("coupling-law", "tendon-equality", "equality")  # features that tie join
 
 
 @dataclass(frozen=True)
-class Linted:
+class LintReport:
     """Findings of one description; strict : warnings count, too; refused : why it cannot be read at all, "" if it can."""
 
     label: str
@@ -54,7 +54,7 @@ class Linted:
         }
 
 
-def lint(source: Any, strict: bool = False, meshes: bool = True) -> Linted:
+def lint(source: Any, strict: bool = False, meshes: bool = True) -> LintReport:
     """List the suspicious parts of a description, as `compare` takes it.
 
     strict : warnings count; meshes : look at the shapes of a URDF's links, too, where trimesh is installed
@@ -68,29 +68,32 @@ def lint(source: Any, strict: bool = False, meshes: bool = True) -> Linted:
         found = [*_check_xml(path), *check_urdf(read_xml(path), path, meshes)]
         if not any(one.level == "error" for one in found):
             found += _check_readable(path)
-        return Linted(path.name, _join_findings(found), strict)
+        return LintReport(path.name, _join_findings(found), strict)
     description = describe(source)
     written = _check_xml(path) if path is not None and os.path.isfile(path) and is_xml(path) else []
-    return Linted(description.label, _join_findings([*written, *check_machine(description)]), strict)
+    return LintReport(description.label, _join_findings([*written, *check_machine(description)]), strict)
 
 
 def check_sources(
-    sources: Iterable[Any], strict: bool = False, meshes: bool = True, way: Callable[[Any, bool, bool], Linted] = lint
-) -> list[Linted]:
+    sources: Iterable[Any],
+    strict: bool = False,
+    meshes: bool = True,
+    way: Callable[[Any, bool, bool], LintReport] = lint,
+) -> list[LintReport]:
     """List the findings of several descriptions; one that cannot be read is a finding of its own, and keeps none back.
 
     strict, meshes : of `lint`; way : to lint one of them, such as in a process of its own
     """
-    found = []
+    result = []
     for source in sources:
         try:
-            found.append(way(source, strict, meshes))
+            result.append(way(source, strict, meshes))
         except InputError as problem:
             words = str(problem)
             name = Path(str(source)).name
             finding = make_error("file", name, " ".join(words.split()), "it cannot be read", "as it says")
-            found.append(Linted(name, (finding,), strict, words))
-    return found
+            result.append(LintReport(name, (finding,), strict, words))
+    return result
 
 
 def _check_xml(path: Path) -> Iterator[Finding]:
@@ -134,7 +137,7 @@ def check_machine(description: Description) -> Iterator[Finding]:
     links = {}
     for link in mechanism.links:
         body = join_bodies([part.inertia for part in link.bodies])
-        links[link.name] = Stated(link.name, body, link.name in moving, bool(link.bodies))
+        links[link.name] = LinkStatements(link.name, body, link.name in moving, bool(link.bodies))
     lengths = sorted(float(np.linalg.norm(joint.placement.position)) for joint in mechanism.joints)
     yield from check_bodies(links, float(sum(lengths[-6:])) or 1.0)
     for joint in mechanism.joints:

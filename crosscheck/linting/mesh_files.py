@@ -17,7 +17,7 @@ import numpy as np
 from defusedxml.common import DefusedXmlException
 
 from crosscheck.linting.finding import Finding, make_error, make_warning
-from flexinv.files.bounded_xml import Unbounded, parse_bounded
+from flexinv.files.bounded_xml import XmlBoundExceeded, parse_bounded
 from flexinv.files.regular_files import MISSING, describe_kind, read_regular
 from flexinv.model.mechanism import Array
 
@@ -49,14 +49,14 @@ def find_mesh_file(name: str, path: Path) -> Path | None:
     """Return the place of a mesh: beside the URDF, or in the package whose folder is above it; None where nothing is there."""
     plain = name.removeprefix("file://")
     if "://" not in plain:
-        found = path.parent / plain
-        return found if _is_there(found) else None
+        result = path.parent / plain
+        return result if _is_there(result) else None
     inside = plain.partition("://")[2].lstrip("/")
     package, _, rest = inside.partition("/")
     for above in path.resolve().parents:
-        for found in (above / inside, *([above / rest] if above.name == package else [])):
-            if _is_there(found):
-                return found
+        for result in (above / inside, *([above / rest] if above.name == package else [])):
+            if _is_there(result):
+                return result
     return None
 
 
@@ -100,9 +100,9 @@ def read_mesh(file: Path) -> MeshFile:
     if size == 0:
         return MeshFile(problem="an empty file")
     suffix = file.suffix.lower()
-    found = CHECKS[suffix](file, size) if suffix in CHECKS else MeshFile()
-    if found != MeshFile() or suffix not in READ or not can_read_meshes():
-        return found
+    mesh = CHECKS[suffix](file, size) if suffix in CHECKS else MeshFile()
+    if mesh != MeshFile() or suffix not in READ or not can_read_meshes():
+        return mesh
     return _read_mesh(file)
 
 
@@ -167,7 +167,7 @@ def _check_dae(file: Path, size: int) -> MeshFile:
         root = parse_bounded(read_regular(file, LARGEST))
     except DefusedXmlException:
         return MeshFile(problem="a DOCTYPE or ENTITY")
-    except Unbounded as bound:
+    except XmlBoundExceeded as bound:
         return MeshFile(unread=bound.given)
     except (ParseError, ValueError, LookupError, OSError) as problem:
         return MeshFile(problem=f"XML that does not parse: {problem}"[:200])

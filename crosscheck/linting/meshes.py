@@ -12,7 +12,7 @@ from xml.etree.ElementTree import Element
 
 import numpy as np
 
-from crosscheck.linting.bodies import Stated
+from crosscheck.linting.bodies import LinkStatements
 from crosscheck.linting.finding import Finding, make_warning
 from crosscheck.linting.mesh_files import MeshFile
 from flexinv.files.joints import compute_rpy_rotation
@@ -27,7 +27,7 @@ ROUND = np.linspace(0.0, 2 * np.pi, 16, endpoint=False)
 
 
 def check_meshes(
-    robot: Element, meshes: Mapping[str, MeshFile], links: Mapping[str, Stated], size: float
+    robot: Element, meshes: Mapping[str, MeshFile], links: Mapping[str, LinkStatements], size: float
 ) -> Iterator[Finding]:
     """Yield findings of links whose shapes are all there [m, kg m^2]; meshes : by name; size : of the machine [m]."""
     total = sum(link.inertia.mass for link in links.values() if link.written and link.inertia.mass > 0)
@@ -57,7 +57,7 @@ def _collect_points(parts: list[Element], meshes: Mapping[str, MeshFile]) -> Arr
     return np.vstack(there) if there and len(there) == len(parts) else None
 
 
-def _check_link(link: Stated, points: Array, size: float) -> Iterator[Finding]:
+def _check_link(link: LinkStatements, points: Array, size: float) -> Iterator[Finding]:
     place = f"link {link.name}"
     body = link.inertia
     low = points.min(axis=0)

@@ -10,44 +10,44 @@ from xml.etree import ElementTree as ET
 
 from crosscheck import output_folder as owned
 from crosscheck.equivalence.output.text import format_cell
-from crosscheck.linting.lint import Linted
+from crosscheck.linting.lint import LintReport
 from crosscheck.report.html import copy_style, prepare_templates, write_page
 from crosscheck.report.junit import FORBIDDEN
 from crosscheck.verdicts.results import list_versions
 
 
-def write(found: Sequence[Linted], out: Path) -> None:
+def write(reports: Sequence[LintReport], out: Path) -> None:
     """Write index.html, results.json, junit.xml and summary.md into a folder.  Raises OSError."""
     out.mkdir(parents=True, exist_ok=True)
     copy_style(out)
     stamp = {"started": datetime.datetime.now().isoformat(timespec="seconds"), "versions": list_versions()}
     view = {
-        "found": found,
-        "clean": all(one.clean for one in found),
-        "sentence": describe_counts(found),
+        "found": reports,
+        "clean": all(one.clean for one in reports),
+        "sentence": describe_counts(reports),
         "results": stamp,
         "root": "",
     }
     write_page(prepare_templates(), "lint.html.j2", out / "index.html", **view)
-    plain = {"format": "crosscheck-lint/1", "files": [one.plain for one in found]} | stamp
+    plain = {"format": "crosscheck-lint/1", "files": [one.plain for one in reports]} | stamp
     owned.write(out / "results.json", json.dumps(plain, indent=1, ensure_ascii=False))
-    owned.write(out / "junit.xml", build_junit_xml(found))
-    owned.write(out / "summary.md", render_markdown(found))
+    owned.write(out / "junit.xml", build_junit_xml(reports))
+    owned.write(out / "summary.md", render_markdown(reports))
 
 
-def describe_counts(found: Sequence[Linted]) -> str:
+def describe_counts(reports: Sequence[LintReport]) -> str:
     """Return the numbers of findings and of files in a sentence."""
-    files = "one file" if len(found) == 1 else f"{len(found)} files"
-    with_any = sum(bool(one.findings) for one in found)
+    files = "one file" if len(reports) == 1 else f"{len(reports)} files"
+    with_any = sum(bool(one.findings) for one in reports)
     if not with_any:
         return f"Nothing found in {files}."
-    return f"{sum(len(one.findings) for one in found)} findings in {with_any} of {files}."
+    return f"{sum(len(one.findings) for one in reports)} findings in {with_any} of {files}."
 
 
-def render_markdown(found: Sequence[Linted]) -> str:
+def render_markdown(reports: Sequence[LintReport]) -> str:
     """Return findings as Markdown: a table for each file."""
-    lines = [f"## {describe_counts(found)}"]
-    for one in found:
+    lines = [f"## {describe_counts(reports)}"]
+    for one in reports:
         lines += ["", f"### {format_cell(one.label)}: {one.words}"]
         if one.findings:
             lines += ["", "| check | where | given | why | write |", "|---|---|---|---|---|"]
@@ -56,10 +56,10 @@ def render_markdown(found: Sequence[Linted]) -> str:
     return "\n".join(lines) + "\n"
 
 
-def build_junit_xml(found: Sequence[Linted]) -> bytes:
+def build_junit_xml(reports: Sequence[LintReport]) -> bytes:
     """Return findings as JUnit XML: a suite for each file, a failure for each finding that counts."""
     root = ET.Element("testsuites", name="crosscheck lint")
-    for one in found:
+    for one in reports:
         suite = ET.SubElement(root, "testsuite", name=_remove_forbidden(one.label), tests=str(len(one.findings) or 1))
         counted = [f for f in one.findings if f.level == "error" or one.strict]
         suite.set("failures", str(len(counted)))

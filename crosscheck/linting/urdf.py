@@ -10,7 +10,7 @@ from xml.etree.ElementTree import Element
 
 import numpy as np
 
-from crosscheck.linting.bodies import Stated, check_bodies
+from crosscheck.linting.bodies import LinkStatements, check_bodies
 from crosscheck.linting.finding import Finding, make_error, make_warning
 from crosscheck.linting.mesh_files import find_mesh_file, list_mesh_findings, read_meshes
 from crosscheck.linting.meshes import check_meshes
@@ -101,7 +101,7 @@ def _check_tree(robot: Element) -> Iterator[Finding]:
         yield make_error("tree", "robot", given, "a URDF is one tree", "one root link")
 
 
-def _read_links(robot: Element) -> tuple[dict[str, Stated], list[Finding]]:
+def _read_links(robot: Element) -> tuple[dict[str, LinkStatements], list[Finding]]:
     moved = {
         j.find("child").get("link", "")  # type: ignore[union-attr]
         for j in robot.findall("joint")
@@ -121,7 +121,7 @@ def _read_links(robot: Element) -> tuple[dict[str, Stated], list[Finding]]:
                 )
             )
         body = found or Inertia(0.0)
-        links[name] = Stated(name, body, name in moved, inertial is not None and found is not None)
+        links[name] = LinkStatements(name, body, name in moved, inertial is not None and found is not None)
     return links, problems
 
 
@@ -134,7 +134,9 @@ def _read_inertia(inertial: Element) -> Inertia | None:
         return None
     xx, xy, xz, yy, yz, zz = (float(x[0]) for x in numbers if x is not None)
     turn = compute_rpy_rotation(rpy)
-    return Inertia.stated(float(mass[0]), com, turn @ np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]) @ turn.T)
+    return Inertia.build_unchecked(
+        float(mass[0]), com, turn @ np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]) @ turn.T
+    )
 
 
 def _compute_machine_size(robot: Element) -> float:
@@ -147,7 +149,7 @@ def _compute_machine_size(robot: Element) -> float:
     return float(sum(sorted(lengths)[-6:])) or 1.0
 
 
-def _check_massless_links(robot: Element, links: dict[str, Stated]) -> Iterator[Finding]:
+def _check_massless_links(robot: Element, links: dict[str, LinkStatements]) -> Iterator[Finding]:
     """Links that a joint moves, and at whose end there is no mass at all."""
     children: dict[str, list[Element]] = {}
     for joint in robot.findall("joint"):
@@ -167,7 +169,7 @@ def _check_massless_links(robot: Element, links: dict[str, Stated]) -> Iterator[
             )
 
 
-def _has_mass(name: str, links: dict[str, Stated], children: dict[str, list[Element]], depth: int) -> bool:
+def _has_mass(name: str, links: dict[str, LinkStatements], children: dict[str, list[Element]], depth: int) -> bool:
     """Return True if a link, or what is fixed to it or carried by it, has mass."""
     link = links.get(name)
     if link is None or link.inertia.mass > 0 or depth > len(links):
@@ -191,8 +193,8 @@ def _check_joint(joint: Element) -> Iterator[Finding]:
 
 def _check_origin(joint: Element, name: str) -> Iterator[Finding]:
     for key, most, words in (("xyz", FAR, "mm"), ("rpy", 2 * np.pi + 1e-3, "degrees")):
-        found = read_values(joint.find("origin"), key, (0.0, 0.0, 0.0))
-        if found is None:
+        values = read_values(joint.find("origin"), key, (0.0, 0.0, 0.0))
+        if values is None:
             yield make_error(
                 "number",
                 name,
@@ -200,10 +202,10 @@ def _check_origin(joint: Element, name: str) -> Iterator[Finding]:
                 "three finite numbers are expected",
                 f'{key}="0 0 0"',
             )
-        elif np.abs(found).max() > most:
+        elif np.abs(values).max() > most:
             write = "metres" if key == "xyz" else "radians"
             yield make_warning(
-                "units", name, f'{key}="{" ".join(f"{x:g}" for x in found)}"', f"looks like {words}", write
+                "units", name, f'{key}="{" ".join(f"{x:g}" for x in values)}"', f"looks like {words}", write
             )
 
 
@@ -283,8 +285,8 @@ def _check_range(name: str, kind: str, low: float, high: float) -> Iterator[Find
 
 def _check_dynamics(joint: Element, name: str) -> Iterator[Finding]:
     for key in ("damping", "friction"):
-        found = read_values(joint.find("dynamics"), key, (0.0,))
-        if found is None or found[0] < 0:
+        values = read_values(joint.find("dynamics"), key, (0.0,))
+        if values is None or values[0] < 0:
             yield make_error(
                 "dynamics",
                 name,

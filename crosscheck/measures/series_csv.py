@@ -125,12 +125,12 @@ def check_times(path: Path, time: Array, wanted: Array, sample: float) -> None:
         )
 
 
-def check_names(path: Path, known: Mapping[str, str], found: Iterable[Series]) -> None:
+def check_names(path: Path, known: Mapping[str, str], series: Iterable[Series]) -> None:
     """Raise InputError where a column is called as nothing of the mechanism is, or is in another unit.
 
     known : name -> unit of all that there may be: what is called otherwise would be compared with nothing
     """
-    for one in found:
+    for one in series:
         plain = ANY.sub(rf"\1/{STATION}/", one.name)
         if plain not in known:
             near = find_nearest_word(one.name, sorted(known))
@@ -142,11 +142,11 @@ def check_names(path: Path, known: Mapping[str, str], found: Iterable[Series]) -
             raise InputError(f"{path}: column {one.name!r} is in {one.unit}, expected {known[plain]}")
 
 
-def write(path: Path, time: Array, found: Iterable[Series]) -> None:
+def write(path: Path, time: Array, series: Iterable[Series]) -> None:
     """Write times [s] and series with their error bars, every number with all its digits.  Raises OSError."""
     header = [TIME]
     columns = [time]
-    for one in found:
+    for one in series:
         header.append(f"{one.name} [{one.unit}]")
         columns.append(one.values)
         if one.error is not None:

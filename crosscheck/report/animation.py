@@ -72,7 +72,9 @@ def build_animation(skeleton: Sequence[Mapping[str, Any]], records: Mapping[str,
 
 def draw_still(skeleton: Sequence[Mapping[str, Any]], records: Mapping[str, Record]) -> Markup | None:
     """Return a small drawing of the motion, or None where no record has tips."""
-    points = next((found for record in records.values() if (found := collect_link_points(record, skeleton))), None)
+    points = next(
+        (link_points for record in records.values() if (link_points := collect_link_points(record, skeleton))), None
+    )
     if points is None:
         return None
     lines = [np.stack(link, axis=1) for link in points]  # (sample, point, xyz) of every link

@@ -12,16 +12,16 @@ from crosscheck.verdicts.results import BROKEN_CERTIFICATE, NO_CERTIFICATE, Case
 
 
 @dataclass(frozen=True)
-class Sheet:
+class CertificateSummary:
     """The certificate of one engine: its lines, what they amount to as a verdict, and in words."""
 
     engine: str
     verdict: Verdict
-    words: str
+    text: str
     lines: tuple[Check, ...]
 
 
-def list_certificates(results: Results, case: CaseRow) -> list[Sheet]:
+def list_certificates(results: Results, case: CaseRow) -> list[CertificateSummary]:
     """Return the certificates of a case, engine by engine."""
     mine = [line for line in results.certificates if (line.mechanism, line.case) == (case.mechanism, case.case)]
     return [
@@ -30,14 +30,16 @@ def list_certificates(results: Results, case: CaseRow) -> list[Sheet]:
     ]
 
 
-def _make_certificate(engine: str, lines: tuple[Check, ...]) -> Sheet:
+def _make_certificate(engine: str, lines: tuple[Check, ...]) -> CertificateSummary:
     if [line.what for line in lines] == [NO_CERTIFICATE]:
-        return Sheet(engine, "unjudged", NO_CERTIFICATE, lines)
+        return CertificateSummary(engine, "unjudged", NO_CERTIFICATE, lines)
     if [line.what for line in lines] == [BROKEN_CERTIFICATE]:
-        return Sheet(engine, "deviation", f"{BROKEN_CERTIFICATE}: it is there and cannot be read", lines)
+        return CertificateSummary(engine, "deviation", f"{BROKEN_CERTIFICATE}: it is there and cannot be read", lines)
     if is_certified(lines):
-        return Sheet(engine, "within", "holds", lines)
-    return Sheet(engine, "deviation", "another mechanism: " + ", ".join(x.what for x in lines if not x.holds), lines)
+        return CertificateSummary(engine, "within", "holds", lines)
+    return CertificateSummary(
+        engine, "deviation", "another mechanism: " + ", ".join(x.what for x in lines if not x.holds), lines
+    )
 
 
 def describe_failing_lines(results: Results, mechanism: str, case: str, engine: str) -> str:
@@ -48,7 +50,7 @@ def describe_failing_lines(results: Results, mechanism: str, case: str, engine: 
 
 def collect_warnings(results: Results, case: CaseRow) -> dict[str, str]:
     """Return the warning beside the dynamics of engines whose certificate is missing or does not hold."""
-    return {sheet.engine: sheet.words for sheet in list_certificates(results, case) if sheet.verdict != "within"}
+    return {sheet.engine: sheet.text for sheet in list_certificates(results, case) if sheet.verdict != "within"}
 
 
 def list_diagnoses(results: Results, case: CaseRow) -> list[Diagnosis]:

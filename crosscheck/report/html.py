@@ -18,7 +18,7 @@ from markupsafe import Markup
 
 from crosscheck import output_folder as owned
 from crosscheck.measures.limits import Verdict, find_worst_verdict
-from crosscheck.report import animation, changed, words
+from crosscheck.report import animation, change_summary, words
 from crosscheck.report import explanations as reasons
 from crosscheck.report.plots import read_records, write_case
 from crosscheck.verdicts.compare import Comparison
@@ -32,14 +32,14 @@ Page = Callable[[Path], None]  # writes one page below the folder of a report
 
 def collect_pages(results: Results) -> dict[str, Page]:
     """Return the writer of each page, and of the assets that all share, by its path below the folder of a report."""
-    made: dict[str, Page] = {"assets": copy_assets}
+    pages: dict[str, Page] = {"assets": copy_assets}
     for case in results.cases:
         if not case.problem:
-            made[f"cases/{case.slug}.html"] = partial(_write_case_page, results, case)
+            pages[f"cases/{case.slug}.html"] = partial(_write_case_page, results, case)
     for study in results.studies:
-        made[f"studies/{make_slug(study.name)}.html"] = partial(_write_study_page, results, study)
-    made["index.html"] = partial(_write_index, results)
-    return made
+        pages[f"studies/{make_slug(study.name)}.html"] = partial(_write_study_page, results, study)
+    pages["index.html"] = partial(_write_index, results)
+    return pages
 
 
 def _write_case_page(results: Results, case: CaseRow, out: Path) -> None:
@@ -121,7 +121,7 @@ def build_index_view(results: Results, out: Path, trends: bool = False) -> dict[
         "matrix": matrix,
         "engines": words.join_alike_engines(results.engines),
         "limits": [(c, line) for c in results.cases for line in c.unused_limits],
-        "changed": changed.describe_changes(results.changes),
+        "changed": change_summary.describe_changes(results.changes),
         "trends": trends,
         **build_single_study_view(results),
     }
@@ -167,7 +167,7 @@ def build_case_view(results: Results, case: CaseRow, out: Path) -> dict[str, Any
         "runs": [one.run for one in cells if one.run is not None],
         "manifest": write_case(results, case, out),
         "neighbours": find_neighbours(results, case),
-        "sheets": reasons.list_certificates(results, case),
+        "summaries": reasons.list_certificates(results, case),
         "uncertified": reasons.collect_warnings(results, case),
         "diagnoses": reasons.list_diagnoses(results, case),
         "trend": f"../trends/{case.slug}.html" if (out / "trends" / f"{case.slug}.html").is_file() else "",

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable
 
-from crosscheck.report import changed, words
+from crosscheck.report import change_summary, words
 from crosscheck.report.explanations import describe_causes, describe_diagnosis
 from crosscheck.report.words import (
     SIGNS,
@@ -28,7 +28,7 @@ def render(results: Results) -> str:
     parts = [f"# {describe_run(results)}", "", f"{escape(results.started)}, {format_duration(results.elapsed)}", ""]
     parts += [escape(said), ""] if (said := describe_unchanged(results)) else []
     if results.changes:
-        parts += ["## Changes", "", escape(changed.describe_changes(results.changes)), ""]
+        parts += ["## Changes", "", escape(change_summary.describe_changes(results.changes)), ""]
         moved = [
             (v["what"], v["before_verdict"], format_short(v["before"]), v["after_verdict"], format_short(v["after"]))
             for v in results.changes["values"]

@@ -137,15 +137,17 @@ def describe_scope(results: Results) -> str:
     if not cases:
         return ""
     names = [e.name for e in results.engines if has_taken_part(make_cell(results, case, e.name) for case in cases)]
-    said = f"{_count(len(split_by_mechanism(cases)), 'mechanism', 'mechanisms')}, {_count(len(cases), 'case', 'cases')}"
-    said += f", in {_count(len(names), 'engine', 'engines')} ({', '.join(names)})." if names else ", in no engine."
+    scope = (
+        f"{_count(len(split_by_mechanism(cases)), 'mechanism', 'mechanisms')}, {_count(len(cases), 'case', 'cases')}"
+    )
+    scope += f", in {_count(len(names), 'engine', 'engines')} ({', '.join(names)})." if names else ", in no engine."
     compared = dict.fromkeys(c.quantity for c in results.comparisons if c.maximum is not None)
     if compared:
         against = " and ".join(dict.fromkeys(c.reference for c in results.comparisons if c.maximum is not None))
-        said += (
+        scope += (
             f" Every engine builds them by itself from the same data; compared with {against}: {', '.join(compared)}."
         )
-    return said
+    return scope
 
 
 def describe_group(moves: Sequence[Move]) -> list[str]:
@@ -253,7 +255,7 @@ def list_troubles(results: Results) -> list[tuple[Verdict, CaseRow | StudyRow, s
         rows += [("error", case, r.engine, f"{r.status}: {r.message}") for r in runs]
         failed = {r.engine for r in runs}
         torn = [sheet for sheet in list_certificates(results, case) if sheet.verdict == "deviation"]
-        rows += [("deviation", case, f"{sheet.engine} certificate", sheet.words) for sheet in torn]
+        rows += [("deviation", case, f"{sheet.engine} certificate", sheet.text) for sheet in torn]
         for c in results.comparisons:
             known = c.verdict in ("within", "skipped", "explained") or bool({c.engine, c.reference} & failed)
             known = known or (c.verdict == "deviation" and c.message == c.uncertified)  # said by the row above

@@ -11,7 +11,7 @@ from typing import Any
 
 from crosscheck.engines import Engine
 from crosscheck.measures.record import Record, compute_fingerprint
-from crosscheck.run.isolation import Attempt, Children, Ending, open_scratch_folder, run_child
+from crosscheck.run.isolation import Attempt, ChildProcesses, ProcessEnd, open_scratch_folder, run_child
 from crosscheck.verdicts.plan import Task
 
 LIMIT = 120.0  # [s] to import an engine and ask it: a cold disk takes some ten seconds
@@ -31,7 +31,7 @@ class Abilities:
     message: str = ""
 
 
-def ask_abilities(engine: Engine, pairs: Sequence[Pair], children: Children) -> Abilities:
+def ask_abilities(engine: Engine, pairs: Sequence[Pair], children: ChildProcesses) -> Abilities:
     """Ask the adapter of ``engine`` what it is and which of the cases it can do; what it does not answer stays open.
 
     pairs : cases, with the engines of this adapter.  Where its process crashes or hangs, the cases that are left are asked
@@ -61,7 +61,7 @@ def read_answers(file: Path) -> list[dict[str, Any]]:
         return []
 
 
-def describe_ending(ending: Ending, left: int) -> str:
+def describe_ending(ending: ProcessEnd, left: int) -> str:
     """Return the words for a reader about a process that did not answer everything."""
     why = f"asked in one process what it can do in all cases: {ending.message}"
     return f"{why}; {left} case{'s were' if left != 1 else ' was'} asked one by one" if left else why

@@ -27,7 +27,7 @@ from crosscheck.kit.resolved import needs_integration
 from crosscheck.measures.mechanisms import read_mechanism
 from crosscheck.measures.record import Record, compute_fingerprint, read_record, save
 from crosscheck.run.processes import apply_file_size_limit, end_with_parent, make_subreaper
-from crosscheck.run.reading import read
+from crosscheck.run.reading_job import read
 from flexinv.errors import InputError
 from flexinv.files.load_cases import Case, load_cases
 from flexinv.model.mechanism import Mechanism

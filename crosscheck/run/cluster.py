@@ -14,7 +14,7 @@ from concurrent.futures import Executor, ThreadPoolExecutor
 from dataclasses import replace
 from typing import Any
 
-from crosscheck.run.isolation import Children, open_scratch_folder
+from crosscheck.run.isolation import ChildProcesses, open_scratch_folder
 from crosscheck.verdicts.plan import Task
 from flexinv.errors import InputError
 
@@ -82,8 +82,8 @@ def _list_workers(client: Any) -> list[str]:
 
 def _list_other_pythons(client: Any) -> dict[str, str]:
     """Return the Python of workers that have another one than this machine, by their addresses."""
-    stated = client.run(_describe_python, on_error="return")
-    return {worker: python for worker, python in stated.items() if isinstance(python, str) and python != HERE}
+    result = client.run(_describe_python, on_error="return")
+    return {worker: python for worker, python in result.items() if isinstance(python, str) and python != HERE}
 
 
 def _describe_python() -> str:
@@ -106,7 +106,7 @@ def run_on_worker(do: Callable[..., Any], job: tuple[str, Any, Any], files: Mapp
                 (place / name).parent.mkdir(parents=True, exist_ok=True)
                 (place / name).write_bytes(content)
             what = replace(what, folder=place)
-        return do((kind, what, engine), options, Children())
+        return do((kind, what, engine), options, ChildProcesses())
 
 
 def read_task_files(what: Any) -> dict[str, bytes]:

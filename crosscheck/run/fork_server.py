@@ -127,11 +127,11 @@ class Server:
             ready, _, _ = select.select([self.requests, ear], [], [])
             if ear in ready:
                 ear.recv(4096)
-                self._reap()
+                self._collect_ended_jobs()
             if self.requests in ready and not self._can_take_request([ear, mouth]):
                 return
 
-    def _can_take_request(self, ours: list[socket.socket]) -> bool:
+    def _can_take_request(self, sockets: list[socket.socket]) -> bool:
         """Take one request; return False where the parent has closed its side."""
         packet, descriptors, _, _ = socket.recv_fds(self.requests, LARGEST_REQUEST, 3)
         if not packet:
@@ -141,18 +141,18 @@ class Server:
             _send_words(answer, f"refused {why}")
             answer.close()
         else:
-            self._fork(answer, descriptors, json.loads(packet), ours)
+            self._fork(answer, descriptors, json.loads(packet), sockets)
         for descriptor in descriptors:
             os.close(descriptor)
         return True
 
     def _fork(
-        self, answer: socket.socket, descriptors: list[int], job: Mapping[str, str], ours: list[socket.socket]
+        self, answer: socket.socket, descriptors: list[int], job: Mapping[str, str], sockets: list[socket.socket]
     ) -> None:
         leader = os.getpid()
         pid = os.fork()
         if pid == 0:
-            for other in (self.requests, answer, *ours, *self.answers.values()):
+            for other in (self.requests, answer, *sockets, *self.answers.values()):
                 other.close()
             begin(leader, job, *descriptors)
         with contextlib.suppress(OSError):  # whoever is first; the parent kills the group, so it has to be one by now
@@ -160,7 +160,7 @@ class Server:
         self.answers[pid] = answer
         _send_words(answer, f"forked {pid}")
 
-    def _reap(self) -> None:
+    def _collect_ended_jobs(self) -> None:
         """Tell how jobs ended, and end what each of them has started (before its number may be given to another)."""
         for pid in list(self.answers):
             if os.waitid(os.P_PID, pid, os.WEXITED | os.WNOHANG | os.WNOWAIT) is None:

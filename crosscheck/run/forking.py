@@ -1,6 +1,6 @@
 """Prepared processes as the parent sees them: one per engine's adapter, forked from a common one when its first job comes.
 
-Where a job may not be forked, and where a prepared process has died, a fresh process is started instead: `Refused` says why.
+Where a job may not be forked, and where a prepared process has died, a fresh process is started instead: `ForkRefused` says why.
 """
 
 from __future__ import annotations
@@ -23,15 +23,15 @@ PREPARE = 120.0  # [s] to import an engine: a cold disk takes some ten seconds
 PLAIN = ("study",)  # kinds of jobs whose module is no adapter
 
 
-class Refused(RuntimeError):
+class ForkRefused(RuntimeError):
     """A job that is not forked, and why."""
 
 
-class Lost(RuntimeError):
+class ForkServerLost(RuntimeError):
     """A prepared process that died before its job did."""
 
 
-class Forked:
+class ForkedProcess:
     """A process that was forked for a job, to be waited for as for one of `subprocess`."""
 
     def __init__(self, pid: int, answers: socket.socket) -> None:
@@ -49,7 +49,7 @@ class Forked:
         if words is None:
             raise subprocess.TimeoutExpired("a forked job", timeout or 0.0)
         if not words.startswith("ended "):
-            raise Lost("the prepared process of this engine has died")
+            raise ForkServerLost("the prepared process of this engine has died")
         self.returncode = int(words.removeprefix("ended "))
         return self.returncode
 
@@ -57,7 +57,7 @@ class Forked:
         """Kill what is left of the process and of everything it started (what ended by itself, its server has ended)."""
         if self.returncode is None:
             end_process_tree(self.pid)
-            with contextlib.suppress(Lost):
+            with contextlib.suppress(ForkServerLost):
                 self.wait()
         self._answers.close()
 
@@ -79,21 +79,21 @@ def _read_line(answers: socket.socket, limit: float | None) -> str | None:
 
 
 @dataclass
-class Prepared:
+class PreparedProcess:
     """A prepared process: the process, the socket for requests, its folder, and why it takes no more ("" where it does)."""
 
-    process: subprocess.Popen[bytes] | Forked
+    process: subprocess.Popen[bytes] | ForkedProcess
     requests: socket.socket
     folder: tempfile.TemporaryDirectory[str]
     refusal: str = ""
 
-    def fork(self, what: Mapping[str, Path], *descriptors: int) -> Forked:
+    def fork(self, what: Mapping[str, Path], *descriptors: int) -> ForkedProcess:
         """Return the process of a job or of a door that runs in a folder and prints into a log.  Raises Refused.
 
         what : folder, and the file of the job or of the door; descriptors : of the log, and of the socket of a door
         """
         if self.refusal:
-            raise Refused(self.refusal)
+            raise ForkRefused(self.refusal)
         ours, theirs = socket.socketpair()
         words = json.dumps({name: str(path) for name, path in what.items()}).encode()
         try:
@@ -103,11 +103,11 @@ class Prepared:
         except OSError:
             answer = ""
         if answer and answer.startswith("forked "):
-            return Forked(int(answer.removeprefix("forked ")), ours)
+            return ForkedProcess(int(answer.removeprefix("forked ")), ours)
         ours.close()
         self.refusal = self.refusal or self._describe_refusal(answer)
         self.end()
-        raise Refused(self.refusal)
+        raise ForkRefused(self.refusal)
 
     def _describe_refusal(self, answer: str | None) -> str:
         if answer is None:
@@ -116,7 +116,7 @@ class Prepared:
 
     def end(self) -> None:
         """End the process, and with it everything that was forked from it."""
-        if isinstance(self.process, Forked):
+        if isinstance(self.process, ForkedProcess):
             self.process.end()
         else:
             end_process_group(self.process.pid)
@@ -129,15 +129,15 @@ class Prepared:
 class ForkServers:
     """The prepared processes of a run: a common one, and one by each adapter that is imported."""
 
-    common: Prepared | None = None
-    known: dict[str, Prepared] = field(default_factory=dict)
+    common: PreparedProcess | None = None
+    known: dict[str, PreparedProcess] = field(default_factory=dict)
     lock: threading.Lock = field(default_factory=threading.Lock)
     stopped: bool = False
 
-    def fork(self, job: Mapping[str, Any], job_file: Path, folder: Path, log: int) -> Forked:
+    def fork(self, job: Mapping[str, Any], job_file: Path, folder: Path, log: int) -> ForkedProcess:
         """Return the process of a job.  Raises Refused."""
         if sys.platform != "linux":
-            raise Refused("only Linux says how many threads a process has")
+            raise ForkRefused("only Linux says how many threads a process has")
         return self._prepare_adapter(job).fork({"job": job_file, "folder": folder}, log)
 
     @property
@@ -145,17 +145,17 @@ class ForkServers:
         """The reasons why jobs of an adapter were not forked, by its name."""
         return {name: one.refusal for name, one in self.known.items() if one.refusal}
 
-    def _prepare_adapter(self, job: Mapping[str, Any]) -> Prepared:
+    def _prepare_adapter(self, job: Mapping[str, Any]) -> PreparedProcess:
         name = " ".join(filter(None, [job["module"], job.get("path", "")]))
         with self.lock:
             if self.stopped:
-                raise Refused("interrupted")
+                raise ForkRefused("interrupted")
             self.common = self.common or _begin_common()
             if name not in self.known:
                 self.known[name] = _begin_prepared(self.common, job)
             return self.known[name]
 
-    def stop(self) -> None:
+    def end_processes(self) -> None:
         """End all of them, and start no more."""
         self.stopped = True
         if self.common is not None:
@@ -173,7 +173,7 @@ class ForkServers:
                     one.end()
 
 
-def _begin_common() -> Prepared:
+def _begin_common() -> PreparedProcess:
     """Start the common process; it has to be by the thread that lives as long as the run."""
     folder = _make_folder()  # first: on a full disk there is nothing to be closed yet
     ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
@@ -188,10 +188,10 @@ def _begin_common() -> Prepared:
             start_new_session=True,
             pass_fds=[theirs.fileno()],
         )
-    return Prepared(process, ours, folder)
+    return PreparedProcess(process, ours, folder)
 
 
-def _begin_prepared(common: Prepared, job: Mapping[str, Any]) -> Prepared:
+def _begin_prepared(common: PreparedProcess, job: Mapping[str, Any]) -> PreparedProcess:
     """Fork the prepared process of a job's adapter.  Raises Refused."""
     door = {name: job[name] for name in ("module", "path", "settings") if name in job}
     folder = _make_folder()
@@ -201,11 +201,11 @@ def _begin_prepared(common: Prepared, job: Mapping[str, Any]) -> Prepared:
     with theirs, (told.parent / "printed.txt").open("wb") as log:
         try:
             process = common.fork({"door": told, "folder": told.parent}, log.fileno(), theirs.fileno())
-        except Refused:
+        except ForkRefused:
             ours.close()
             folder.cleanup()
             raise
-    return Prepared(process, ours, folder)
+    return PreparedProcess(process, ours, folder)
 
 
 def _make_folder() -> tempfile.TemporaryDirectory[str]:

@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 from crosscheck.engines import Engine, describe_missing_package
 from crosscheck.measures.record import Record, RecordError, Status, check, read_record
 from crosscheck.output_folder import remove_tree
-from crosscheck.run.forking import Forked, ForkServers, Lost, Refused
+from crosscheck.run.forking import ForkedProcess, ForkRefused, ForkServerLost, ForkServers
 from crosscheck.run.processes import (
     MARK,
     end_marked_processes,
@@ -43,7 +43,7 @@ TAIL = 4000  # [characters] of what the engine printed that a report keeps
 class Attempt:
     """A record and how it came about: printed (the tail of stdout and stderr), elapsed [s].
 
-    kept : when it was made, where it was not made in this run (`crosscheck.run.kept_answers`)
+    kept : when it was made, where it was not made in this run (`crosscheck.run.answer_cache`)
     """
 
     record: Record
@@ -53,7 +53,7 @@ class Attempt:
 
 
 @dataclass(frozen=True)
-class Ending:
+class ProcessEnd:
     """End of a child process: status and message, "ok" when it left by its own will with exit code 0.
 
     kept : when that was, where it was not in this run
@@ -66,11 +66,11 @@ class Ending:
     kept: str = ""
 
 
-Process = subprocess.Popen[bytes] | Forked
+Process = subprocess.Popen[bytes] | ForkedProcess
 
 
 @dataclass
-class Children:
+class ChildProcesses:
     """The processes under way, so that all of them can be ended at once (Ctrl-C).
 
     marks : of fresh processes, by which all that they have started is found
@@ -89,16 +89,16 @@ class Children:
         Raises InterruptedError where nothing is started any more.
         """
         if self.servers is not None and job.get("module") and not job.get("afresh"):
-            with contextlib.suppress(Refused):
+            with contextlib.suppress(ForkRefused):
                 process = self.servers.fork(job, job_file, folder, log)
                 with self.lock:
                     self.running.add(process.pid)
                     if self.stopped:
                         end_process_tree(process.pid)
                 return process
-        return self.start(build_command(job_file), folder, log)
+        return self.begin_process(build_command(job_file), folder, log)
 
-    def start(self, command: list[str], folder: Path, log: int) -> subprocess.Popen[bytes]:
+    def begin_process(self, command: list[str], folder: Path, log: int) -> subprocess.Popen[bytes]:
         """Start ``build_command`` in ``folder`` as the head of a process group of its own."""
         with self.lock:
             if self.stopped:
@@ -120,7 +120,7 @@ class Children:
         """Kill what is left of the process and of everything it started."""
         with self.lock:
             self.running.discard(process.pid)
-        if isinstance(process, Forked):
+        if isinstance(process, ForkedProcess):
             process.end()
             return
         if process.returncode is None:
@@ -129,14 +129,14 @@ class Children:
         process.wait()
         end_marked_processes(self.marks.pop(process.pid, ""))
 
-    def stop(self) -> None:
+    def end_processes(self) -> None:
         """Kill every child and start no more."""
         with self.lock:
             self.stopped = True
             for leader in self.running:
                 end_process_tree(leader)
         if self.servers is not None:
-            self.servers.stop()
+            self.servers.end_processes()
 
 
 def make_mark(folder: Path) -> str:
@@ -145,7 +145,7 @@ def make_mark(folder: Path) -> str:
 
 
 def run_engine(
-    engine: Engine, task: Mapping[str, Any], time: NDArray[np.float64], limit: float, children: Children
+    engine: Engine, task: Mapping[str, Any], time: NDArray[np.float64], limit: float, children: ChildProcesses
 ) -> Attempt:
     """Run ``engine`` on ``task`` and return its record, or one that says why there is none.
 
@@ -175,7 +175,7 @@ def _read(stem: Path, failed: Record, time: NDArray[np.float64]) -> Record:
     return record
 
 
-def ask(job: Mapping[str, Any], limit: float, children: Children) -> tuple[Any, Ending]:
+def ask(job: Mapping[str, Any], limit: float, children: ChildProcesses) -> tuple[Any, ProcessEnd]:
     """Return the JSON answer of a "describe" or "study" job (None where there is none) and how it ended.
 
     limit : [s]
@@ -191,22 +191,22 @@ def ask(job: Mapping[str, Any], limit: float, children: Children) -> tuple[Any, 
             return None, replace(ending, status="error", message=f"no answer: {error}")
 
 
-def run_child(job: Mapping[str, Any], folder: Path, limit: float, children: Children) -> Ending:
+def run_child(job: Mapping[str, Any], folder: Path, limit: float, children: ChildProcesses) -> ProcessEnd:
     """Run ``python -m crosscheck.run.child`` on ``job`` inside ``folder`` for at most ``limit`` [s].
 
     Where a prepared process dies under its job, the job is done again in a fresh one.
     """
     try:
         return _run_job(job, folder, limit, children)
-    except Lost as error:
+    except ForkServerLost as error:
         if children.stopped:
-            return Ending("error", "interrupted", "", 0.0)
+            return ProcessEnd("error", "interrupted", "", 0.0)
         (folder / "work").rename(folder / "lost")
         ending = _run_job({**job, "afresh": True}, folder, limit, children)
         return replace(ending, printed=f"{error}: done again in a fresh one\n{ending.printed}")
 
 
-def _run_job(job: Mapping[str, Any], folder: Path, limit: float, children: Children) -> Ending:
+def _run_job(job: Mapping[str, Any], folder: Path, limit: float, children: ChildProcesses) -> ProcessEnd:
     job_file = folder / "job.json"
     log_file = folder / "printed.txt"
     job_file.write_text(json.dumps(job), encoding="utf-8")
@@ -216,7 +216,7 @@ def _run_job(job: Mapping[str, Any], folder: Path, limit: float, children: Child
         try:
             process = children.begin(job, job_file, work, log.fileno())
         except InterruptedError as error:
-            return Ending("error", str(error), "", 0.0)
+            return ProcessEnd("error", str(error), "", 0.0)
         start = clock.monotonic()
         late = ""
         try:
@@ -228,10 +228,10 @@ def _run_job(job: Mapping[str, Any], folder: Path, limit: float, children: Child
     elapsed = clock.monotonic() - start
     printed = read_tail(log_file)
     if late:
-        return Ending("timeout", late, printed, elapsed)
+        return ProcessEnd("timeout", late, printed, elapsed)
     if children.stopped:
-        return Ending("error", "interrupted", printed, elapsed)
-    return Ending(*judge_exit_code(process.returncode or 0, printed), printed, elapsed)
+        return ProcessEnd("error", "interrupted", printed, elapsed)
+    return ProcessEnd(*judge_exit_code(process.returncode or 0, printed), printed, elapsed)
 
 
 def describe_timeout(limit: float, without: float) -> str:

@@ -17,14 +17,14 @@ from crosscheck.measures.certificate import Check
 from crosscheck.measures.limits import REFERENCE
 from crosscheck.measures.record import Record
 from crosscheck.report.explanations import describe_diagnosis
-from crosscheck.run.isolation import Attempt, Children, ask, run_engine
+from crosscheck.run.isolation import Attempt, ChildProcesses, ask, run_engine
 from crosscheck.run.questions import make_question, needs_diagnosis, read_diagnosis
-from crosscheck.run.run_cache import Attempts
+from crosscheck.run.run_cache import AttemptFolder
 from crosscheck.verdicts.baseline import METRICS, Baseline, find, is_worse, judge_by_baseline
 from crosscheck.verdicts.certificates import judge_by_certificate, list_certificate_lines
-from crosscheck.verdicts.compare import Comparison, Pair, compare
+from crosscheck.verdicts.compare import Comparison, RecordPair, compare
 from crosscheck.verdicts.plan import Task
-from crosscheck.verdicts.refinement import Finer, find_wanted_refinement, update_open_rows
+from crosscheck.verdicts.refinement import RefinementHalvings, find_wanted_refinement, update_open_rows
 from crosscheck.verdicts.repeatability import SHAKEN, add_scatter, is_doubtful, judge_by_repetition
 from crosscheck.verdicts.results import Diagnosis
 
@@ -35,7 +35,7 @@ AGAIN: Mapping[str, Any] = {
 
 
 @dataclass(frozen=True)
-class Shared:
+class RunContext:
     """Data shared by the tests of a run: folder of attempts, blessed night (None: limits alone), limit [s] of a process;
 
     engines : all that take part; children : processes, forked from prepared ones where it has them."""
@@ -44,15 +44,15 @@ class Shared:
     baseline: Path | None
     limit: float
     engines: Mapping[str, Engine] = field(default_factory=dict)
-    children: Children = field(default_factory=Children)
+    children: ChildProcesses = field(default_factory=ChildProcesses)
 
     @property
-    def kept(self) -> Attempts:
+    def kept(self) -> AttemptFolder:
         """The attempts."""
-        return Attempts(self.folder, self.engines)
+        return AttemptFolder(self.folder, self.engines)
 
 
-def compare_engines(shared: Shared, task: Task, engine: Engine, reference: Engine) -> list[Comparison]:
+def compare_engines(shared: RunContext, task: Task, engine: Engine, reference: Engine) -> list[Comparison]:
     """Return every comparison of two engines in one case, judged as a run judges them.
 
     Raises BaselineError where the blessed night cannot be read.
@@ -60,7 +60,7 @@ def compare_engines(shared: Shared, task: Task, engine: Engine, reference: Engin
     ours, theirs = (_run_attempt(shared, task, one).record for one in (engine, reference))
     flexinv = _run_attempt(shared, task, ENGINES[REFERENCE]).record if reference.name != REFERENCE else theirs
     first = {reference.name: theirs, engine.name: ours}
-    rows = compare(Pair(task.folder.name, task.case, ours, theirs, task.rest, datetime.date.today()))
+    rows = compare(RecordPair(task.folder.name, task.case, ours, theirs, task.rest, datetime.date.today()))
     lines = list_certificate_lines(task, {REFERENCE: flexinv, **first})
     rows = _compare_with_finer(shared, task, first, judge_by_certificate(rows, lines), lines)
     if any(map(is_doubtful, rows)):
@@ -74,10 +74,10 @@ def compare_engines(shared: Shared, task: Task, engine: Engine, reference: Engin
 
 
 def _compare_with_finer(
-    shared: Shared, task: Task, records: Mapping[str, Record], rows: list[Comparison], lines: Iterable[Check]
+    shared: RunContext, task: Task, records: Mapping[str, Record], rows: list[Comparison], lines: Iterable[Check]
 ) -> list[Comparison]:
     """Return the comparisons of a pair, those that a coarse reference leaves open judged with finer ones."""
-    had = Finer()
+    had = RefinementHalvings()
     reference = records.get(REFERENCE)
     while reference is not None and (one := find_wanted_refinement(rows, reference, had)) is not None:
         had = one
@@ -86,7 +86,7 @@ def _compare_with_finer(
             break
         others = [record for name, record in records.items() if name != REFERENCE]
         for other in others:
-            pair = Pair(task.folder.name, task.case, other, reference, task.rest, datetime.date.today())
+            pair = RecordPair(task.folder.name, task.case, other, reference, task.rest, datetime.date.today())
             rows = update_open_rows(rows, judge_by_certificate(compare(pair), lines))
     return rows
 
@@ -102,32 +102,32 @@ def find_blessed_folder(models: Path) -> Path | None:
     return folder if (folder / METRICS).is_file() else None
 
 
-def describe_pair_cause(shared: Shared, task: Task, rows: Iterable[Comparison]) -> str:
+def describe_pair_cause(shared: RunContext, task: Task, rows: Iterable[Comparison]) -> str:
     """Return the cause of different efforts among the comparisons of a pair, in a line; "" where they agree."""
     row = next(filter(needs_diagnosis, rows), None)
     if row is None:
         return ""
-    file = shared.kept.stem(task, row.engine).with_suffix(".why")
-    with shared.kept.alone(task, f"why {row.engine}"):
+    file = shared.kept.make_record_path(task, row.engine).with_suffix(".why")
+    with shared.kept.take_lock(task, f"why {row.engine}"):
         if not file.is_file():
             file.write_text(json.dumps(asdict(_find_diagnosis(shared, task, row))), encoding="utf-8")
         return describe_diagnosis(Diagnosis(**json.loads(file.read_text(encoding="utf-8"))))
 
 
-def _find_diagnosis(shared: Shared, task: Task, row: Comparison) -> Diagnosis:
-    ours, theirs = (shared.kept.stem(task, name) for name in (row.engine, row.reference))
+def _find_diagnosis(shared: RunContext, task: Task, row: Comparison) -> Diagnosis:
+    ours, theirs = (shared.kept.make_record_path(task, name) for name in (row.engine, row.reference))
     one = make_question(row, task.folder, ours, theirs, shared.engines.get(row.engine))
     answer, ending = ask(one.job, shared.limit, shared.children)
     return read_diagnosis(one, answer, ending.message)
 
 
-def _run_attempt(shared: Shared, task: Task, engine: Engine, options: Mapping[str, Any] = FIRST) -> Attempt:
+def _run_attempt(shared: RunContext, task: Task, engine: Engine, options: Mapping[str, Any] = FIRST) -> Attempt:
     what: dict[str, Any] = {"mechanism": str(task.folder.resolve()), "case": task.case.name, "options": dict(options)}
-    with shared.kept.alone(task, engine.name):
-        found = shared.kept.find(task, engine.name, options)
-        if found is None:
+    with shared.kept.take_lock(task, engine.name):
+        result = shared.kept.find(task, engine.name, options)
+        if result is None:
             if options is AGAIN:  # in a process that shares nothing with the first, not even what it was forked from
                 what["afresh"] = True
-            found = run_engine(engine, what, task.time, shared.limit, shared.children)
-            shared.kept.add_answer(task, engine.name, found, options)
-    return found
+            result = run_engine(engine, what, task.time, shared.limit, shared.children)
+            shared.kept.add_answer(task, engine.name, result, options)
+    return result

@@ -43,13 +43,13 @@ def list_descendants(ancestor: int) -> list[int]:
         for entry in os.listdir("/proc"):
             if entry.isdigit() and (parent := _find_parent(int(entry))) is not None:
                 children.setdefault(parent, []).append(int(entry))
-    found: list[int] = []
+    descendants: list[int] = []
     ahead = [ancestor]
     while ahead:
         below = children.get(ahead.pop(), [])
-        found += below
+        descendants += below
         ahead += below
-    return found
+    return descendants
 
 
 def _find_parent(process: int) -> int | None:
@@ -69,9 +69,9 @@ def end_process_tree(leader: int) -> None:
     with contextlib.suppress(ProcessLookupError, PermissionError):
         os.kill(leader, signal.SIGSTOP)
     for _ in range(DEPTH):
-        if not (left := list_descendants(leader)):
+        if not (descendants := list_descendants(leader)):
             break
-        for process in left:
+        for process in descendants:
             with contextlib.suppress(ProcessLookupError, PermissionError):
                 os.kill(process, signal.SIGKILL)
     end_process_group(leader)

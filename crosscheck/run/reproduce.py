@@ -9,7 +9,7 @@ from pathlib import Path
 from crosscheck.engines import ENGINES, Engine
 from crosscheck.measures.limits import REFERENCE
 from crosscheck.measures.record import save
-from crosscheck.run.isolation import Children, ask, open_scratch_folder, run_engine
+from crosscheck.run.isolation import ChildProcesses, ask, open_scratch_folder, run_engine
 from crosscheck.verdicts.plan import Task
 from flexinv.errors import InputError
 
@@ -58,7 +58,9 @@ def write_reproduction(task: Task, engine: Engine, folder: Path, limit: float) -
     if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
         raise InputError(f"{folder} is there already: write --out with a new or an empty folder, or remove it")
     with open_scratch_folder() as work:
-        expected = run_engine(ENGINES[REFERENCE], given | {"options": {"error": False}}, task.time, limit, Children())
+        expected = run_engine(
+            ENGINES[REFERENCE], given | {"options": {"error": False}}, task.time, limit, ChildProcesses()
+        )
         if expected.record.status != "ok":
             raise InputError(f"{where}: {REFERENCE} gives no expected effort: {expected.record.message}")
         save(expected.record, work / "expected")
@@ -69,7 +71,7 @@ def write_reproduction(task: Task, engine: Engine, folder: Path, limit: float) -
             "engine": engine.name,
             "folder": str(made),
         }
-        answer, ending = ask({**job, **given, "expected": str(work / "expected")}, limit, Children())
+        answer, ending = ask({**job, **given, "expected": str(work / "expected")}, limit, ChildProcesses())
         problem = answer["problem"] if answer else ending.message
         if problem:
             raise InputError(f"{where}: {problem}")

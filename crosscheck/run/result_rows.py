@@ -17,7 +17,7 @@ from crosscheck.run.isolation import Attempt
 from crosscheck.run.work import Work
 from crosscheck.studies import Study
 from crosscheck.verdicts import results as store
-from crosscheck.verdicts.compare import Comparison, Pair, compare, split_by_unit
+from crosscheck.verdicts.compare import Comparison, RecordPair, compare, split_by_unit
 from crosscheck.verdicts.plan import Task, make_case_row
 from crosscheck.verdicts.results import CaseRow, EngineRow, Results, RunRow, StudyRow
 
@@ -29,7 +29,7 @@ def compare_all(task: Task, records: Mapping[str, Record]) -> tuple[list[Compari
     for name, record in records.items():
         for reference in list_references(task.case.limits, name):
             other = records.get(reference) or make_absent_record(reference)
-            pair = Pair(task.folder.name, task.case, record, other, task.rest, datetime.date.today())
+            pair = RecordPair(task.folder.name, task.case, record, other, task.rest, datetime.date.today())
             rows += compare(pair)
             used += [find(task.case.limits, q, name, reference, record.version) for q in task.case.quantities]
     idle = list_unused_limits(task.case.limits, [limit for limit in used if limit is not None])

@@ -27,7 +27,7 @@ KEPT = ("ok", "skipped")
 
 
 @dataclass(frozen=True)
-class Attempts:
+class AttemptFolder:
     """A folder of attempts; several processes may use it at once.
 
     engines : those whose answers depend on more than a case and our sources: programs and records (`crosscheck.doors`)
@@ -38,7 +38,7 @@ class Attempts:
 
     def find(self, task: Task, engine: str, options: Mapping[str, Any] | None = None) -> Attempt | None:
         """Return the attempt that ``engine`` made at the task before, or None."""
-        stem = self.stem(task, engine, options)
+        stem = self.make_record_path(task, engine, options)
         try:
             words = json.loads(stem.with_name(stem.name + ".attempt").read_text(encoding="utf-8"))
             record = read_record(stem)
@@ -52,18 +52,18 @@ class Attempts:
         if attempt.record.status not in KEPT:
             return
         self.folder.mkdir(parents=True, exist_ok=True)
-        stem = self.stem(task, engine, options)
+        stem = self.make_record_path(task, engine, options)
         save(attempt.record, owned.add_record_to_list(stem))
         words = json.dumps({"printed": attempt.printed, "elapsed": attempt.elapsed})
         owned.write(stem.with_name(stem.name + ".attempt"), words)
 
-    def stem(self, task: Task, engine: str, options: Mapping[str, Any] | None = None) -> Path:
+    def make_record_path(self, task: Task, engine: str, options: Mapping[str, Any] | None = None) -> Path:
         """Return the path of an attempt's files without their endings (`crosscheck.measures.record.save`)."""
         known = self.engines.get(engine)
         return self.folder / compute_attempt_key(task, engine, add_door_digest(known, task.folder, options or {}))
 
     @contextlib.contextmanager
-    def alone(self, task: Task, engine: str) -> Iterator[None]:
+    def take_lock(self, task: Task, engine: str) -> Iterator[None]:
         """Let one process at a time look for an attempt and make it (where the system has file locks)."""
         self.folder.mkdir(parents=True, exist_ok=True)
         with (self.folder / f"{compute_attempt_key(task, engine, {})}.lock").open("w") as file:

@@ -27,7 +27,13 @@ from crosscheck.verdicts import results as store
 from crosscheck.verdicts.certificates import judge_by_certificate, list_certificate_lines
 from crosscheck.verdicts.compare import Comparison
 from crosscheck.verdicts.plan import Task
-from crosscheck.verdicts.refinement import Finer, find_wanted_refinement, is_open, read_kind, update_open_rows
+from crosscheck.verdicts.refinement import (
+    RefinementHalvings,
+    find_wanted_refinement,
+    is_open,
+    read_kind,
+    update_open_rows,
+)
 from crosscheck.verdicts.repeatability import SHAKEN, add_scatter, is_doubtful, judge_by_repetition
 from crosscheck.verdicts.results import Diagnosis, Results, RunRow, StudyRow, make_slug
 from crosscheck.verdicts.signals import Key as SignalKey
@@ -43,7 +49,7 @@ SHAKES = {f"shaken {way}": way for way in SHAKEN}  # kinds of jobs: an engine wi
 
 
 @dataclass
-class State:
+class RunState:
     """State of a run: results and records so far, why engines cannot do cases, and how long jobs took [s] by their labels.
 
     written : when results.json was written last, since the start [s]; pause : until it is written again at least [s]
@@ -61,11 +67,11 @@ class State:
     records: dict[tuple[str, str], dict[str, Record]] = field(default_factory=dict)
     again: dict[tuple[str, str], dict[str, Record]] = field(default_factory=dict)
     shaken: dict[tuple[str, str, str], list[Record]] = field(default_factory=dict)
-    finer: dict[tuple[str, str], tuple[Finer, Record]] = field(default_factory=dict)
+    finer: dict[tuple[str, str], tuple[RefinementHalvings, Record]] = field(default_factory=dict)
     refused: dict[tuple[str, str, str], Attempt] = field(default_factory=dict)
     seconds: dict[str, float] = field(default_factory=dict)
 
-    def jobs(self) -> Iterator[Job]:
+    def list_jobs(self) -> Iterator[Job]:
         """Yield every engine at every case, and every study."""
         for task in self.work.plan.tasks:
             for engine in self.work.engines.values():
@@ -73,7 +79,7 @@ class State:
         for study in self.work.studies:
             yield "study", study, None
 
-    def asked(self, left: Iterable[Job]) -> Iterator[Job]:
+    def list_ability_questions(self, left: Iterable[Job]) -> Iterator[Job]:
         """Yield what every adapter is asked before its engines run: what it is, and which of the cases it can do.
 
         left : the jobs that are to be done
@@ -86,7 +92,7 @@ class State:
         for key, engine in sorted(adapters.items()):
             yield "abilities", engine, tuple(pairs.get(key, ()))
 
-    def refusal(self, job: Job) -> Attempt | None:
+    def find_refusal(self, job: Job) -> Attempt | None:
         """Return the attempt of an engine that has said that it cannot do a case, None where it can or has not said."""
         kind, what, engine = job
         return self.refused.get((what.folder.name, what.case.name, engine.name)) if kind == "run" else None
@@ -95,7 +101,7 @@ class State:
         """Return True for the runs of the engine that others are compared with."""
         return job[0] == "run" and job[2].name == REFERENCE
 
-    def compared(self, jobs: Iterable[Job]) -> Iterator[Job]:
+    def list_compared_jobs(self, jobs: Iterable[Job]) -> Iterator[Job]:
         """Yield the runs of the reference, those that nothing is compared with as refused."""
         answered = {(run.mechanism, run.case) for run in self.results.runs if run.status == "ok"}
         for job in jobs:
@@ -108,26 +114,26 @@ class State:
     def list_refinements(self) -> list[Job]:
         """Return the runs of the reference, with finer steps and meshes, that comparisons need which are not judged yet."""
         engine = self.work.engines.get(REFERENCE)
-        found: list[Job] = []
+        refinements: list[Job] = []
         for task in self.work.plan.tasks if engine is not None else ():
             key = task.folder.name, task.case.name
             rows = [row for row in self.results.comparisons if (row.mechanism, row.case) == key and is_open(row)]
             if not rows:
                 continue
-            had, record = self.finer.get(key) or (Finer(), self._read_first_record(*key, REFERENCE))
+            had, record = self.finer.get(key) or (RefinementHalvings(), self._read_first_record(*key, REFERENCE))
             runs = [r for r in self.results.runs if (r.mechanism, r.case, r.engine) == (*key, REFERENCE)]
             elapsed = max((run.elapsed for run in runs), default=0.0)
             one = find_wanted_refinement(rows, record, had)
             if one is not None and elapsed * one.longer <= self.work.options.timeout:
-                found.append((one.kind, task, engine))
-        return found
+                refinements.append((one.kind, task, engine))
+        return refinements
 
     def _read_first_record(self, mechanism: str, case: str, engine: str) -> Record:
         """Return the record of a run as it was saved."""
         stems = {(r.mechanism, r.case, r.engine): self.out / r.series for r in self.results.runs if r.series}
         return read_saved_record(stems.get((mechanism, case, engine)), engine)
 
-    def _judge_with_finer(self, task: Task, finer: Finer, record: Record) -> None:
+    def _judge_with_finer(self, task: Task, finer: RefinementHalvings, record: Record) -> None:
         """Judge open comparisons of a case anew, with a finer reference; where it failed they stay open."""
         key = task.folder.name, task.case.name
         if record.status != "ok":
@@ -143,7 +149,7 @@ class State:
         rows = update_open_rows(self.results.comparisons, judge_by_certificate(fresh, lines))
         self.results = replace(self.results, comparisons=tuple(rows))
 
-    def repeats(self) -> Iterator[Job]:
+    def list_repeats(self) -> Iterator[Job]:
         """Yield the runs whose error bars explain a difference: they have to repeat; and those that seem worse than blessed."""
         rows = self.results.comparisons
         known = self.work.options.baseline
@@ -169,7 +175,7 @@ class State:
             rows.append(row)
         self.results = replace(self.results, comparisons=tuple(rows))
 
-    def questions(self) -> Iterator[Job]:
+    def list_cause_questions(self) -> Iterator[Job]:
         """Yield what is asked once everything is compared: why engines deviate."""
         for question in list_questions(
             self._judge_by_baseline(whole=False), self.work.plan, self.out, self.work.engines
@@ -184,8 +190,8 @@ class State:
         elif kind == "study":
             self._add_study(what, *answer)
         elif kind == "why":
-            found = read_diagnosis(what, answer[0], answer[1].message)
-            self.results = replace(self.results, diagnoses=(*self.results.diagnoses, found))
+            diagnosis = read_diagnosis(what, answer[0], answer[1].message)
+            self.results = replace(self.results, diagnoses=(*self.results.diagnoses, diagnosis))
         elif (finer := read_kind(kind)) is not None:
             self._judge_with_finer(what, finer, answer.record)
         elif kind == "again":
@@ -237,7 +243,7 @@ class State:
         """Add a row of an error with these words for every engine and study that has none; `finish` writes them."""
         self.pause = math.inf
         have = {(r.mechanism, r.case, r.engine) for r in self.results.runs} | {s.name for s in self.results.studies}
-        for kind, what, engine in self.jobs():
+        for kind, what, engine in self.list_jobs():
             name = (what.folder.name, what.case.name, engine.name) if kind == "run" else what.name
             if name in have:
                 continue
@@ -248,7 +254,7 @@ class State:
                 row = StudyRow(what.name, what.title, status="error", message=words)
                 self.results = replace(self.results, studies=(*self.results.studies, row))
 
-    def told(self, trouble: Iterable[str], afresh: Mapping[str, str]) -> None:
+    def add_troubles(self, trouble: Iterable[str], afresh: Mapping[str, str]) -> None:
         """Add what a reader has to know of kept answers, and of engines that are not forked, to the settings."""
         words = {"kept results": "; ".join(trouble)} if trouble else {}
         words |= {f"processes of {name}": f"each started afresh: {why}" for name, why in afresh.items()}
@@ -298,7 +304,7 @@ class State:
             self.signals |= {(row.mechanism, row.case, row.engine, name): one for name, one in described.items()}
         self._add_record(task, attempt.record)
         name = make_job_label("run", task, engine)
-        self._note(name, attempt.elapsed, attempt.kept)
+        self._add_job_time(name, attempt.elapsed, attempt.kept)
         kept = f"unchanged since {attempt.kept}" if attempt.kept else ""
         self._send_event(name, row.verdict if row.status != "ok" else "ok", row.message or kept)
 
@@ -362,10 +368,10 @@ class State:
     def _add_study(self, study: Study, answer: Any, ending: Any) -> None:
         row = make_study_row(study, answer, ending)
         self.results = replace(self.results, studies=(*self.results.studies, row))
-        self._note(make_job_label("study", study, None), ending.elapsed, ending.kept)
+        self._add_job_time(make_job_label("study", study, None), ending.elapsed, ending.kept)
         self._send_event(f"study {study.name}", row.verdict, row.message)
 
-    def _note(self, name: str, elapsed: float, kept: str) -> None:
+    def _add_job_time(self, name: str, elapsed: float, kept: str) -> None:
         """Note how long a job took [s], where it ran."""
         if elapsed and not kept:
             self.seconds[name] = elapsed

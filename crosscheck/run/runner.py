@@ -17,15 +17,15 @@ from typing import Any
 from crosscheck import output_folder as owned
 from crosscheck.measures.record import Record
 from crosscheck.run.abilities import Abilities, ask_abilities
+from crosscheck.run.answer_cache import AnswerCache
+from crosscheck.run.answer_stores import AnswerStores
 from crosscheck.run.cluster import open_workers, read_task_files, run_on_worker
 from crosscheck.run.forking import ForkServers
-from crosscheck.run.isolation import Attempt, Children, Ending, ask, run_engine
-from crosscheck.run.kept_answers import KeptAnswers
+from crosscheck.run.isolation import Attempt, ChildProcesses, ProcessEnd, ask, run_engine
 from crosscheck.run.questions import split_by_case
 from crosscheck.run.result_rows import begin_results
-from crosscheck.run.run_cache import Attempts
-from crosscheck.run.run_state import SHAKES, Job, State
-from crosscheck.run.shelves import Shelves
+from crosscheck.run.run_cache import AttemptFolder
+from crosscheck.run.run_state import SHAKES, Job, RunState
 from crosscheck.run.work import Notify, Options, Work
 from crosscheck.verdicts.refinement import read_kind
 from crosscheck.verdicts.results import Results
@@ -50,23 +50,23 @@ def run(
 
 def _run(work: Work, out: Path, notify: Notify, command: str, tell: Tell) -> Results:
     options = work.options
-    state = State(work, out, notify, begin_results(work, command))
-    kept = KeptAnswers(options.kept, options.engine) if options.kept is not None else None
-    shelves = Shelves(options, Attempts(out / KEPT, work.engines), kept)
+    state = RunState(work, out, notify, begin_results(work, command))
+    kept = AnswerCache(options.kept, options.engine) if options.kept is not None else None
+    stores = AnswerStores(options, AttemptFolder(out / KEPT, work.engines), kept)
     servers = ForkServers()
     with open_workers(options.scheduler, options.jobs, tell) as pool, ThreadPoolExecutor(max(1, options.jobs)) as here:
-        under_way = UnderWay(pool, here, options, Children(servers=servers), shelves)
+        under_way = RunningJobs(pool, here, options, ChildProcesses(servers=servers), stores)
         try:
             _run_stages(state, under_way)
         except KeyboardInterrupt:
-            under_way.stop()
+            under_way.end_processes()
             state.add_interrupted()
         except Exception as error:  # of ours: what has finished is reported all the same
-            under_way.stop()
+            under_way.end_processes()
             state.add_failures(error)
         finally:
             servers.close()
-    state.told(kept.trouble if kept is not None else (), servers.refusals)
+    state.add_troubles(kept.trouble if kept is not None else (), servers.refusals)
     results = state.write_results()
     if kept is not None:
         kept.close(state.seconds)
@@ -76,68 +76,72 @@ def _run(work: Work, out: Path, notify: Notify, command: str, tell: Tell) -> Res
     return results
 
 
-def _run_stages(state: State, under_way: UnderWay) -> None:
+def _run_stages(state: RunState, under_way: RunningJobs) -> None:
     """Take what is kept, ask what engines can do, run what they can, then repeat and ask why where that is called for."""
-    left = under_way.unknown(state, state.jobs())
-    under_way.run_jobs(state, under_way.unknown(state, state.asked(left)))
+    known_answers = under_way.take_known_answers(state, state.list_jobs())
+    under_way.run_jobs(state, under_way.take_known_answers(state, state.list_ability_questions(known_answers)))
     able = sorted(
-        under_way.take_refusals(state, left), key=under_way.shelves.expected, reverse=not under_way.options.climbing
+        under_way.take_refusals(state, known_answers),
+        key=under_way.stores.find_expected_time,
+        reverse=not under_way.options.climbing,
     )
     if under_way.options.climbing:
         under_way.run_jobs(state, [job for job in able if not state.is_of_reference(job)])
-        able = under_way.take_refusals(state, state.compared(job for job in able if state.is_of_reference(job)))
+        able = under_way.take_refusals(
+            state, state.list_compared_jobs(job for job in able if state.is_of_reference(job))
+        )
     under_way.run_jobs(state, able)
     if not under_way.options.asking:
         return
     while finer := state.list_refinements():
         under_way.run_jobs(state, finer)
-    under_way.run_jobs(state, state.repeats())
+    under_way.run_jobs(state, state.list_repeats())
     state.judge_repeats()
     _ask_why(state, under_way)
 
 
-def _ask_why(state: State, under_way: UnderWay) -> None:
+def _ask_why(state: RunState, under_way: RunningJobs) -> None:
     """Have what deviates diagnosed, the engines of a case in one process; what that leaves open is asked alone."""
-    left = under_way.unknown(state, state.questions())
-    together = split_by_case(question for _, question, _ in left)
+    known_answers = under_way.take_known_answers(state, state.list_cause_questions())
+    together = split_by_case(question for _, question, _ in known_answers)
     under_way.run_jobs(state, [("why together", several, None) for several in together])
     answered = {(one.mechanism, one.case, one.engine) for one in state.results.diagnoses}
-    under_way.run_jobs(state, [job for job in left if job[1].place[:3] not in answered])
+    under_way.run_jobs(state, [job for job in known_answers if job[1].place[:3] not in answered])
 
 
 @dataclass
-class UnderWay:
+class RunningJobs:
     """The jobs under way: executors of engines and of what runs on this machine in any case, processes, and what is kept."""
 
     pool: Executor
     here: Executor
     options: Options
-    children: Children
-    shelves: Shelves
+    children: ChildProcesses
+    stores: AnswerStores
     pending: dict[Future[Any], Job] = field(default_factory=dict)
 
-    def unknown(self, state: State, jobs: Iterable[Job]) -> list[Job]:
+    def take_known_answers(self, state: RunState, jobs: Iterable[Job]) -> list[Job]:
         """Take the answers to jobs that are kept, and return the other jobs."""
-        left = []
+        known_answers = []
         for job in jobs:
-            if (found := self.shelves.find(job)) is None:
-                left.append(job)
+            if (found := self.stores.find(job)) is None:
+                known_answers.append(job)
             else:
                 state.take_or_fail(job, found)
-        return left
+        return known_answers
 
-    def take_refusals(self, state: State, jobs: Iterable[Job]) -> list[Job]:
+    def take_refusals(self, state: RunState, jobs: Iterable[Job]) -> list[Job]:
         """Take that engines cannot do cases, as they have said, and return the other jobs."""
-        left = []
+        refusals = []
         for job in jobs:
-            if (no := state.refusal(job)) is None:
-                left.append(job)
+            if (no := state.find_refusal(job)) is None:
+                refusals.append(job)
             else:
-                self.shelves.add_answer(job, no)
+                self.stores.add_answer(job, no)
                 state.take_or_fail(job, no)
-        return left
+        return refusals
 
-    def run_jobs(self, state: State, jobs: Iterable[Job]) -> None:
+    def run_jobs(self, state: RunState, jobs: Iterable[Job]) -> None:
         """Do jobs, in their order as far as there are hands, and take and keep what each gives as it comes."""
         self.pending = {self._begin_job(job): job for job in jobs}
         while self.pending:
@@ -145,7 +149,7 @@ class UnderWay:
                 job = self.pending[future]
                 answer = _read_answer(future, job)
                 for part, said in _split_answer(job, answer):
-                    self.shelves.add_answer(part, said)  # first, so that a run resumes what an interruption finds told
+                    self.stores.add_answer(part, said)  # first, so that a run resumes what an interruption finds told
                     state.take_or_fail(part, said)
                 del self.pending[future]
 
@@ -156,9 +160,9 @@ class UnderWay:
         pool = self.here if self.options.scheduler else self.pool
         return pool.submit(_run_job, job, self.options, self.children)
 
-    def stop(self) -> None:
+    def end_processes(self) -> None:
         """End every process, and start no more."""
-        self.children.stop()
+        self.children.end_processes()
         for future in self.pending:
             future.cancel()
 
@@ -188,7 +192,7 @@ def _read_answer(future: Future[Any], job: Job) -> Any:
         return _make_failure(job, error)
 
 
-def _run_job(job: Job, options: Options, children: Children) -> Any:
+def _run_job(job: Job, options: Options, children: ChildProcesses) -> Any:
     """Do one job in a child process (runs in a thread); where even that fails, say so and go on (a full disk)."""
     try:
         return _ask(job, options, children)
@@ -202,10 +206,10 @@ def _make_failure(job: Job, error: Exception) -> Any:
         return Attempt(Record(engine=job[2].name, status="error", message=words))
     if job[0] == "abilities":
         return Abilities(None, message=words)
-    return None, Ending("error", words, "", 0.0)
+    return None, ProcessEnd("error", words, "", 0.0)
 
 
-def _ask(job: Job, options: Options, children: Children) -> Any:
+def _ask(job: Job, options: Options, children: ChildProcesses) -> Any:
     kind, what, engine = job
     if kind == "abilities":
         return ask_abilities(what, engine, children)

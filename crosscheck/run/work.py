@@ -19,7 +19,7 @@ class Options:
 
     scheduler : address of a Dask cluster, "" for this machine; resume : take what an interrupted run left in the folder
     baseline : the blessed night that judges beside the limits, or None; whole : everything runs, so what it misses is gone
-    kept : folder of answers of earlier runs, which are taken where nothing has changed (`crosscheck.run.kept_answers`), or None
+    kept : folder of answers of earlier runs, which are taken where nothing has changed (`crosscheck.run.answer_cache`), or None
     fresh : everything is computed all the same, and kept
     asking : engines repeat what their error bars explain, and are asked why where they deviate
     climbing : what takes least comes first, and the reference runs only where another engine came to an answer

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from crosscheck.engines import ENGINES, adapter, describe_missing_package, open_adapter
 from crosscheck.engines.base import offered
-from crosscheck.engines.shared.replay import Drive
+from crosscheck.engines.shared.replay import DriveTorques
 from crosscheck.measures.mechanisms import read_mechanism
 from flexinv.errors import InputError
 from flexinv.model.mechanism import Mechanism
@@ -72,12 +72,15 @@ def list_task_rows(
     """Yield one row per engine and feed-forward; distances over the length of the path [-]."""
     flexible = not mechanism.is_rigid
     mechanism = task.meshed(mechanism)
-    found = solve_path_following(mechanism, task)
-    names = found.feed_forwards if flexible else (RIGID_BODY,)
+    path_following = solve_path_following(mechanism, task)
+    names = path_following.feed_forwards if flexible else (RIGID_BODY,)
     for engine, replayed in {**collect_replays(flexible), **collect_outside_replays(engines)}.items():
         try:
             errors = {
-                name: compute_tip_error(found, replayed(mechanism, found, name)[found.frame.name]) for name in names
+                name: compute_tip_error(
+                    path_following, replayed(mechanism, path_following, name)[path_following.frame.name]
+                )
+                for name in names
             }
         except InputError as why:  # of an engine that was not asked for this mechanism, or cannot do it
             yield make_empty_row(mechanism.name, task.name, engine, "skipped", str(why))
@@ -120,9 +123,9 @@ def make_row(model: str, task: str, engine: str, name: str, errors: Mapping[str,
     return made | ({"verdict": "deviation", "message": bad} if bad else {"verdict": "within"})
 
 
-def compute_tip_error(found: Following, tip: Array) -> float:
+def compute_tip_error(following: Following, tip: Array) -> float:
     """Return the largest distance of a tip (samples, 3) [m] from where it shall be, over the length of the path [-]."""
-    return float(np.linalg.norm(tip - found.wanted, axis=1).max() / found.path.length)
+    return float(np.linalg.norm(tip - following.wanted, axis=1).max() / following.path.length)
 
 
 Replayed = Callable[[Mechanism, Following, str], dict[str, Array]]
@@ -157,16 +160,16 @@ def _has_replay(job: Mapping[str, Any]) -> bool:
         return True
 
 
-def _run_outside_replay(job: Mapping[str, Any], m: Mechanism, found: Following, name: str) -> dict[str, Array]:
+def _run_outside_replay(job: Mapping[str, Any], m: Mechanism, following: Following, name: str) -> dict[str, Array]:
     """Return the tips of a replay in a child process.  Raises InputError where it cannot do that, and ReplayError."""
-    from crosscheck.run.isolation import Children, ask, open_scratch_folder
+    from crosscheck.run.isolation import ChildProcesses, ask, open_scratch_folder
 
-    drive = _make_drive(found, name)
+    drive = _make_drive(following, name)
     with open_scratch_folder() as folder:
         given = folder / "given.pickle"
         given.write_bytes(pickle.dumps((dict(job), m, drive)))
         module = {"kind": "study", "module": __name__, "function": "run_replay_file"}
-        answer, ending = ask({**module, "options": {"file": str(given)}}, LONGEST, Children())
+        answer, ending = ask({**module, "options": {"file": str(given)}}, LONGEST, ChildProcesses())
     if ending.status != "ok":
         raise ReplayError(ending.message)
     if "refused" in answer:
@@ -189,25 +192,25 @@ def run_replay_file(file: str) -> dict[str, Any]:
     return {"tips": {name: np.asarray(tip).tolist() for name, tip in tips.items()}}
 
 
-def _make_drive(found: Following, name: str) -> Drive:
-    spacing = float(found.time[1] - found.time[0])
-    return Drive(found.solution.q[0], spacing, found.feed_forwards[name].torque)
+def _make_drive(following: Following, name: str) -> DriveTorques:
+    spacing = float(following.time[1] - following.time[0])
+    return DriveTorques(following.solution.q[0], spacing, following.feed_forwards[name].torque)
 
 
-def _run_exudyn(m: Mechanism, found: Following, name: str) -> dict[str, Array]:
-    drive = _make_drive(found, name)
+def _run_exudyn(m: Mechanism, following: Following, name: str) -> dict[str, Array]:
+    drive = _make_drive(following, name)
     return _run_replay("exudyn-ge", m, drive, elements=8, step=drive.spacing / 2)
 
 
-def _run_pinocchio(m: Mechanism, found: Following, name: str) -> dict[str, Array]:
-    return _run_replay("pinocchio", m, _make_drive(found, name))
+def _run_pinocchio(m: Mechanism, following: Following, name: str) -> dict[str, Array]:
+    return _run_replay("pinocchio", m, _make_drive(following, name))
 
 
-def _run_mujoco(m: Mechanism, found: Following, name: str) -> dict[str, Array]:
-    return _run_replay("mujoco", m, _make_drive(found, name))
+def _run_mujoco(m: Mechanism, following: Following, name: str) -> dict[str, Array]:
+    return _run_replay("mujoco", m, _make_drive(following, name))
 
 
-def _run_replay(engine: str, mechanism: Mechanism, drive: Drive, **settings: float) -> dict[str, Array]:
+def _run_replay(engine: str, mechanism: Mechanism, drive: DriveTorques, **settings: float) -> dict[str, Array]:
     replay = offered(adapter(ENGINES[engine]), "replay")
     assert replay is not None
     tips: dict[str, Array] = replay(mechanism, drive, **settings)

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from crosscheck.identification.bands import Judged
+from crosscheck.identification.bands import ChannelJudgement
 from crosscheck.identification.identify import identify, judge_blocks, read_machine, read_of
 from crosscheck.identification.page import COLUMNS, judge_channel
 from crosscheck.identification.settings import FILE
@@ -40,7 +40,7 @@ def _list_judged_rows(folder: Path) -> Iterator[dict[str, Any]]:
         yield {"mechanism": folder.name, "verdict": "error", "message": str(error)}
 
 
-def judge_night(folder: Path) -> list[Judged]:
+def judge_night(folder: Path) -> list[ChannelJudgement]:
     """Return the judged channels of a mechanism's [night], of logs that did not identify [-].  Raises InputError."""
     machine = read_machine(folder)
     night = machine.settings.night
@@ -48,5 +48,9 @@ def judge_night(folder: Path) -> list[Judged]:
     logs = [str(folder / log) for log in night.log]
     if night.blocks is not None:
         return judge_blocks(machine, read_of(machine, logs[0]), night.blocks)
-    found = identify(folder, logs, [str(folder / log) for log in night.hold_out])
-    return [row for row in found.judged if row.log != "together"] if len(night.hold_out) == 1 else found.judged
+    identification = identify(folder, logs, [str(folder / log) for log in night.hold_out])
+    return (
+        [row for row in identification.judged if row.log != "together"]
+        if len(night.hold_out) == 1
+        else identification.judged
+    )

@@ -184,14 +184,14 @@ def _add_mujoco(row: RobotRow, mechanism: Mechanism, state: State, tau: Array) -
     except ImportError as error:
         return replace(row, mujoco_words=str(error))
     try:
-        found = _compute_mujoco_error(mujoco, mechanism, state, tau, row.largest, fuse=True)
-        if found is None or found <= LARGEST_ERROR:
-            return replace(row, mujoco=found)
+        mujoco_error = _compute_mujoco_error(mujoco, mechanism, state, tau, row.largest, fuse=True)
+        if mujoco_error is None or mujoco_error <= LARGEST_ERROR:
+            return replace(row, mujoco=mujoco_error)
         repaired = _compute_mujoco_error(mujoco, mechanism, state, tau, row.largest, fuse=False)
     except ValueError as error:
         return replace(row, mujoco_words=_describe_error(error))
     cause = _describe_fusing_loss(mechanism) if repaired is not None and repaired <= LARGEST_ERROR else ""
-    return replace(row, mujoco=found, cause=cause, repaired=repaired)
+    return replace(row, mujoco=mujoco_error, cause=cause, repaired=repaired)
 
 
 def _compute_mujoco_error(

@@ -64,7 +64,7 @@ COLUMNS = (
 
 
 @dataclass(frozen=True, eq=False)
-class Excerpt(Motion):
+class MotionExcerpt(Motion):
     """A part of a motion: from a time on, of some joints.
 
     since : [s]; names : of the joints that it gives
@@ -83,7 +83,7 @@ class Excerpt(Motion):
 
 
 @dataclass(frozen=True)
-class Separate:
+class PhaseProblem:
     """The mechanism of one phase and its case; samples : which of the whole belong to it."""
 
     mechanism: Mechanism
@@ -125,7 +125,7 @@ def list_case_rows(mechanism: Mechanism, case: Case) -> list[dict[str, Any]]:
 
 
 def list_engine_rows(
-    name: str, mechanism: Mechanism, case: Case, parts: list[Separate], bound: float
+    name: str, mechanism: Mechanism, case: Case, parts: list[PhaseProblem], bound: float
 ) -> Iterator[dict[str, Any]]:
     """Yield one row per phase of an engine; differences over the range of the whole torque, and their bound [-]."""
     module = adapter(ENGINES[name])
@@ -133,8 +133,8 @@ def list_engine_rows(
     whole = module.run(mechanism, case, name, OPTIONS)
     span = max(np.ptp(one.values) for one in whole.series.values() if one.quantity == "torque")
     for part in parts:
-        own = module.run(part.mechanism, part.case, name, OPTIONS)
-        error = float(compute_largest_difference(whole, own, part) / span)
+        result = module.run(part.mechanism, part.case, name, OPTIONS)
+        error = float(compute_largest_difference(whole, result, part) / span)
         ends = time[part.samples][[0, -1]]
         yield {
             "mechanism": mechanism.name,
@@ -149,7 +149,7 @@ def list_engine_rows(
         }
 
 
-def compute_largest_difference(whole: Record, own: Record, part: Separate) -> float:
+def compute_largest_difference(whole: Record, own: Record, part: PhaseProblem) -> float:
     """Return the largest difference of any torque that both give [N m], [N]."""
     names = [n for n, one in own.series.items() if one.quantity == "torque"]
     samples = len(own.series[names[0]].values)
@@ -157,7 +157,7 @@ def compute_largest_difference(whole: Record, own: Record, part: Separate) -> fl
     return max(float(np.abs(own.series[n].values - whole.series[n].values[cut]).max()) for n in names)
 
 
-def describe(part: Separate) -> str:
+def describe(part: PhaseProblem) -> str:
     """Return the separate mechanism in words."""
     given = part.case.motion.joints(part.mechanism)
     if not part.mechanism.closures:
@@ -168,7 +168,7 @@ def describe(part: Separate) -> str:
 # ------------------------------------------------------------------------------------------- the separate mechanisms
 
 
-def split_phases(mechanism: Mechanism, case: Case) -> list[Separate]:
+def split_phases(mechanism: Mechanism, case: Case) -> list[PhaseProblem]:
     """Return the mechanism of every phase with its case; times [s] start anew in each."""
     time = sample_times(case)
     s = solve(mechanism, case.motion, case.sample, end=case.end, start=case.start)
@@ -176,11 +176,11 @@ def split_phases(mechanism: Mechanism, case: Case) -> list[Separate]:
     return [_take_phase(s, case, first, last) for first, last in pairwise(bounds)]
 
 
-def _take_phase(solution: Solution, case: Case, first: int, last: int) -> Separate:
+def _take_phase(solution: Solution, case: Case, first: int, last: int) -> PhaseProblem:
     time = sample_times(case)
     now = _remove_idle_bodies(phases.apply_active_closures(solution.mechanism, float(time[first])), case)
     names = _choose_driven_joints(solution, now, case, (first + last) // 2)
-    motion = Excerpt(case.motion.tracks, case.motion.duration, float(time[first]), frozenset(names))
+    motion = MotionExcerpt(case.motion.tracks, case.motion.duration, float(time[first]), frozenset(names))
     start = {
         j.name: solution.q[first, solution.mechanism.q_slices[j.name]]
         for j in now.joints
@@ -190,7 +190,7 @@ def _take_phase(solution: Solution, case: Case, first: int, last: int) -> Separa
     own = replace(case, motion=motion, start=start, end=end)
     still = not (np.abs(solution.qd[first]).max() > 1e-6 or np.abs(solution.qdd[first]).max() > 1e-3)
     acting = tuple(c.name for c in phases.apply_active_closures(solution.mechanism, float(time[first])).closures)
-    return Separate(now, own, slice(first, last), acting, still)
+    return PhaseProblem(now, own, slice(first, last), acting, still)
 
 
 def _remove_idle_bodies(mechanism: Mechanism, case: Case) -> Mechanism:

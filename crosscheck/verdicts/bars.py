@@ -57,7 +57,7 @@ class Reference:
     bars: Mapping[str, float | None]
     refined: bool = False
 
-    def widest(self, names: Sequence[str]) -> float | None:
+    def find_widest_bar(self, names: Sequence[str]) -> float | None:
         """Return the largest bar of some series [unit]; None where one of them has none."""
         bars = [self.bars[name] for name in names]
         known = [bar for bar in bars if bar is not None]
@@ -69,26 +69,27 @@ def choose_reference(record: Record, names: Sequence[str], allowed: float | None
 
     names : of all series of one quantity and unit; allowed : limit times range [unit], None without a limit
     """
-    own = Reference({n: record.series[n].values for n in names}, {n: find_checked_bar(record, n) for n in names})
-    widest = own.widest(names)
+    reference = Reference({n: record.series[n].values for n in names}, {n: find_checked_bar(record, n) for n in names})
+    widest = reference.find_widest_bar(names)
     if allowed is None or widest is None or widest <= PART * allowed:
-        return own
-    values = dict(own.values)
-    bars = dict(own.bars)
+        return reference
+    values = dict(reference.values)
+    bars = dict(reference.bars)
     for name in names:
         one = record.series[name]
-        if one.refined is not None and one.left is not None and float(one.left.max()) < (own.bars[name] or 0.0):
+        if one.refined is not None and one.left is not None and float(one.left.max()) < (reference.bars[name] or 0.0):
             values[name] = one.refined
             bars[name] = float(one.left.max())
     taken = Reference(values, bars, refined=True)
-    return taken if (taken.widest(names) or 0.0) < widest else own
+    return taken if (taken.find_widest_bar(names) or 0.0) < widest else reference
 
 
 @dataclass(frozen=True)
 class Bars:
     """Bars and errors of the series of one comparison, all [-], over the range.
 
-    errors : largest error by series; ours, theirs : largest checked bars, None where there is none; stated : what an engine says
+    errors : largest error by series; engine_bars, reference_bars : largest checked bars, None where there is none;
+    stated_bars : what an engine says
     of itself
     staying : by series, the distance from the reference to which an engine's refinements tend, where that is beyond its bar
     unordered : engines, by series, whose runs come no closer to each other
@@ -97,19 +98,19 @@ class Bars:
     engine: str
     reference: str
     errors: Mapping[str, float]
-    ours: Mapping[str, float | None]
-    theirs: Mapping[str, float | None]
-    stated: Mapping[str, float]
+    engine_bars: Mapping[str, float | None]
+    reference_bars: Mapping[str, float | None]
+    stated_bars: Mapping[str, float]
     staying: Mapping[str, float]
     unordered: Mapping[str, str]
 
     @property
     def widest(self) -> float | None:
         """Return the widest bar of the reference [-], None where a series has none."""
-        known = [bar for bar in self.theirs.values() if bar is not None]
-        return max(known) if known and len(known) == len(self.theirs) else None
+        known = [bar for bar in self.reference_bars.values() if bar is not None]
+        return max(known) if known and len(known) == len(self.reference_bars) else None
 
-    def judged(self, verdict: Verdict, message: str, maximum: float) -> tuple[Verdict, str]:
+    def judge_comparison(self, verdict: Verdict, message: str, maximum: float) -> tuple[Verdict, str]:
         """Return verdict and message of a comparison with its limit [-] as the bars of both engines leave it.
 
         verdict, message : by the limit alone, "within" or "deviation"
@@ -120,7 +121,7 @@ class Bars:
         if verdict == "within":
             open_ = coarse and largest + (widest or 0.0) > maximum
             return ("unjudged", self._describe_coarse_reference(largest, maximum)) if open_ else (verdict, message)
-        beyond = any(error > maximum + self._carried(name) for name, error in self.errors.items())
+        beyond = any(error > maximum + self._compute_covered_error(name) for name, error in self.errors.items())
         if coarse and not beyond:
             return "unjudged", self._describe_coarse_reference(largest, maximum)
         return self._judge_by_bars(message, maximum)
@@ -131,24 +132,26 @@ class Bars:
             f"the limit is {maximum:.3g}"
         )
 
-    def _carried(self, name: str) -> float:
+    def _compute_covered_error(self, name: str) -> float:
         """Return the largest error that both bars of a series carry [-]: no bar, and one that shows no order, carry nothing."""
-        ours = 0.0 if self.engine in self.unordered.get(name, "").split(" and ") else self.ours[name] or 0.0
-        return ours + (self.theirs[name] or 0.0)
+        ours = 0.0 if self.engine in self.unordered.get(name, "").split(" and ") else self.engine_bars[name] or 0.0
+        return ours + (self.reference_bars[name] or 0.0)
 
     def _judge_by_bars(self, message: str, maximum: float) -> tuple[Verdict, str]:
         """Return verdict and message of a difference beyond its limit [-]: explained where checked bars of both carry it."""
         over = [name for name, error in self.errors.items() if error > maximum]
-        if said := [self.stated[name] for name in over if name in self.stated]:
+        if said := [self.stated_bars[name] for name in over if name in self.stated_bars]:
             words = f"{self.engine} states error bars of {max(said):.3g} by itself, which no run has shown: they explain nothing"
             return "deviation", f"{message}; {words}"
-        if any(self.ours[n] is None or self.theirs[n] is None for n in over):
+        if any(self.engine_bars[n] is None or self.reference_bars[n] is None for n in over):
             return "deviation", message
-        if any(error > (self.ours[n] or 0.0) + (self.theirs[n] or 0.0) for n, error in self.errors.items()):
+        if any(
+            error > (self.engine_bars[n] or 0.0) + (self.reference_bars[n] or 0.0) for n, error in self.errors.items()
+        ):
             return "deviation", message
         worst = max(self.errors, key=lambda name: self.errors[name])
-        ours = self.ours[worst] or 0.0
-        theirs = self.theirs[worst] or 0.0
+        ours = self.engine_bars[worst] or 0.0
+        theirs = self.reference_bars[worst] or 0.0
         both = f"{message}; the error bars add up to {ours + theirs:.3g}"
         if lost := next((self.unordered[n] for n in over if self.unordered.get(n)), ""):
             return "deviation", f"{both}, but explain nothing: refined, the runs of {lost} come no closer to each other"

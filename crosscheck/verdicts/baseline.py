@@ -191,14 +191,14 @@ def choose_blessable(results: Results) -> tuple[list[Comparison], list[str]]:
 def collect_signals(results: Results, out: Path) -> dict[SignalKey, Signal]:
     """Return the signals of a run's engines, from the series in the folder of its report.  Raises RecordError."""
     quantities = {(case.mechanism, case.case): case.quantities for case in results.cases}
-    found: dict[SignalKey, Signal] = {}
+    signals: dict[SignalKey, Signal] = {}
     for run in results.runs:
         if not run.series:
             continue
         record = read_record(out / run.series)
         described = describe_signals(record, quantities[run.mechanism, run.case])
-        found |= {(run.mechanism, run.case, run.engine, name): signal for name, signal in described.items()}
-    return found
+        signals |= {(run.mechanism, run.case, run.engine, name): signal for name, signal in described.items()}
+    return signals
 
 
 def find_all_moves(results: Results, signals: Mapping[SignalKey, Signal], baseline: Baseline) -> tuple[Move, ...]:

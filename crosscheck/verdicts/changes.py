@@ -21,20 +21,20 @@ ROUNDING = 1e-12  # of the range: below it a difference of engines is the roundi
 Row = Mapping[str, Any]
 
 
-def find_previous_night(database: sql.Engine, number: int, wanted: str = "previous") -> Night | None:
+def find_previous_night(database: sql.Engine, number: int, target: str = "previous") -> Night | None:
     """Return the night to compare with: the last finished ordinary one before, or that whose folder or start is wanted.
 
     Raises LookupError where a name fits no night, HistoryError where the history cannot be read.
     """
     known = [night for night in list_nights(database) if night.id != number and night.label != "bench"]
-    if wanted == "previous":
+    if target == "previous":
         ordinary = [night for night in known if night.finished and not night.label]
         return ordinary[-1] if ordinary else None
     for night in reversed(known):
-        if wanted in (night.folder, night.started) or night.started.startswith(wanted):
+        if target in (night.folder, night.started) or night.started.startswith(target):
             return night
     names = ", ".join(night.folder or night.started for night in known[-5:]) or "none"
-    raise LookupError(f"no night is called {wanted!r}; the last ones are {names}")
+    raise LookupError(f"no night is called {target!r}; the last ones are {names}")
 
 
 def collect_changes(database: sql.Engine, before: Night, after: int) -> dict[str, Any]:

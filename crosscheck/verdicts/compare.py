@@ -96,7 +96,7 @@ class Comparison:
 
 
 @dataclass(frozen=True)
-class Pair:
+class RecordPair:
     """Two records of one case to compare; rest [s] is the time at which the prescribed motion has come to rest."""
 
     mechanism: str
@@ -107,14 +107,14 @@ class Pair:
     today: datetime.date
 
 
-def compare(pair: Pair) -> list[Comparison]:
+def compare(pair: RecordPair) -> list[Comparison]:
     """Return one comparison per quantity of the case and unit."""
     if (verdict := _find_hindrance(pair)) is not None:
         return [_make_row(pair, q, "", *verdict) for q in pair.case.quantities]
     return [row for quantity in pair.case.quantities for row in _compare_quantity(pair, quantity)]
 
 
-def _find_hindrance(pair: Pair) -> tuple[Verdict, str] | None:
+def _find_hindrance(pair: RecordPair) -> tuple[Verdict, str] | None:
     """Return verdict and message where one of the records has no series."""
     for record, who in ((pair.engine, ""), (pair.reference, f"reference {pair.reference.engine}: ")):
         if record.status == "skipped":
@@ -127,7 +127,7 @@ def _find_hindrance(pair: Pair) -> tuple[Verdict, str] | None:
     return None
 
 
-def _compare_quantity(pair: Pair, quantity: str) -> list[Comparison]:
+def _compare_quantity(pair: RecordPair, quantity: str) -> list[Comparison]:
     if quantity == "frequency":
         return [_compare_frequency(pair)]
     groups = split_by_unit(pair.reference.series, quantity)
@@ -146,7 +146,7 @@ def split_by_unit(series: Mapping[str, Series], quantity: str) -> dict[str, list
     return groups
 
 
-def _compare_group(pair: Pair, quantity: str, unit: str, names: Sequence[str]) -> Comparison:
+def _compare_group(pair: RecordPair, quantity: str, unit: str, names: Sequence[str]) -> Comparison:
     ours = pair.engine.series
     theirs = pair.reference.series
     common = [n for n in names if n in ours]
@@ -156,33 +156,33 @@ def _compare_group(pair: Pair, quantity: str, unit: str, names: Sequence[str]) -
         return _make_row(pair, quantity, unit, "error", f"{wrong[0]} is in {ours[wrong[0]].unit}, not in {unit}")
     limit = _find_limit(pair, quantity)
     scale = scale_of(pair.reference, quantity, [theirs[n].values for n in names])
-    taken = choose_reference(pair.reference, common, None if limit is None else limit.maximum * scale)
-    errors = {n: ours[n].values - taken.values[n] for n in common}
+    reference = choose_reference(pair.reference, common, None if limit is None else limit.maximum * scale)
+    errors = {n: ours[n].values - reference.values[n] for n in common}
     worst = max(common, key=lambda n: float(np.abs(errors[n]).max()))
     at = int(np.abs(errors[worst]).argmax())
-    measured = Measured(
+    measured = ComparisonNumbers(
         maximum=float(np.abs(errors[worst][at])),
         rms=float(np.sqrt(np.mean(errors[worst] ** 2))),
         scale=scale,
         series=worst,
         time=float(pair.reference.time[at]),
-        **_collect_bars(pair, worst, taken),
-        refined=taken.refined,
+        **_collect_bars(pair, worst, reference),
+        refined=reference.refined,
         unordered=describe_unordered(pair.engine, pair.reference, worst),
-        **_compute_metrics(ours[worst].values, taken.values[worst]),
+        **_compute_metrics(ours[worst].values, reference.values[worst]),
     )
     gap = [n for n in names if n not in ours]
     words = f"{len(common)} of {len(names)} series; {gap[0]} is missing" if gap else ""
-    bars = build_bars(pair.engine, pair.reference, taken, common, scale, 0.0 if limit is None else limit.maximum)
+    bars = build_bars(pair.engine, pair.reference, reference, common, scale, 0.0 if limit is None else limit.maximum)
     return _judge_quantity(pair, quantity, unit, measured, words, bars)
 
 
-def _collect_bars(pair: Pair, name: str, taken: Reference) -> dict[str, Any]:
+def _collect_bars(pair: RecordPair, name: str, reference: Reference) -> dict[str, Any]:
     """Return the bars of a series as a comparison shows them [unit]: checked ones of both sides, and what an engine states."""
-    ours = find_checked_bar(pair.engine, name)
-    theirs = taken.bars[name]
-    both = None if ours is None or theirs is None else ours + theirs
-    sides = {"engine_bar": ours, "reference_bar": theirs, "stated_bar": find_stated_bar(pair.engine, name)}
+    checked_bar = find_checked_bar(pair.engine, name)
+    theirs = reference.bars[name]
+    both = None if checked_bar is None or theirs is None else checked_bar + theirs
+    sides = {"engine_bar": checked_bar, "reference_bar": theirs, "stated_bar": find_stated_bar(pair.engine, name)}
     return {"error_bar": both, **sides}
 
 
@@ -191,12 +191,12 @@ def _compute_metrics(ours: Array, theirs: Array) -> dict[str, Any]:
     return {**compute_sprague_geers(ours, theirs)}
 
 
-def _find_limit(pair: Pair, quantity: str) -> Limit | None:
+def _find_limit(pair: RecordPair, quantity: str) -> Limit | None:
     return find(pair.case.limits, quantity, pair.engine.engine, pair.reference.engine, pair.engine.version)
 
 
 @dataclass(frozen=True)
-class Measured:
+class ComparisonNumbers:
     """The numbers of one comparison; the fields of ``Comparison`` say what they are."""
 
     maximum: float
@@ -216,14 +216,14 @@ class Measured:
 
 
 def _judge_quantity(
-    pair: Pair, quantity: str, unit: str, measured: Measured, gap: str = "", bars: Bars | None = None
+    pair: RecordPair, quantity: str, unit: str, measured: ComparisonNumbers, gap: str = "", bars: Bars | None = None
 ) -> Comparison:
     limit = _find_limit(pair, quantity)
     share = compute_fraction(measured.maximum, measured.scale)
     known = pair.engine.engine in ENGINES and ENGINES[pair.engine.engine].native
     verdict, message = judge_by_limit(share, limit, pair.today, pair.engine.message if known else "")
     if bars is not None and limit is not None and verdict in ("within", "deviation"):
-        verdict, message = bars.judged(verdict, message, limit.maximum)
+        verdict, message = bars.judge_comparison(verdict, message, limit.maximum)
     if gap:
         verdict = "error" if quantity in WHOLE else verdict
         message = "; ".join(filter(None, [message, gap]))
@@ -231,12 +231,12 @@ def _judge_quantity(
 
 
 def _make_row(
-    pair: Pair,
+    pair: RecordPair,
     quantity: str,
     unit: str,
     verdict: Verdict,
     message: str,
-    measured: Measured | None = None,
+    measured: ComparisonNumbers | None = None,
     limit: Limit | None = None,
 ) -> Comparison:
     filled: dict[str, Any] = {} if measured is None else dict(vars(measured))
@@ -278,12 +278,12 @@ def scale_of(reference: Record, quantity: str, signals: Sequence[Array]) -> floa
 
     signals : each (samples,) [unit]; returns [unit]
     """
-    own = compute_signal_range(signals)
+    signal_range = compute_signal_range(signals)
     whole = max(float(np.abs(s.values).max()) for s in reference.series.values() if s.quantity == quantity)
-    return own if own > NOTHING * whole else whole
+    return signal_range if signal_range > NOTHING * whole else whole
 
 
-def _compare_frequency(pair: Pair) -> Comparison:
+def _compare_frequency(pair: RecordPair) -> Comparison:
     name = find_ringing_series(pair.reference)
     if name is None or name not in pair.engine.series:
         return _make_row(pair, "frequency", "Hz", "skipped", "no deflection or torque in common to take it from")
@@ -293,7 +293,7 @@ def _compare_frequency(pair: Pair) -> Comparison:
     if ours is None or theirs is None:
         return _make_row(pair, "frequency", "Hz", "skipped", f"{name} has no peak in its spectrum")
     difference = abs(ours - theirs)
-    measured = Measured(maximum=difference, rms=difference, scale=theirs, series=name)
+    measured = ComparisonNumbers(maximum=difference, rms=difference, scale=theirs, series=name)
     return _judge_quantity(pair, "frequency", "Hz", measured)
 
 

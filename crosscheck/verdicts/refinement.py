@@ -27,7 +27,7 @@ KIND = "finer"  # kind of a job of the reference: "finer STEP MESH"
 
 
 @dataclass(frozen=True)
-class Finer:
+class RefinementHalvings:
     """Halvings of the reference's step and of its mesh width [-]."""
 
     step: int = 0
@@ -49,10 +49,10 @@ class Finer:
         return LONGER["step"] ** self.step * LONGER["mesh"] ** self.mesh
 
 
-def read_kind(kind: str) -> Finer | None:
+def read_kind(kind: str) -> RefinementHalvings | None:
     """Return the refinement of a kind of jobs, None for other kinds."""
     words = kind.split()
-    return Finer(int(words[1]), int(words[2])) if words[:1] == [KIND] else None
+    return RefinementHalvings(int(words[1]), int(words[2])) if words[:1] == [KIND] else None
 
 
 def is_open(row: Comparison) -> bool:
@@ -60,7 +60,9 @@ def is_open(row: Comparison) -> bool:
     return row.verdict == "unjudged" and row.reference == REFERENCE and row.message.startswith(COARSE)
 
 
-def find_wanted_refinement(rows: Iterable[Comparison], reference: Record, had: Finer) -> Finer | None:
+def find_wanted_refinement(
+    rows: Iterable[Comparison], reference: Record, had: RefinementHalvings
+) -> RefinementHalvings | None:
     """Return the refinement with which open comparisons of one case may be judged, None where none is left that would help.
 
     reference : its record with the refinement that it had
@@ -70,11 +72,13 @@ def find_wanted_refinement(rows: Iterable[Comparison], reference: Record, had: F
         names = [n for n, one in reference.series.items() if (one.quantity, one.unit) == (row.quantity, row.unit)]
         for name in names:
             _add_halvings(more, had, reference.budget.get(name, {}), PART * (row.limit or 0.0) * (row.scale or 0.0))
-    found = Finer(**more)
-    return found if found != had else None
+    refinement_halvings = RefinementHalvings(**more)
+    return refinement_halvings if refinement_halvings != had else None
 
 
-def _add_halvings(more: dict[str, int], had: Finer, line: Mapping[str, Mapping[str, float]], allowed: float) -> None:
+def _add_halvings(
+    more: dict[str, int], had: RefinementHalvings, line: Mapping[str, Mapping[str, float]], allowed: float
+) -> None:
     """Add the halvings that a series needs; line : of its budget; allowed : of its bar [unit]."""
     bars = {**line.get("bars", {}), **line.get("left", {})}
     for family, bar in bars.items():

@@ -351,10 +351,10 @@ def read_processor_name() -> str:
 
 def list_versions() -> dict[str, str]:
     """Return the installed versions of the packages that results depend on."""
-    found = {}
+    versions = {}
     for package in PACKAGES:
         try:
-            found[package] = metadata.version(package)
+            versions[package] = metadata.version(package)
         except metadata.PackageNotFoundError:
-            found[package] = "not installed"
-    return found
+            versions[package] = "not installed"
+    return versions

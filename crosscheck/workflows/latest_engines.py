@@ -20,7 +20,7 @@ ROOT = Path(__file__).resolve().parents[2]
 Tell = Callable[[str], object]
 
 
-class FreshError(RuntimeError):
+class LatestEnginesError(RuntimeError):
     """The environment could not be made; the message ends with what pip said last."""
 
 
@@ -33,7 +33,7 @@ def run_in_fresh_environment(reports: Path, words: Sequence[str], tell: Tell) ->
             return subprocess.run(
                 [str(python), "-m", "crosscheck", *words, "--label", LABEL], env=_list_clean_variables()
             ).returncode
-    except (FreshError, OSError) as error:
+    except (LatestEnginesError, OSError) as error:
         tell(f"the newest engines could not be installed: {error}")
         return 2
 
@@ -86,7 +86,7 @@ def _run_command(command: Sequence[str]) -> None:
     done = subprocess.run(command, capture_output=True, text=True, env=_list_clean_variables())
     if done.returncode:
         said = [line for line in (done.stderr + done.stdout).splitlines() if line.strip()]
-        raise FreshError(said[-1] if said else f"{command[0]} left with exit code {done.returncode}")
+        raise LatestEnginesError(said[-1] if said else f"{command[0]} left with exit code {done.returncode}")
 
 
 def _list_clean_variables() -> dict[str, str]:

@@ -24,14 +24,14 @@ NARROWEST = 0.3  # of the longest side: there four numbers along an axis of the 
 
 
 @dataclass(frozen=True)
-class Portrait:
+class ModelSummary:
     """First part of the output of `crosscheck verify`: lines (what, words), and flexinv's solution of the case."""
 
     lines: tuple[tuple[str, str], ...]
     solution: Solution
 
 
-def portrait(task: Task) -> Portrait:
+def portrait(task: Task) -> ModelSummary:
     """Return flexinv's view of a mechanism and its case.  Raises FlexinvError where the case cannot be solved."""
     case = task.case
     mechanism = task.case.meshed(task.mechanism)
@@ -54,7 +54,7 @@ def portrait(task: Task) -> Portrait:
     ]
     if mechanism.notes:
         lines.append(("note", "; ".join(mechanism.notes)))
-    return Portrait(tuple(lines), solution)
+    return ModelSummary(tuple(lines), solution)
 
 
 def _describe_freedoms(task: Task) -> str:
@@ -72,10 +72,10 @@ def _describe_frequencies(task: Task) -> str:
     if mechanism.is_rigid:
         return "none: no link bends, and the drives hold every joint"
     try:
-        found = natural_modes(mechanism, resolve_start_configuration(mechanism, task.case), count=SHOWN)
+        modes = natural_modes(mechanism, resolve_start_configuration(mechanism, task.case), count=SHOWN)
     except FlexinvError as error:
         return f"not computed: {error}"
-    named = [f"{f:.4g} Hz ({link})" for f, link in zip(found.frequency, found.link, strict=True)]
+    named = [f"{f:.4g} Hz ({link})" for f, link in zip(modes.frequency, modes.link, strict=True)]
     return ", ".join(named) + " where the case starts, drives held"
 
 
@@ -85,7 +85,7 @@ def _describe_efforts(solution: Solution) -> str:
     return ", ".join(f"{name} {row['peak effort']:.4g} {row['unit']}" for name, row in rows.iterrows())
 
 
-def picture(one: Portrait, file: Path) -> None:
+def picture(one: ModelSummary, file: Path) -> None:
     """Draw the mechanism at rest and in motion (.svg, .png)."""
     from matplotlib.figure import Figure
 
@@ -131,7 +131,7 @@ def apply_common_limits(views: list[Any]) -> None:
             getattr(axes, f"set_{name}lim")(centre - room, centre + room)
 
 
-def small(one: Portrait) -> str:
+def small(one: ModelSummary) -> str:
     """Return the small drawing (`crosscheck.report.drawing`) of the motion, as SVG."""
     solution = one.solution
     instants = [list_strokes(solution, k) for k in drawing.list_drawn_samples(len(solution.time))]

@@ -19,7 +19,7 @@ from typing import Any
 from crosscheck import output_folder as owned
 from crosscheck.checkout import import_from_checkout
 from crosscheck.measures.record import RecordError
-from crosscheck.report import changed, render, trends
+from crosscheck.report import change_summary, render, trends
 from crosscheck.run.run_state import RESULTS
 from crosscheck.run.runner import KEPT, run
 from crosscheck.run.work import Notify, Work
@@ -42,7 +42,7 @@ class NightRunning(RuntimeError):
 
 
 @dataclass(frozen=True)
-class Nightly:
+class NightSettings:
     """Settings of a night: its work, and the folders in which it is kept.
 
     reports : folder of all nights; baseline : folder of the blessed one; url : of the history
@@ -62,7 +62,7 @@ class Nightly:
     bench: tuple[Study, ...] = ()
 
 
-def run_night(night: Nightly, notify: Notify, tell: Callable[[str], None]) -> tuple[Results, Path]:
+def run_night(night: NightSettings, notify: Notify, tell: Callable[[str], None]) -> tuple[Results, Path]:
     """Run a night and return its results and its folder; what went wrong beside the engines is in ``message``.
 
     tell : is given one line about everything that a reader at the terminal has to know
@@ -89,7 +89,7 @@ def run_night(night: Nightly, notify: Notify, tell: Callable[[str], None]) -> tu
     return results, folder
 
 
-def add_speed_tables(results: Results, night: Nightly, notify: Notify) -> Results:
+def add_speed_tables(results: Results, night: NightSettings, notify: Notify) -> Results:
     """Return the results with the tables of the speed comparison: alone on the machine, when all else has been done."""
     with TemporaryDirectory() as folder:
         parts = import_from_checkout("benchmarks.parts", "crosscheck nightly --bench")
@@ -105,7 +105,7 @@ def take_reports_lock(reports: Path) -> Iterator[None]:
     try:
         with owned.take_folder_lock(reports, LOCK, HOLDER, "a night is under way in"):
             yield
-    except owned.Busy as error:
+    except owned.FolderBusy as error:
         raise NightRunning(str(error)) from None
 
 
@@ -188,7 +188,7 @@ def add_missing_nights(database: Any, reports: Path, tell: Callable[[str], None]
 
 
 def add_to_history(
-    database: Any, night: Nightly, results: Results, folder: Path, tell: Callable[[str], None]
+    database: Any, night: NightSettings, results: Results, folder: Path, tell: Callable[[str], None]
 ) -> Results:
     """Add the night to the history and return the results with what changed, or with why that is not known."""
     settings = {**results.settings, "night": {"label": night.label, "folder": folder.name}}
@@ -204,7 +204,7 @@ def add_to_history(
         if before is None:
             return results
         results = replace(results, changes=changes.collect_changes(database, before, number))
-        tell(changed.describe_changes(results.changes))
+        tell(change_summary.describe_changes(results.changes))
     except (history.HistoryError, RecordError) as error:
         return add_failure(results, str(error))
     except LookupError as error:

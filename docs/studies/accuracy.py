@@ -132,7 +132,7 @@ def reference(subject: Subject) -> Reference:
     refinement = Refinement(solve_problem(subject.mechanism, subject.motion, 1e-3, settings, subject.options))
     made = []
     for mesh, finer in ((len(MESHES) - 2, subject.finer // 2), (len(MESHES) - 1, subject.finer)):
-        first, second = (refinement.level(mesh, n) for n in (finer // 2, finer))
+        first, second = (refinement.run_level(mesh, n) for n in (finer // 2, finer))
         if first is None or second is None:
             raise SystemExit(f"no reference: {refinement.failure}")
         found = mixed([first.found, second.found.rows(second.kept // first.kept)], weights((finer // 2, finer)))

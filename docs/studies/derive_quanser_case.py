@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 import crosscheck
 from crosscheck.identification.filters import low_pass, undo_lag
-from crosscheck.identification.identify import Identified
+from crosscheck.identification.identify import Identification
 from crosscheck.identification.table import Row
 
 Array = NDArray[np.float64]
@@ -45,7 +45,7 @@ def deviation(row: Row) -> float:
     return (row.high - row.low) / 2.0 / NORMAL
 
 
-def torques(found: Identified, table: Table) -> dict[str, Array]:
+def torques(found: Identification, table: Table) -> dict[str, Array]:
     """Return what the drives give to the mechanism, less offset and dry friction, with bars [N m].
 
     A joint that stands may hold as much as its dry friction: the bar there.
@@ -61,7 +61,7 @@ def torques(found: Identified, table: Table) -> dict[str, Array]:
     return columns
 
 
-def deflections(found: Identified, table: Table) -> dict[str, Array]:
+def deflections(found: Identification, table: Table) -> dict[str, Array]:
     """Return the deflection at the tips [m] from the gauges, without the rig's filter, with bars."""
     run, columns = found.held[0][0], {}
     assert run.measured is not None

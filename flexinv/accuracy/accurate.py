@@ -68,8 +68,8 @@ def solve_problem(
     """
     start, start_rate, progress = (options.get(name) for name in ("start", "start_rate", "progress"))
 
-    def make_task(meshed: Mechanism, steps: Array, own: Settings) -> Task:
-        return make_prescribed_task(meshed, motion, steps, own, start, start_rate, progress)
+    def make_task(meshed: Mechanism, steps: Array, settings: Settings) -> Task:
+        return make_prescribed_task(meshed, motion, steps, settings, start, start_rate, progress)
 
     given = {joint.name for joint in mechanism.joints if joint.nv} <= set(motion.joints(mechanism))
     breaks = getattr(motion, "breaks", ())
@@ -87,8 +87,8 @@ def make_problem(
     breaks, jumps : times [s] at which what is given is not smooth, and at which accelerations jump; span : first and last time
     """
 
-    def run(meshed: Mechanism, steps: Array, seams: tuple[int, ...], own: Settings) -> tuple[Mesh, FirstStep]:
-        (first,) = run_first_step(task := replace(task_of(meshed, steps, own), seams=seams))
+    def run(meshed: Mechanism, steps: Array, seams: tuple[int, ...], settings: Settings) -> tuple[Mesh, FirstStep]:
+        (first,) = run_first_step(task := replace(task_of(meshed, steps, settings), seams=seams))
         return task.mesh, first
 
     forces = [float(t) for force in mechanism.forces for t in force.time]  # linear between
@@ -136,23 +136,23 @@ def solve_within_accuracy(problem: Problem) -> Solution:
     """Return the solution [N m, N, m, rad, s] with bars within the accuracy asked; raises ConvergenceError out of reach."""
     refinement = Refinement(problem)
     if not problem.marched:
-        if (exact := refinement.level(0, EXACT_SAMPLES)) is None:
+        if (exact := refinement.run_level(0, EXACT_SAMPLES)) is None:
             raise make_accuracy_error(refinement, None)
         solution = assemble_solution(exact.mesh, exact.first, exact.settings)
         last = np.finfo(float).eps * solution.mesh.length
         tips = {name: np.full(len(solution.time), last) for name in solution.tip}
-        said: Words = {"accuracy": problem.accuracy, "extrapolated": False, "order": 0.0}
-        settings = solution.settings | said
+        words: Words = {"accuracy": problem.accuracy, "extrapolated": False, "order": 0.0}
+        settings = solution.settings | words
         return replace(solution, torque_error=_compute_rounding(solution), tip_error=tips, settings=settings)
     answer = find_cheapest_answer(refinement)
     level = answer.levels[-1]
-    steps = [take_every_sample(one.first, one.kept // answer.kept) for one in answer.levels]
+    steps = [take_every_sample(one.first, one.samples_per_step // answer.samples_per_step) for one in answer.levels]
     first = compute_extrapolated_step(level.mesh.mechanism, steps, answer.weight)
     found = run_second_step(level.mesh, first)
     solution = assemble_solution(level.mesh, first, level.settings, found)
     if not any(closure.active for closure in problem.mechanism.closures):
         jumps = {int(np.abs(first.time - t).argmin()) for t in problem.jumps}
-        work = compute_energy_defect(first, found, problem.grid.seams(answer.kept), jumps)
+        work = compute_energy_defect(first, found, problem.grid.list_seams(answer.samples_per_step), jumps)
         solution = replace(solution, balance=replace(solution.balance, work=work))
     asked = problem.accuracy
     count = solution.torque.shape[1]
@@ -164,8 +164,8 @@ def solve_within_accuracy(problem: Problem) -> Solution:
     tips = {name: answer.bars[:, count + k] * size for k, (name, size) in enumerate(links)}
     if is_plain := len(answer.levels) == 1:
         solution = replace(solution, notes=(*solution.notes, NOT_EXTRAPOLATED))
-    said = {"accuracy": asked, "extrapolated": not is_plain, "order": round(answer.order, 2)}
-    return replace(solution, torque_error=torque, tip_error=tips, settings=solution.settings | said)
+    words = {"accuracy": asked, "extrapolated": not is_plain, "order": round(answer.order, 2)}
+    return replace(solution, torque_error=torque, tip_error=tips, settings=solution.settings | words)
 
 
 def _compute_rounding(solution: Solution) -> Array:

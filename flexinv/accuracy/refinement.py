@@ -62,20 +62,20 @@ class Quantities(NamedTuple):
     tip: Array
     free: Array
 
-    def rows(self, every: int) -> Quantities:
+    def take_samples(self, every: int) -> Quantities:
         """Return every ``every``-th sample [-]."""
         return Quantities(*(part[::every] for part in self))
 
-    def errors(self, one: Quantities, other: Quantities) -> Array:
+    def compute_errors(self, one: Quantities, other: Quantities) -> Array:
         """Return differences (samples, quantities) in parts of these ranges [-]: efforts, tips, free coordinates side by side."""
         tip = np.linalg.norm(one.tip - other.tip, axis=2)
         torque = np.abs(one.torque - other.torque)
         free = np.abs(one.free - other.free)
         return np.hstack([torque / self.torque, tip / self.tip, free / self.free])
 
-    def apart(self, one: Quantities, other: Quantities) -> Array:
+    def compute_largest_errors(self, one: Quantities, other: Quantities) -> Array:
         """Return the largest `errors` near each sample (samples, quantities) in parts of these ranges [-]."""
-        return find_largest_nearby(self.errors(one, other), AROUND)
+        return find_largest_nearby(self.compute_errors(one, other), AROUND)
 
 
 def collect_quantities(mesh: Mesh, first: FirstStep) -> Quantities:
@@ -113,17 +113,17 @@ class StepGrid:
         """Return the number of coarsest steps [-]."""
         return sum(self.counts)
 
-    def steps(self, finer: int) -> Array:
+    def list_steps(self, finer: int) -> Array:
         """Return all instants [s] where ``finer`` steps [-] make a coarsest one."""
         stretches = zip(self.ends[:-1], np.diff(self.ends), finer * np.array(self.counts), strict=True)
         parts = [first + length * (np.arange(n) / n) for first, length, n in stretches]
         return np.concatenate([*parts, self.ends[-1:]])
 
-    def seams(self, finer: int) -> tuple[int, ...]:
+    def list_seams(self, finer: int) -> tuple[int, ...]:
         """Return the samples [-] of `steps` at which one stretch ends and the next begins."""
         return tuple(int(k) for k in finer * np.cumsum(self.counts)[:-1])
 
-    def spacing(self, finer: int) -> float:
+    def compute_longest_step(self, finer: int) -> float:
         """Return the longest step [s] of `steps`."""
         return float((np.diff(self.ends) / np.array(self.counts)).max()) / finer
 
@@ -147,27 +147,28 @@ class Problem:
 
 @dataclass(frozen=True)
 class Level:
-    """A run at 1/``finer`` of the coarsest step [-], its first step and quantities at ``kept`` samples to a coarsest step."""
+    """A run at 1/``finer`` of the coarsest step [-], its first step, its quantities, ``samples_per_step`` to a coarsest step."""
 
     finer: int
-    kept: int
+    samples_per_step: int
     mesh: Mesh
     settings: Settings
     first: FirstStep
-    found: Quantities
+    quantities: Quantities
 
 
 @dataclass(frozen=True)
 class Answer:
     """Answer of a refinement: levels to combine, their weights [-], and bars (samples, quantities) in parts of the ranges [-].
 
-    kept : samples to a coarsest step; apart : largest difference of two answers of three rungs; order : that they show [-]
+    samples_per_step : samples to a coarsest step; apart : largest difference of two answers of three rungs;
+    order : that they show [-]
     longest : of the three rungs, 1/``longest`` of the coarsest step [-]
     """
 
     levels: tuple[Level, ...]
     weight: Array
-    kept: int
+    samples_per_step: int
     bars: Array
     ranges: Quantities
     apart: float
@@ -201,21 +202,23 @@ def apply_mesh(mechanism: Mechanism, mesh: int) -> Mechanism:
 class Refinement:
     """Runs of one problem that are already made, by mesh and refinement; None where Newton failed at so long steps.
 
-    failure : of Newton, the last; seen : refinements [-] and how far answers were apart [-]
+    failure : of Newton, the last; answer_gaps : refinements [-] and how far answers were apart [-]
     """
 
     problem: Problem
     levels: dict[tuple[int, int], Level | None] = field(default_factory=dict)
     failure: ConvergenceError | None = None
-    seen: list[tuple[int, float]] = field(default_factory=list)
+    answer_gaps: list[tuple[int, float]] = field(default_factory=list)
 
     @property
     def order(self) -> float:
         """Return the order in the step that all answers seen so far show [-]."""
-        (first, wide), (last, narrow) = (self.seen[0], self.seen[-1]) if len(self.seen) > 1 else ((1, 1.0), (2, 0.25))
+        (first, wide), (last, narrow) = (
+            (self.answer_gaps[0], self.answer_gaps[-1]) if len(self.answer_gaps) > 1 else ((1, 1.0), (2, 0.25))
+        )
         return float(np.log(wide / narrow) / np.log(last / first)) if narrow > 0.0 and last > first else ASSUMED_ORDER
 
-    def level(self, mesh: int, finer: int) -> Level | None:
+    def run_level(self, mesh: int, finer: int) -> Level | None:
         """Return a run [m, rad, s, N], made where it is not yet."""
         if (mesh, finer) in self.levels:
             return self.levels[mesh, finer]
@@ -224,20 +227,20 @@ class Refinement:
         mechanism = apply_mesh(self.problem.mechanism, mesh)
         kept = max(1, 2 ** int(np.log2(finer)) // 2)
         whole = bool(mechanism.closures) and not mechanism.is_rigid  # of which every step is kept
-        settings = replace(p.settings, step=grid.spacing(finer), every=1 if whole else finer // kept)
+        settings = replace(p.settings, step=grid.compute_longest_step(finer), every=1 if whole else finer // kept)
         try:
-            made, first = p.run(mechanism, grid.steps(finer), grid.seams(finer), settings)
+            made, first = p.run(mechanism, grid.list_steps(finer), grid.list_seams(finer), settings)
         except ConvergenceError as error:
             self.failure = error
             self.levels[mesh, finer] = None
             return None
         first = take_every_sample(first, (len(first.time) - 1) // (kept * grid.total))
-        self.levels[mesh, finer] = found = Level(finer, kept, made, settings, first, collect_quantities(made, first))
-        return found
+        self.levels[mesh, finer] = result = Level(finer, kept, made, settings, first, collect_quantities(made, first))
+        return result
 
-    def triple(self, mesh: int, index: int) -> tuple[Level, Level, Level] | None:
+    def run_three_levels(self, mesh: int, index: int) -> tuple[Level, Level, Level] | None:
         """Return the runs of three rungs from ``index`` [-] on, None where one of them failed."""
-        a, b, c = (self.level(mesh, compute_refinement(index + k)) for k in range(3))
+        a, b, c = (self.run_level(mesh, compute_refinement(index + k)) for k in range(3))
         return None if a is None or b is None or c is None else (a, b, c)
 
 
@@ -265,7 +268,7 @@ def find_cheapest_answer(refinement: Refinement) -> Answer:
 def _find_coarsest_mesh(refinement: Refinement) -> tuple[int, int]:
     """The coarsest mesh whose error, as the coarsest steps that converge show it, leaves enough to the steps; and their rung."""
     index = 0
-    while refinement.level(0, compute_refinement(index + 2)) is None:
+    while refinement.run_level(0, compute_refinement(index + 2)) is None:
         index += 1
         _check_budget(refinement, index, None)
     mesh = 0
@@ -281,7 +284,7 @@ def _find_fine_steps(refinement: Refinement, mesh: int, index: int, before: Answ
     """The first answer on one mesh whose bar of the steps is small enough, from a rung on; and its rung."""
     asked = SHARE_OF_STEPS * refinement.problem.accuracy
     while True:
-        if (three := refinement.triple(mesh, index)) is None:
+        if (three := refinement.run_three_levels(mesh, index)) is None:
             index += 1
             _check_budget(refinement, index, before)
             continue
@@ -294,33 +297,33 @@ def _find_fine_steps(refinement: Refinement, mesh: int, index: int, before: Answ
         index += int(np.clip(np.floor(2.0 * np.log2(answer.bar / asked) / order), 1, MOST_RUNGS))
         _check_budget(refinement, index, answer)
         before = answer
-        refinement.seen.append((answer.levels[0].finer, answer.apart))
+        refinement.answer_gaps.append((answer.levels[0].finer, answer.apart))
 
 
 def make_extrapolated_answer(three: tuple[Level, Level, Level], before: Answer | None) -> Answer:
     """Return the answer of the two finer of three runs [-], with the order seen since the answer ``before``."""
     a, b, c = three
-    found = [level.found.rows(level.kept // a.kept) for level in three]
+    found = [level.quantities.take_samples(level.samples_per_step // a.samples_per_step) for level in three]
     coarse = mixed(found[:2], weights((a.finer, b.finer)))
     fine = mixed(found[1:], weights((b.finer, c.finer)))
-    bars = (scale := ranges(c.mesh, found[2])).apart(fine, coarse)
+    bars = (scale := ranges(c.mesh, found[2])).compute_largest_errors(fine, coarse)
     apart = float(bars.max())
     order = ASSUMED_ORDER if before is None else before.order
     if before is not None and before.levels[0].finer < b.finer and min(apart, before.apart) > 0.0:
         order = float(np.log(before.apart / apart) / np.log(b.finer / before.levels[0].finer))
     contraction = (c.finer / a.finer) ** (max(order, LEAST_ORDER) / 2)
     bars = bars * max(1.0, MARGIN / (contraction - 1.0))
-    return Answer((b, c), weights((b.finer, c.finer)), a.kept, bars, scale, apart, order, a.finer)
+    return Answer((b, c), weights((b.finer, c.finer)), a.samples_per_step, bars, scale, apart, order, a.finer)
 
 
 def make_plain_answer(three: tuple[Level, Level, Level]) -> Answer:
     """Return the finest of three runs as it is, its bar [-] that of first order, infinite where they do not converge."""
     a, _, c = three
-    found = [level.found.rows(level.kept // three[0].kept) for level in three]
+    found = [level.quantities.take_samples(level.samples_per_step // three[0].samples_per_step) for level in three]
     scale = ranges(c.mesh, found[2])
-    first, second, both = (scale.apart(found[k], found[j]) for k, j in ((1, 0), (2, 1), (2, 0)))
+    first, second, both = (scale.compute_largest_errors(found[k], found[j]) for k, j in ((1, 0), (2, 1), (2, 0)))
     bars = both if second.max() < first.max() else np.full_like(both, np.inf)
-    return Answer((c,), np.ones(1), a.kept, bars, scale, float(both.max()), 1.0, a.finer)
+    return Answer((c,), np.ones(1), a.samples_per_step, bars, scale, float(both.max()), 1.0, a.finer)
 
 
 def mixed(found: Sequence[Quantities], weight: Array) -> Quantities:
@@ -330,11 +333,11 @@ def mixed(found: Sequence[Quantities], weight: Array) -> Quantities:
 
 def _compute_mesh_errors(refinement: Refinement, mesh: int, finer: int) -> Array:
     """Differences (samples, quantities) of a mesh to the next one at 1/``finer`` of the coarsest step, infinite if one fails."""
-    here = refinement.level(mesh, finer)
-    there = refinement.level(mesh + 1, finer)
+    here = refinement.run_level(mesh, finer)
+    there = refinement.run_level(mesh + 1, finer)
     if here is None or there is None:
         return np.array([[np.inf]])
-    return ranges(there.mesh, there.found).apart(there.found, here.found)
+    return ranges(there.mesh, there.quantities).compute_largest_errors(there.quantities, here.quantities)
 
 
 def _check_budget(refinement: Refinement, index: int, answer: Answer | None) -> None:
@@ -343,7 +346,7 @@ def _check_budget(refinement: Refinement, index: int, answer: Answer | None) -> 
     most = MOST_NODE_STEPS / (nodes * refinement.problem.grid.total)
     if compute_refinement(index + 2) > most:
         raise make_accuracy_error(refinement, answer)
-    if answer is None or len(refinement.seen) < TRIPLES_SEEN:
+    if answer is None or len(refinement.answer_gaps) < TRIPLES_SEEN:
         return
     more = answer.bar / refinement.problem.accuracy
     if answer.levels[-1].finer * more ** (1.0 / max(refinement.order, LEAST_ORDER)) > most:
@@ -355,7 +358,7 @@ def make_accuracy_error(refinement: Refinement, answer: Answer | None) -> Conver
     p = refinement.problem
     if answer is None:
         return refinement.failure or ConvergenceError(f"mechanism '{p.mechanism.name}': no step leads to a motion")
-    shortest = p.grid.spacing(answer.levels[-1].finer)
+    shortest = p.grid.compute_longest_step(answer.levels[-1].finer)
     reached = answer.bar if np.isfinite(answer.bar) else answer.apart
     size = 10.0 ** np.floor(np.log10(reached))
     return ConvergenceError(

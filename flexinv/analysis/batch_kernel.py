@@ -11,7 +11,7 @@ from flexinv.dynamics.generalized_alpha import SUBSTEPS, Scheme
 from flexinv.dynamics.stepper import CONVERGED, SUDDEN_START
 from flexinv.dynamics.system import Trajectory
 from flexinv.elements.planar_beam import PlanarElements
-from flexinv.inverse.nodal_sums import Given, SecondStepArrays, Skeleton, fill_second_step
+from flexinv.inverse.nodal_sums import SecondStepArrays, SecondStepInputs, Skeleton, fill_second_step
 from flexinv.kernels.jit import jit, jit_inner
 from flexinv.kernels.records import send_by_address, take_record
 from flexinv.kernels.threads.atomics import take
@@ -38,7 +38,8 @@ class Tasks(NamedTuple):
 
     design, motion : (scenarios,) which design does which motion
     joint : (motions, nodes, 3) q, q', q'' of all joints where they begin [m, rad, s]
-    given : (motions, instants, joints, 3) the same of the prescribed ones at all instants, qd : (motions, instants, nv)
+    prescribed_motion : (motions, instants, joints, 3) the same of the prescribed ones at all instants, qd : (motions,
+        instants, nv)
     early : (motions, parts, joints, 3) the same where parts of the first steps end, none where no start is sudden
     early_row : (parts,), row : (instants,) of `planar.stepper.planar_march`; time : (instants,) [s]
     none, never : (0, 0, 0), (0,) nothing is applied, nothing brought
@@ -48,7 +49,7 @@ class Tasks(NamedTuple):
     design: NDArray[np.int64]
     motion: NDArray[np.int64]
     joint: Array
-    given: Array
+    prescribed_motion: Array
     qd: Array
     early: Array
     early_row: NDArray[np.int64]
@@ -65,7 +66,7 @@ class Results(NamedTuple):
     """Results of all scenarios, stacked: histories, second steps, and what the march returns, (scenarios, 3) and (scenarios,)."""
 
     histories: Trajectory
-    found: SecondStepArrays
+    second_step: SecondStepArrays
     ended: NDArray[np.int64]
     left: Array
 
@@ -97,8 +98,12 @@ def integrate_scenarios(ahead, mine, designs, tasks, room, line, results):
         if ended[0] != CONVERGED:
             return done
         moving = Frames(h.x, h.r, h.v, h.w, h.a, h.al)
-        given = Given(h.wrench, h.energy, tasks.none, tasks.none, tasks.never, tasks.qd[m], tasks.time)
-        fill_second_step(take_record(designs.skeleton, d), moving, given, line, take_record(results.found, n))
+        second_step_inputs = SecondStepInputs(
+            h.wrench, h.energy, tasks.none, tasks.none, tasks.never, tasks.qd[m], tasks.time
+        )
+        fill_second_step(
+            take_record(designs.skeleton, d), moving, second_step_inputs, line, take_record(results.second_step, n)
+        )
     return len(mine)
 
 
@@ -109,7 +114,7 @@ def _integrate_scenario(system, tasks, motion, out):
     An instant that is not reached among the parts is counted down from -1.
     """
     joint = tasks.joint[motion]
-    given = tasks.given[motion]
+    given = tasks.prescribed_motion[motion]
     early = tasks.early[motion]
     status, instant, count, size = integrate_planar_motion(system, tasks.scheme, joint, True, given, tasks.row, out)
     if status != SUDDEN_START:

@@ -65,8 +65,8 @@ from flexinv.validation import (
 )
 
 
-class Taken(NamedTuple):
-    """A work space as steps have left it: its numbers [m, rad, s, N], and the rest as of `Flexible`."""
+class WorkSpaceSnapshot(NamedTuple):
+    """A work space as steps have left it: its numbers [m, rad, s, N], and the rest as of `FlexibleState`."""
 
     numbers: list[Array]
     early_steps: int
@@ -87,7 +87,7 @@ def list_writable_arrays(part: Any) -> Iterator[Array]:
             yield from list_writable_arrays(getattr(part, field.name))
 
 
-class Flexible:
+class FlexibleState:
     """State and work space of the time steps of a flexible mechanism, allocated once.
 
     march, arguments : the compiled march, and what follows the scheme; torques : what `evaluate_guarded_torques` is compiled to
@@ -106,9 +106,9 @@ class Flexible:
         self.passive = {j.name for j in mechanism.joints if j.nv and not j.actuated}
         self.applied = bool(mechanism.springs or mechanism.forces)
         self.winds = any(KINDS[j.kind].circle and j.stiffness and j.actuated for j in mechanism.joints)
-        self.solver = Solver.of(mesh, self.passive)
+        self.solver = Solver.build_for(mesh, self.passive)
         in_space = isinstance(find_plane(mesh), NotPlanar) or self.passive or self.applied
-        self.flat = None if in_space else PlanarMarch.of(mesh, set())
+        self.flat = None if in_space else PlanarMarch.build_for(mesh, set())
         self.joints = Joints(*(part.copy() for part in compute_joint_motion(mesh, mechanism.neutral, still, still)))
         masses = Masses(mesh.mass, mesh.inertia, self.solver.topology.gravity)
         out = self.solver.instant
@@ -148,19 +148,19 @@ class Flexible:
         self.previous = list[Array]()
         self.wound = dict[str, float]()
 
-    def taken(self) -> Taken:
+    def copy_state(self) -> WorkSpaceSnapshot:
         """Return a copy of all that a step changes [m, rad, s, N]."""
         numbers = [part.copy() for part in self._list_step_arrays()]
-        return Taken(numbers, self.early_steps, [part.copy() for part in self.previous], dict(self.wound))
+        return WorkSpaceSnapshot(numbers, self.early_steps, [part.copy() for part in self.previous], dict(self.wound))
 
-    def replace_state(self, taken: Taken) -> None:
+    def replace_state(self, snapshot: WorkSpaceSnapshot) -> None:
         """Go on where another work space of the same mechanism was taken [m, rad, s, N]."""
-        for own, part in zip(self._list_step_arrays(), taken.numbers, strict=True):
+        for own, part in zip(self._list_step_arrays(), snapshot.numbers, strict=True):
             own[...] = part
-        self.early_steps = taken.early_steps
-        self.previous = [part.copy() for part in taken.previous]
+        self.early_steps = snapshot.early_steps
+        self.previous = [part.copy() for part in snapshot.previous]
         self.wound.clear()
-        self.wound.update(taken.wound)
+        self.wound.update(snapshot.wound)
 
     def _list_step_arrays(self) -> Iterator[Array]:
         """The arrays that a step writes, always in one order, some of them parts of others."""
@@ -170,7 +170,7 @@ class Flexible:
         )
         yield from list_writable_arrays((self.instant, flat, self.arguments, self.tau))
 
-    def start(self, now: list[Array], initial: str) -> Array:
+    def begin_motion(self, now: list[Array], initial: str) -> Array:
         """Begin at a motion q (nq,), qd, qdd (nv,) [m, rad, s] and return its torques (nv,) [N m], [N]."""
         self.wound.clear()
         joints = begin_motion(self.solver, now, 0.0, initial, "at the start")
@@ -182,7 +182,7 @@ class Flexible:
             self.flat.copy_from_space(self.solver.state, self.solver.border.ties)
         return self.tau
 
-    def advance(self, scheme: Scheme, q: Array, qd: Array, qdd: Array) -> None:
+    def integrate_step(self, scheme: Scheme, q: Array, qd: Array, qdd: Array) -> None:
         """Make one step, or a part of it, to the motion q (nq,), qd, qdd (nv,) of the joints [m, rad, s]."""
         if self.flat is not None:
             fill_given(self.nodes, q, qd, qdd, self.given[0])
@@ -190,7 +190,7 @@ class Flexible:
             fill_relative(self.nodes, q, qd, qdd, self.joints)
         status, _, count, size = self.march(self.system, scheme, *self.arguments)
         if status != CONVERGED:
-            turned = (self.flat or self.solver).turned(count)
+            turned = (self.flat or self.solver).compute_section_turn(count)
             when = "in a step of the controller"
             raise make_solve_error(self.solver.mesh, self.passive, (status, count, size), when, self.scheme.h, turned)
 
@@ -206,7 +206,7 @@ class Flexible:
                 now[1][rates] = 0.0
                 now[2][rates] = 0.0
         for part in sample_between_instants(m, self.previous, now, self.scheme.h, SUBSTEPS):
-            self.advance(self.early, *part)
+            self.integrate_step(self.early, *part)
         self.early_steps = self.early_steps - 1
         self.previous = now
         if self.early_steps == 0:
@@ -277,7 +277,7 @@ class Controller:
     mechanism: Mechanism
     tau: Array
     rigid: TorqueFunction | None
-    flexible: Flexible | None
+    flexible: FlexibleState | None
     begun: bool = False
     spectral_radius: float = 0.8
 
@@ -308,7 +308,7 @@ class Controller:
             )
             raise InputError(f"controller: mechanism '{mechanism.name}' has beams, {why}, for example step=1e-3")
         tau = np.zeros(mechanism.nv)
-        flexible = Flexible(mechanism, scheme, tau)
+        flexible = FlexibleState(mechanism, scheme, tau)
         out = cls(mechanism, tau, None, flexible, spectral_radius=radius)
         out.start(mechanism.neutral, *np.zeros((2, mechanism.nv)))
         out.step(mechanism.neutral, *np.zeros((2, mechanism.nv)))
@@ -318,7 +318,7 @@ class Controller:
     def __reduce__(self) -> tuple[Any, ...]:
         """A copy and a pickle are made anew, as kernels write into parts of shared arrays, and go on where this one stands."""
         f = self.flexible
-        step, taken = (None, None) if f is None else (f.scheme.h, f.taken())
+        step, taken = (None, None) if f is None else (f.scheme.h, f.copy_state())
         return _build_resumed_controller, (
             self.mechanism,
             step,
@@ -337,7 +337,7 @@ class Controller:
         now = self._copy_checked_arrays(q, qd, qdd)
         check_choice("initial", initial, {"consistent": "undeformed", "static": "in equilibrium"})
         self.begun = True
-        return self.step(*now) if self.flexible is None else self.flexible.start(now, initial)
+        return self.step(*now) if self.flexible is None else self.flexible.begin_motion(now, initial)
 
     def step(self, q: Array, qd: Array, qdd: Array) -> Array:
         """Return the torques (nv,) [N m], [N] of the next instant, always in the same array; nothing else is allocated.
@@ -360,7 +360,7 @@ class Controller:
         if f.early_steps > 0:
             f.integrate_in_parts(q, qd, qdd)
         else:
-            f.advance(f.scheme, q, qd, qdd)
+            f.integrate_step(f.scheme, q, qd, qdd)
         return f.compute_checked_torques(q, qd, qdd)
 
     def _copy_checked_arrays(self, *given: ArrayLike) -> list[Array]:
@@ -377,15 +377,15 @@ class Controller:
 
 
 def _build_resumed_controller(
-    mechanism: Mechanism, step: float | None, radius: float, begun: bool, tau: Array, taken: Taken | None
+    mechanism: Mechanism, step: float | None, radius: float, begun: bool, tau: Array, snapshot: WorkSpaceSnapshot | None
 ) -> Controller:
     """A controller that goes on where another was taken."""
-    made = Controller.of(mechanism, step, radius)
-    made.begun = begun
-    made.tau[:] = tau
-    if made.flexible is not None and taken is not None:
-        made.flexible.replace_state(taken)
-    return made
+    resumed_controller = Controller.of(mechanism, step, radius)
+    resumed_controller.begun = begun
+    resumed_controller.tau[:] = tau
+    if resumed_controller.flexible is not None and snapshot is not None:
+        resumed_controller.flexible.replace_state(snapshot)
+    return resumed_controller
 
 
 def _is_plain(a: Array, size: int) -> bool:

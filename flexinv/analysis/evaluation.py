@@ -21,8 +21,8 @@ from flexinv.inverse.inverse_dynamics import (
     compute_joint_wrenches,
     compute_nodal_forces,
 )
-from flexinv.inverse.nodal_sums import Given, SecondStepArrays, Skeleton, fill_second_step
-from flexinv.inverse.spring_lengths import MotionBetween, check_spring_lengths
+from flexinv.inverse.nodal_sums import SecondStepArrays, SecondStepInputs, Skeleton, fill_second_step
+from flexinv.inverse.spring_lengths import InterpolatedMotion, check_spring_lengths
 from flexinv.kernels.memory import make_adjacent_arrays, make_contiguous
 from flexinv.kinematics.mesh import Mesh
 from flexinv.kinematics.nodal_motion import NodalMotion, compute_differenced_motion, compute_rigid_motion
@@ -92,7 +92,7 @@ def assemble_solution(
         deflection={link.name: own for link, own in zip(mechanism.beams, found.deflection, strict=True)},
         wrench=dict(zip(mesh.joint_node, found.wrench, strict=True)),
         internal=internal, internal_stations=stations, balance=balance, loops=loops,
-        iterations=first.trajectory.iterations, settings=settings.words(), notes=mechanism.notes,
+        iterations=first.trajectory.iterations, settings=settings.describe_settings(), notes=mechanism.notes,
     )  # fmt: skip
     if whole and first.ends:
         solution.check_energy()
@@ -102,11 +102,11 @@ def assemble_solution(
 def add_joint_efforts(mechanism: Mechanism, first: FirstStep, tau: Array, reaction: Array) -> tuple[Array, Array]:
     """Return efforts (samples, nv) [N m], [N] of both sides with joints' rotors, damping, friction, springs, less couplings'."""
     if mechanism.drive_table[:4].any():
-        own = compute_internal_efforts(
+        internal_efforts = compute_internal_efforts(
             mechanism, *first.joints, direction=_compute_friction_direction(mechanism, first.joints[1], first.smooth)
         )
-        tau = tau + own
-        reaction = reaction + own
+        tau = tau + internal_efforts
+        reaction = reaction + internal_efforts
     return (tau, reaction) if first.geared is None else (tau - first.geared, reaction - first.geared)
 
 
@@ -120,14 +120,16 @@ def run_second_step(mesh: Mesh, first: FirstStep) -> SecondStepArrays:
     trajectory = first.trajectory
     applied = first.applied
     # Series but those of all nodes have memory of their own: who keeps the tips of many solutions keeps nothing else of them.
-    found = SecondStepArrays(*make_adjacent_arrays(*shapes[:2]), *(np.empty(shape) for shape in shapes[2:]))
+    second_step_arrays = SecondStepArrays(
+        *make_adjacent_arrays(*shapes[:2]), *(np.empty(shape) for shape in shapes[2:])
+    )
     pushed = (none, none) if applied is None else (applied.force, applied.moment)
     jumps = np.empty(0) if first.brought is None else first.brought
     series = trajectory.wrench, trajectory.energy, *pushed, jumps, first.joints[1], first.time
-    given = Given(*map(make_contiguous, series))
+    second_step_inputs = SecondStepInputs(*map(make_contiguous, series))
     line = np.empty((mesh.size, 6))
-    fill_second_step(build_skeleton(mesh), trajectory.motion.frames, given, line, found)
-    return found
+    fill_second_step(build_skeleton(mesh), trajectory.motion.frames, second_step_inputs, line, second_step_arrays)
+    return second_step_arrays
 
 
 def list_array_shapes(mesh: Mesh, samples: int) -> list[tuple[int, ...]]:
@@ -160,7 +162,9 @@ def build_skeleton(mesh: Mesh) -> Skeleton:
     return Skeleton(mesh.parent, mesh.mass, mesh.inertia, gravity, *moved, joint, tip, points, root, last, straight)
 
 
-def build_rigid_first_step(mesh: Mesh, time: Array, joints: Triple, given: MotionBetween | None = None) -> FirstStep:
+def build_rigid_first_step(
+    mesh: Mesh, time: Array, joints: Triple, given: InterpolatedMotion | None = None
+) -> FirstStep:
     """Return the first step of a rigid mechanism whose joints all have a motion [m, rad, s, N]: exact kinematics.
 
     given : the motion between the samples, where it can be asked there

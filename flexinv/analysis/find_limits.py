@@ -69,7 +69,7 @@ class LimitUse:
 
 
 @dataclass(frozen=True)
-class _Asked:
+class _LimitQuery:
     """A limit of a velocity coordinate, by its number."""
 
     column: int
@@ -84,7 +84,7 @@ class _Asked:
     def size(self) -> float:
         return SMALL_VALUE * abs(self.limit)
 
-    def pick(self, parts: dict[str, Array]) -> Array:
+    def take_columns(self, parts: dict[str, Array]) -> Array:
         """Columns (samples, signs) that are held against the level."""
         own = parts["upper" if self.quantity == "lower" else self.quantity][:, self.column]
         return np.asarray(own[:, None] * np.array(LIMIT_SIDES[self.quantity]))
@@ -104,7 +104,7 @@ def find_limits(solution: Solution, motion: Motion | None = None) -> tuple[Limit
     m = solution.mechanism
     time = solution.time
     asked = [
-        _Asked(column, name, float(getattr(joint.limits, name)))
+        _LimitQuery(column, name, float(getattr(joint.limits, name)))
         for column, joint in enumerate(_list_column_joints(m))
         for name in LIMITED
         if np.isfinite(getattr(joint.limits, name)) and (KINDS[joint.kind].scalar or name in ("velocity", "effort"))
@@ -114,8 +114,8 @@ def find_limits(solution: Solution, motion: Motion | None = None) -> tuple[Limit
     exact = np.zeros((len(LIMITED), m.nv), dtype=bool)
     if motion is not None:
         exact = _find_prescribed_columns(solution, motion)
-    found: dict[_Asked, LimitUse] = {}
-    groups = {EXACTLY: list[_Asked](), WITHIN_STEPS: list[_Asked](), AT_STEPS: list[_Asked]()}
+    found: dict[_LimitQuery, LimitUse] = {}
+    groups = {EXACTLY: list[_LimitQuery](), WITHIN_STEPS: list[_LimitQuery](), AT_STEPS: list[_LimitQuery]()}
     for one in asked:
         is_exact = bool(exact[LIMITED.index(one.quantity), one.column])
         groups[EXACTLY if is_exact else AT_STEPS if one.quantity == "effort" else WITHIN_STEPS].append(one)
@@ -124,7 +124,7 @@ def find_limits(solution: Solution, motion: Motion | None = None) -> tuple[Limit
     found |= _check_interpolated_limits(solution, groups[WITHIN_STEPS])
     for one in groups[AT_STEPS]:
         found[one] = _check_sampled_limit(
-            m, one, time, one.pick(_collect_quantities(m, solution.q, solution.qd, solution.torque_all))
+            m, one, time, one.take_columns(_collect_quantities(m, solution.q, solution.qd, solution.torque_all))
         )
     return tuple(found[one] for one in asked)
 
@@ -170,11 +170,11 @@ def _collect_quantities(mechanism: Mechanism, q: Array, qd: Array, tau: Array) -
     return {"upper": places, "velocity": qd, "effort": tau}
 
 
-def _check_exact_limits(solution: Solution, motion: Motion, asked: list[_Asked]) -> dict[_Asked, LimitUse]:
+def _check_exact_limits(solution: Solution, motion: Motion, queries: list[_LimitQuery]) -> dict[_LimitQuery, LimitUse]:
     """Limits of what can be evaluated at any instant."""
     m = solution.mechanism
     time = solution.time
-    efforts = any(one.quantity == "effort" for one in asked) or bool(m.closures)
+    efforts = any(one.quantity == "effort" for one in queries) or bool(m.closures)
     evaluate = _make_evaluation(solution, motion, efforts)
     marks = {
         *getattr(motion, "knots", motion.jumps),
@@ -186,11 +186,11 @@ def _check_exact_limits(solution: Solution, motion: Motion, asked: list[_Asked])
 
     def evaluate_columns(times: Array) -> Array:
         parts = evaluate(times)
-        return np.hstack([one.pick(parts) for one in asked])
+        return np.hstack([one.take_columns(parts) for one in queries])
 
-    sizes = [one.size for one in asked for _ in LIMIT_SIDES[one.quantity]]
+    sizes = [one.size for one in queries for _ in LIMIT_SIDES[one.quantity]]
     pieces = fit_pieces(evaluate_columns, [time[0], *inside, time[-1]], sizes)
-    return _compare_with_limits(m, pieces, asked, EXACTLY)
+    return _compare_with_limits(m, pieces, queries, EXACTLY)
 
 
 def _make_evaluation(solution: Solution, motion: Motion, efforts: bool) -> Callable[[Array], dict[str, Array]]:
@@ -219,9 +219,9 @@ def _make_evaluation(solution: Solution, motion: Motion, efforts: bool) -> Calla
     return evaluate
 
 
-def _check_interpolated_limits(solution: Solution, asked: list[_Asked]) -> dict[_Asked, LimitUse]:
+def _check_interpolated_limits(solution: Solution, queries: list[_LimitQuery]) -> dict[_LimitQuery, LimitUse]:
     """Limits of joints that move on quintics between samples."""
-    if not asked:
+    if not queries:
         return {}
     m = solution.mechanism
     time = solution.time
@@ -229,33 +229,33 @@ def _check_interpolated_limits(solution: Solution, asked: list[_Asked]) -> dict[
     places = np.nan_to_num(parts["upper"])
     position = join_samples(time, [places, solution.qd, solution.qdd])
     rate = join_samples(time, [solution.qd, solution.qdd])
-    found: dict[_Asked, LimitUse] = {}
-    for one in asked:
+    result: dict[_LimitQuery, LimitUse] = {}
+    for one in queries:
         source = rate if one.quantity == "velocity" else position
         signs = np.array(LIMIT_SIDES[one.quantity])
         own = source.coefficients[:, :, [one.column]] * signs
         scale = np.repeat(source.scale[one.column], len(signs))
-        found |= _compare_with_limits(m, Pieces(source.begin, source.end, own, scale), [one], WITHIN_STEPS)
-    return found
+        result |= _compare_with_limits(m, Pieces(source.begin, source.end, own, scale), [one], WITHIN_STEPS)
+    return result
 
 
 def _compare_with_limits(
-    mechanism: Mechanism, pieces: Pieces, asked: list[_Asked], looked: str
-) -> dict[_Asked, LimitUse]:
-    """Each limit against its columns of the pieces, which stand in the order of ``asked``."""
-    found: dict[_Asked, LimitUse] = {}
+    mechanism: Mechanism, pieces: Pieces, queries: list[_LimitQuery], looked: str
+) -> dict[_LimitQuery, LimitUse]:
+    """Each limit against its columns of the pieces, which stand in the order of ``queries``."""
+    limits: dict[_LimitQuery, LimitUse] = {}
     first = 0
-    for one in asked:
+    for one in queries:
         own = range(first, first + len(LIMIT_SIDES[one.quantity]))
         first = own.stop
-        peak, at = max((pieces.largest(column) for column in own), key=lambda pair: pair[0])
-        reached = [time for column in own if (time := pieces.reach(column, one.level)) is not None]
-        passed = any(pieces.passes(column, one.level) for column in own)
-        found[one] = _make_limit_use(mechanism, one, peak, at, (min(reached, default=None), passed), looked)
-    return found
+        peak, at = max((pieces.find_largest(column) for column in own), key=lambda pair: pair[0])
+        reached = [time for column in own if (time := pieces.find_crossing(column, one.level)) is not None]
+        passed = any(pieces.has_value_above(column, one.level) for column in own)
+        limits[one] = _make_limit_use(mechanism, one, peak, at, (min(reached, default=None), passed), looked)
+    return limits
 
 
-def _check_sampled_limit(mechanism: Mechanism, one: _Asked, time: Array, values: Array) -> LimitUse:
+def _check_sampled_limit(mechanism: Mechanism, one: _LimitQuery, time: Array, values: Array) -> LimitUse:
     """A limit against values (samples, signs) at samples alone."""
     largest = values.max(axis=1)
     over = np.flatnonzero(largest >= one.level)
@@ -266,7 +266,7 @@ def _check_sampled_limit(mechanism: Mechanism, one: _Asked, time: Array, values:
 
 
 def _make_limit_use(
-    mechanism: Mechanism, one: _Asked, peak: float, at: float, reached: tuple[float | None, bool], looked: str
+    mechanism: Mechanism, one: _LimitQuery, peak: float, at: float, reached: tuple[float | None, bool], looked: str
 ) -> LimitUse:
     value = -peak if one.quantity == "lower" else peak
     return LimitUse(mechanism.velocity_names[one.column], one.quantity, one.limit, value, at, *reached, looked)

@@ -9,8 +9,8 @@ import numpy as np
 from flexinv.analysis.evaluation import FirstStep, build_rigid_trajectory
 from flexinv.analysis.solution import LoopForces
 from flexinv.analysis.task import Task
-from flexinv.constraints.allocation import LEFT_OVER, GivenLoops, check_carried, split_efforts
-from flexinv.constraints.allocation_kernel import Shares
+from flexinv.constraints.allocation import LEFT_OVER, PrescribedLoops, check_carried, split_efforts
+from flexinv.constraints.allocation_kernel import AllocatedEfforts
 from flexinv.constraints.closures import (
     Phase,
     Stretch,
@@ -42,7 +42,7 @@ from flexinv.inverse.inverse_dynamics import (
     compute_nodal_forces,
     compute_projected_efforts,
 )
-from flexinv.inverse.spring_lengths import MotionBetween, check_spring_lengths
+from flexinv.inverse.spring_lengths import InterpolatedMotion, check_spring_lengths
 from flexinv.kinematics.mesh import Mesh
 from flexinv.kinematics.nodal_motion import JointHistory, NodalMotion, compute_rigid_motion
 from flexinv.kinematics.tree import Joints
@@ -71,14 +71,14 @@ def solve_rigid_loops(task: Task) -> FirstStep:
     wrenches = compute_local_wrenches(mesh, motion, forces)
     tree = compute_projected_efforts(mesh, motion, forces, wrenches) + compute_internal_efforts(m, q, qd, qdd)
     parts = [
-        _compute_phase_shares(mesh, one, motion.samples(one.span), tree[one.span], g) for one in stretches
+        _compute_phase_shares(mesh, one, motion.take_samples(one.span), tree[one.span], g) for one in stretches
     ]  # phase by phase
     shares = parts[0]
     width = max(part.preload.shape[2] for part in parts)
     if len(parts) > 1:
         missing = [((0, 0), (0, 0), (0, width - part.preload.shape[2])) for part in parts]
         parts = [p._replace(preload=np.pad(p.preload, pad)) for p, pad in zip(parts, missing, strict=True)]
-        shares = Shares(*(np.concatenate(one) for one in zip(*parts, strict=True)))
+        shares = AllocatedEfforts(*(np.concatenate(one) for one in zip(*parts, strict=True)))
     largest = _find_largest_magnitude(tree)
     if (
         _find_largest_magnitude(shares.left) > LEFT_OVER * largest
@@ -95,7 +95,7 @@ def solve_rigid_loops(task: Task) -> FirstStep:
     )  # fmt: skip
 
 
-def _make_motion_between(task: Task) -> MotionBetween:
+def _make_motion_between(task: Task) -> InterpolatedMotion:
     """The motion of a rigid mechanism with closures between its samples, which are followed again with all instants."""
     mesh = task.mesh
     unknown = build_joint_mask(task.mesh.mechanism, task.passive)
@@ -107,7 +107,7 @@ def _make_motion_between(task: Task) -> MotionBetween:
         return compute_rigid_motion(mesh, *(part[rows] for part in found))
 
     switches = tuple(instant for closure in mesh.mechanism.closures for span in closure.active for instant in span)
-    return MotionBetween(evaluate_nodes, (*task.knots, *switches))
+    return InterpolatedMotion(evaluate_nodes, (*task.knots, *switches))
 
 
 def _find_largest_magnitude(values: Array) -> float:
@@ -132,7 +132,7 @@ def _solve_phased_motion(
             return solve_closed_motion(mesh, history, time, unknown, knots=knots), only, [], None
         given = history(time)
         motion = NodalMotion.make_uninitialized(len(time), mesh.size)
-        return given, only, [], (GivenLoops(mesh).jacobian(*given, motion), motion)
+        return given, only, [], (PrescribedLoops(mesh).compute_jacobian(*given, motion), motion)
     whole = history(time)
     begins = np.zeros(len(m.closures), dtype=bool)
     stretches = list[Stretch]()
@@ -146,19 +146,19 @@ def _solve_phased_motion(
             state = compute_rigid_motion(mesh, before[0][None], before[1][None], np.zeros((1, m.nv)))
             stretch, begins = _begin_stretch(mesh, stretches[-1], piece, state, at)
         begun = None if before is None else before[0]
-        rows = stretch.rows.of(piece.active)
-        found = solve_closed_motion(mesh, history, time[span], unknown, rows, begun, knots)
+        rows = stretch.rows.take_active(piece.active)
+        closed_motion = solve_closed_motion(mesh, history, time[span], unknown, rows, begun, knots)
         if before is not None and _is_plastic(mesh, begins):
             # which the impulses change at once
-            rates = (before[1], found[1][0])
+            rates = (before[1], closed_motion[1][0])
             rest = np.zeros((1, m.nv))
-            one, two = ((compute_rigid_motion(mesh, found[0][:1], rate[None], rest), rate) for rate in rates)
+            one, two = ((compute_rigid_motion(mesh, closed_motion[0][:1], rate[None], rest), rate) for rate in rates)
             shares = _compute_phase_shares(mesh, stretch, two[0], compute_impulses(mesh, (one, two))[None])
             impulses = shares.tau[0], shares.multipliers[0]
             impacts.append(make_impact(mesh, stretch.rows, begins, (one, two), *impulses, at))
         stretches.append(stretch)
-        before = found[0][-1], found[1][-1]
-        for part, values in zip(whole, found, strict=True):
+        before = closed_motion[0][-1], closed_motion[1][-1]
+        for part, values in zip(whole, closed_motion, strict=True):
             part[span] = values
     return whole, stretches, impacts, None
 
@@ -187,19 +187,19 @@ def _collect_energy_jumps(time: Array, impacts: list[Impact]) -> Array:
 
 def _compute_phase_shares(
     mesh: Mesh, stretch: Stretch, motion: NodalMotion, tree: Array, jacobian: Array | None = None
-) -> Shares:
+) -> AllocatedEfforts:
     """Shares of the drives in one phase, from its constraint Jacobian; multipliers of closures that do not act are zero."""
     m = mesh.mechanism
     active = stretch.phase.active
-    rows = stretch.rows.of(active)
+    rows = stretch.rows.take_active(active)
     pick = active[stretch.rows.closure]
     g = compute_constraint_jacobian(mesh, motion, rows) if jacobian is None else jacobian
-    found = split_efforts(g, tree, m.actuated, m.weights[m.actuated], rows)
+    phase_shares = split_efforts(g, tree, m.actuated, m.weights[m.actuated], rows)
     if pick.all():
-        return found
+        return phase_shares
     multipliers = np.zeros((len(tree), len(pick)))
-    multipliers[:, pick] = found.multipliers
-    return found._replace(multipliers=multipliers)
+    multipliers[:, pick] = phase_shares.multipliers
+    return phase_shares._replace(multipliers=multipliers)
 
 
 def make_closed_task(task: Task) -> Task:
@@ -238,13 +238,15 @@ def _solve_closed_start(
     mesh: Mesh, time: float, unknown: Mask, stated: Mask, active: Mask, q: Array, qd: Array, qdd: Array
 ) -> Triple:
     """The closed state of one sample: other steps, tolerances and motions often begin at the same."""
-    found = solve_closed_start(mesh, (q, qd, qdd), time, unknown, build_constraint_rows(mesh).of(active), stated)
-    for part in found:
+    closed_start = solve_closed_start(
+        mesh, (q, qd, qdd), time, unknown, build_constraint_rows(mesh).take_active(active), stated
+    )
+    for part in closed_start:
         part.flags.writeable = False
-    return found[0][None], found[1][None], found[2][None]
+    return closed_start[0][None], closed_start[1][None], closed_start[2][None]
 
 
-def add_closure_forces(mesh: Mesh, first: FirstStep, switching: Switching) -> FirstStep:
+def add_closure_forces(mesh: Mesh, first: FirstStep, switching: PhaseHistory) -> FirstStep:
     """Return a first step with its closures' forces [N], [N m] among those applied, from multipliers that each step has found."""
     m = mesh.mechanism
     time = first.time
@@ -285,7 +287,7 @@ def _compute_damping_excess(dissipated: Array, switches: list[int], time: Array)
     return out
 
 
-class Switching:
+class PhaseHistory:
     """Stretches and impacts [N s] of the phases of a march that have begun."""
 
     def __init__(self, mesh: Mesh, phase: Phase, ties: Ties | None) -> None:
@@ -307,7 +309,7 @@ class Switching:
         mesh = solver.mesh
         s = solver.state
         sample = phase.first
-        one = NodalMotion(*(part.copy() for part in out.rows(sample, sample + 1).motion.parts))
+        one = NodalMotion(*(part.copy() for part in out.take_samples(sample, sample + 1).motion.parts))
         stretch, begins = _begin_stretch(mesh, self.stretches[-1], phase, one, time)
         # the rest, below `reactions.APART`: the next step shall not jerk it away
         rows = move_second_frames(mesh.mechanism, build_constraint_rows(mesh), stretch.rows, one, begins)
@@ -320,7 +322,7 @@ class Switching:
         solver.solve_instant(ACCELERATIONS, joints, f"at t = {time:g} s")
         write_instant(solver, sample, out)
         if _is_plastic(mesh, begins):
-            two = out.rows(sample, sample + 1).motion
+            two = out.take_samples(sample, sample + 1).motion
             after = _collect_rates(solver, qd)
             sides = ((one, before), (two, after))
             pushed = compute_closure_wrenches(mesh, two, rows, impulses[None])[0]
@@ -331,5 +333,5 @@ class Switching:
 
 def _collect_rates(solver: Solver, qd: Array) -> Array:
     """Rates (nv,) of all joints now: the prescribed ones, and those of the passive joints among the unknowns."""
-    own = build_coordinate_map(solver.mesh, solver.topology)
-    return np.where(own.any(axis=1), own @ solver.state.u, qd)
+    coordinate_map = build_coordinate_map(solver.mesh, solver.topology)
+    return np.where(coordinate_map.any(axis=1), coordinate_map @ solver.state.u, qd)

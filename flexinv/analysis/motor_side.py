@@ -94,16 +94,16 @@ def _compute_spring_lag(drive: Drive, time: Array, tau: Array, name: str) -> tup
     of = f"drive of joint {name!r}"
     if len(time) < FEWEST:
         raise InputError(f"{of}: {len(time)} samples, expected {FEWEST} or more: take a smaller step")
-    found = _compute_stiff_lag(drive, time, tau)
+    stiff_lag = _compute_stiff_lag(drive, time, tau)
     coarse = _compute_stiff_lag(drive, time[::2], tau[::2])
-    change = np.abs(found[2][::2] - coarse[2]).max()
-    if change > ROUGH * np.abs(found[2]).max():
+    change = np.abs(stiff_lag[2][::2] - coarse[2]).max()
+    if change > ROUGH * np.abs(stiff_lag[2]).max():
         raise InputError(
-            f"{of}: the second derivative of its torque changes by {change / np.abs(found[2]).max():.0%} with "
+            f"{of}: the second derivative of its torque changes by {change / np.abs(stiff_lag[2]).max():.0%} with "
             "every second sample, so the link cannot be moved like this through an elastic joint; expected a motion with four "
             'continuous derivatives (samples joined by splines) and a small step, or write moves = "motor" in its drive'
         )
-    return found
+    return stiff_lag
 
 
 def _compute_stiff_lag(drive: Drive, time: Array, tau: Array) -> tuple[Array, Array, Array]:

@@ -15,7 +15,7 @@ from flexinv.constraints.closures import build_constraint_rows, find_acting_clos
 from flexinv.constraints.loop_starts import (
     ANOTHER_BRANCH,
     SAGGED,
-    Stated,
+    StatedStart,
     build_joint_mask,
     check_static,
     find_consistent_start,
@@ -59,23 +59,27 @@ def simulate(
     check_callable("progress", progress, "a function of the number of samples done since its last call")
     table = _check_torque_table(mechanism, time, torque)
     at_rest = bool(mechanism.closures) and initial == "static" and not mechanism.is_rigid
-    began: list[tuple[Stated, Array, Array]] = []  # what was stated for a task, and q, qd with which its loops close
+    began: list[
+        tuple[StatedStart, Array, Array]
+    ] = []  # what was stated for a task, and q, qd with which its loops close
 
-    def make_free_task(meshed: Mechanism, steps: Array, own: Settings) -> Task:
+    def make_free_task(meshed: Mechanism, steps: Array, settings: Settings) -> Task:
         mesh = build(meshed)
         moves = {j.name for j in meshed.joints if j.nv}
-        stated = _collect_start_values(meshed, *resolve_start_coordinates(meshed, moves, start, start_rate), at_rest)
+        start_values = _collect_start_values(
+            meshed, *resolve_start_coordinates(meshed, moves, start, start_rate), at_rest
+        )
         first = float(steps[0])
-        state = stated.q, stated.qd, stated.qdd
+        state = start_values.q, start_values.qd, start_values.qdd
         if meshed.closures:
             state = find_consistent_start(
-                mesh, stated, build_constraint_rows(mesh).of(find_acting_closures(meshed, first)), first
+                mesh, start_values, build_constraint_rows(mesh).take_active(find_acting_closures(meshed, first)), first
             )
-        began.append((stated, state[0], state[1]))
+        began.append((start_values, state[0], state[1]))
         history = make_rest_history(*state)
         jumps = tuple(_find_jumps(table[0]))
-        efforts = _make_effort_function(meshed, table, own.step)
-        return Task(mesh, steps, history, history, moves, own, jumps, efforts=efforts, progress=progress)
+        efforts = _make_effort_function(meshed, table, settings.step)
+        return Task(mesh, steps, history, history, moves, settings, jumps, efforts=efforts, progress=progress)
 
     if accuracy is None and step is not None:
         step = check_number("step", step, "a positive number of seconds, for example step=1e-3")
@@ -106,7 +110,7 @@ def simulate(
 
 def _collect_start_values(
     mechanism: Mechanism, places: dict[str, Array], rates: dict[str, Array], at_rest: bool
-) -> Stated:
+) -> StatedStart:
     """The known values of the start; ``at_rest``: passive joints may be stated where beams are bent, loops are closed unbent."""
     m = mechanism
     q = mechanism.neutral
@@ -117,7 +121,7 @@ def _collect_start_values(
         qd[m.v_slices[name]] = value
     bars = {"place": ANOTHER_BRANCH, "rate": SAGGED} if at_rest else {}
     passive = build_joint_mask(m, {j.name for j in m.joints if not j.actuated})
-    return Stated(q, qd, np.zeros(m.nv), build_joint_mask(m, places), build_joint_mask(m, rates), passive, **bars)
+    return StatedStart(q, qd, np.zeros(m.nv), build_joint_mask(m, places), build_joint_mask(m, rates), passive, **bars)
 
 
 def _check_torque_table(mechanism: Mechanism, time: ArrayLike, torque: ArrayLike | None) -> tuple[Array, Array]:

@@ -100,10 +100,12 @@ def solve(
     if not error:
         return solution
 
-    def solve_refined(meshed: Mechanism, instants: Array, _: tuple[int, ...], own: Settings) -> tuple[Mesh, FirstStep]:
-        other = make_prescribed_task(meshed, motion, instants, own, start, start_rate, progress)
+    def solve_refined(
+        meshed: Mechanism, instants: Array, _: tuple[int, ...], settings: Settings
+    ) -> tuple[Mesh, FirstStep]:
+        other = make_prescribed_task(meshed, motion, instants, settings, start, start_rate, progress)
         (found,) = run_first_step(other)
-        return other.mesh, found.apply_differences(own.step) if incremental else found
+        return other.mesh, found.apply_differences(settings.step) if incremental else found
 
     # Of the half steps every second is compared, where not all are differenced.
     stride = 2 if incremental or mechanism.closures else 1

@@ -266,7 +266,7 @@ def _make_structure_key(mesh: Mesh) -> tuple[Any, ...]:
     m = build_planar_model(mesh, frozenset())
     k = build_skeleton(mesh)
     parts = [np.asarray(part) for record in (m.tree, m.elements, m.space, k, m.place) for part in record]
-    parts += [m.masses.single, m.masses.block, m.masses.member, m.joints.given, m.joints.turns_on]
+    parts += [m.masses.single, m.masses.block, m.masses.member, m.joints.prescribed, m.joints.turns_on]
     return tuple((part.shape, b"" if part.dtype == float else part.tobytes()) for part in parts)
 
 
@@ -296,7 +296,7 @@ def solve_alike(scenarios: Sequence[Scenario], threads: int, progress: Progress 
     )
 
     def solve_next_scenarios() -> None:
-        own = PlanarMarch.acquire(first.mesh, ())
+        own = PlanarMarch.take_reusable(first.mesh, ())
         line = np.empty((first.mesh.size, 6))
         mine = np.zeros(most, dtype=np.int64)
         while ahead[0] < len(scenarios):
@@ -314,15 +314,15 @@ def solve_alike(scenarios: Sequence[Scenario], threads: int, progress: Progress 
                 times, parts = (list_early_times(one.time[: EARLY + 1]), SUBSTEPS) if early else (one.time, 1)
                 result = status, -1 - instant if early else instant, count, float(left[n])
                 results[n] = make_march_error(
-                    (one.mesh, ()), result, times, one.settings.step, not early, own.turned, parts
+                    (one.mesh, ()), result, times, one.settings.step, not early, own.compute_section_turn, parts
                 )
-                own = PlanarMarch.of(first.mesh, ())  # what has failed may have left numbers that are none
+                own = PlanarMarch.build_for(first.mesh, ())  # what has failed may have left numbers that are none
             elif done == 0:  # others have taken the rest
                 break
             if progress is not None:
                 with lock:
                     progress(1)
-        own.release(())
+        own.make_reusable(())
 
     run_in_threads(solve_next_scenarios, lambda: ahead.fill(len(scenarios)), min(threads, len(scenarios)))
     return results
@@ -334,7 +334,7 @@ def _build_tasks(scenarios: Sequence[Scenario]) -> Tasks:
     meshes = {mesh: k for k, mesh in enumerate(dict.fromkeys(one.mesh for one in scenarios))}
     firsts = {id(one.table[0]): one for one in scenarios}
     number = {key: k for k, key in enumerate(firsts)}
-    given = np.stack([model.joints.coordinates(*one.table) for one in firsts.values()])
+    given = np.stack([model.joints.collect_coordinates(*one.table) for one in firsts.values()])
     joint = np.zeros((len(firsts), first.mesh.size, 3))
     instants = np.arange(len(first.time))
     joint[:, model.joints.node] = given[:, 0]
@@ -342,11 +342,11 @@ def _build_tasks(scenarios: Sequence[Scenario]) -> Tasks:
     if given[:, 0, :, 1:].any() or any(one.mesh.mechanism.gravity.any() for one in scenarios):
         ends = list_early_times(first.time[: EARLY + 1])
         tables = [one.motion.evaluate(one.mesh.mechanism, ends, "left") for one in firsts.values()]
-        early = np.stack([model.joints.coordinates(*table) for table in tables])
+        early = np.stack([model.joints.collect_coordinates(*table) for table in tables])
     return Tasks(
         design=np.array([meshes[one.mesh] for one in scenarios]),
         motion=np.array([number[id(one.table[0])] for one in scenarios]),
-        joint=joint, given=given, qd=np.stack([one.table[1] for one in firsts.values()]),
+        joint=joint, prescribed_motion=given, qd=np.stack([one.table[1] for one in firsts.values()]),
         early=early, early_row=list_early_rows(instants[1 : EARLY + 1]),
         row=instants, time=first.time, none=np.empty((0, 0, 0)), never=np.empty(0),
         scheme=first.settings.scheme, first_scheme=build_start_scheme(first.settings.scheme),
@@ -360,10 +360,12 @@ def _make_result_arrays(first: Scenario, scenarios: int) -> tuple[Trajectory, Se
     shapes = [*list_history_shapes(mesh, samples), (samples, 3), *list_array_shapes(mesh, samples)]
     stacks = [(scenarios, *shape) for shape in shapes]
     large = len(shapes) - len(SecondStepArrays._fields) + 2  # of the second step two are of all nodes
-    *motion, wrench, internal, energy = (made := make_adjacent_arrays(*stacks[:large]))[:9]
+    *motion, wrench, internal, energy = (adjacent_arrays := make_adjacent_arrays(*stacks[:large]))[:9]
     if has_padding(mesh):
         internal[:] = 0.0
     none = np.empty((scenarios, samples, 0))
     iterations = np.zeros((scenarios, samples), dtype=np.int64)
-    found = SecondStepArrays(*made[9:], *(np.empty(shape) for shape in stacks[large:]))  # see `evaluation.second_step`
-    return Trajectory._make([*motion, wrench, internal, energy, none, iterations]), found
+    second_step_arrays = SecondStepArrays(
+        *adjacent_arrays[9:], *(np.empty(shape) for shape in stacks[large:])
+    )  # see `evaluation.second_step`
+    return Trajectory._make([*motion, wrench, internal, energy, none, iterations]), second_step_arrays

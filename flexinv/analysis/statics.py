@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from flexinv.analysis.evaluation import FirstStep, assemble_solution
-from flexinv.analysis.loops import Switching, add_closure_forces
+from flexinv.analysis.loops import PhaseHistory, add_closure_forces
 from flexinv.analysis.solution import Solution
 from flexinv.analysis.task import Settings, Task, make_rest_history
 from flexinv.analysis.trajectory import run_first_step
@@ -60,7 +60,7 @@ class Load(Frozen):
         "follower": rules.check_truth,
     }
 
-    def _name(self) -> str:
+    def _describe_record(self) -> str:
         return f"load on {shown(self.link)}: "
 
 
@@ -97,17 +97,17 @@ def statics(mechanism: Mechanism, loads: Sequence[Load] = (), q: ArrayLike | Non
         with replace_advice(GIVE_Q):
             (first,) = run_first_step(Task(mesh, now, held, held, passive, SETTINGS))
         return assemble_solution(mesh, first, SETTINGS)
-    solver = Solver.of(mesh, passive)
+    solver = Solver.build_for(mesh, passive)
     (phase,) = list_phases(loaded, now)
-    switching = Switching(mesh, phase, solver.border.ties)
+    switching = PhaseHistory(mesh, phase, solver.border.ties)
     if mechanism.closures:
-        rows = build_constraint_rows(mesh).of(phase.active)
+        rows = build_constraint_rows(mesh).take_active(phase.active)
         with replace_advice(GIVE_Q):
             at = solve_closed_start(mesh, (at, rest[0], rest[0]), 0.0, build_joint_mask(mechanism, passive), rows)[0]
     solver.update_loads(0.0, at, rest[0], rest[0])
     begin_undeformed(solver, at, rest[0], rest[0])
     joints = find_equilibrium(solver, at, "statics")
-    out = Trajectory.empty(1, mesh, solver.instant.multipliers.shape[1])
+    out = Trajectory.make_zero(1, mesh, solver.instant.multipliers.shape[1])
     iterations = solver.solve_instant(STATICS, joints, "statics")
     write_instant(solver, 0, out)
     out.iterations[0] = iterations
@@ -118,15 +118,15 @@ def statics(mechanism: Mechanism, loads: Sequence[Load] = (), q: ArrayLike | Non
         first = add_closure_forces(mesh, first, switching)
     from flexinv.linearized.natural_modes import SLOWEST, count_unstable_motions
 
-    found = assemble_solution(mesh, first, SETTINGS)
+    solution = assemble_solution(mesh, first, SETTINGS)
     unstable, all_of_them = count_unstable_motions(solver, joints)  # a word on whether a structure stays there
     slowest = (
         f"statics of '{mechanism.name}': loads turn along or are moments; of its many motions the {SLOWEST} slowest were looked "
         "at: that faster ones are stable is not proved",
     )
-    notes = found.notes if all_of_them else (*found.notes, *slowest)
+    notes = solution.notes if all_of_them else (*solution.notes, *slowest)
     if not unstable:
-        return replace(found, stable=True, notes=notes)
+        return replace(solution, stable=True, notes=notes)
     count = f"{unstable} unstable eigenvalue{'s' * (unstable > 1)} (negative: divergence; complex: flutter)"
     note = (
         f"statics of '{mechanism.name}': this equilibrium is unstable, its tangent stiffness has {count}: a structure "
@@ -134,7 +134,7 @@ def statics(mechanism: Mechanism, loads: Sequence[Load] = (), q: ArrayLike | Non
         "goes, with a load across and damped beams"
     )
     warnings.warn(note, ModelWarning, stacklevel=2)
-    return replace(found, stable=False, notes=(*notes, note))
+    return replace(solution, stable=False, notes=(*notes, note))
 
 
 def _make_force(mechanism: Mechanism, load: Load, number: int) -> Force:

@@ -60,7 +60,7 @@ class Settings:
             self.step, self.spectral_radius, EXACT if self.tolerance is None else self.tolerance
         )
 
-    def words(self) -> Words:
+    def describe_settings(self) -> Words:
         """Return the settings as a Solution records them [s], [-]."""
         if self.statics:
             return {"statics": True, "incremental": False}
@@ -129,8 +129,8 @@ def make_prescribed_task(
     """
     mesh = build(mechanism)
     passive = {joint.name for joint in mechanism.joints if joint.nv} - set(motion.joints(mechanism))
-    stated = resolve_start_coordinates(mechanism, passive, start, start_rate)
-    before, after = build_joint_histories(motion, mechanism, stated, settings, steps)
+    start_coordinates = resolve_start_coordinates(mechanism, passive, start, start_rate)
+    before, after = build_joint_histories(motion, mechanism, start_coordinates, settings, steps)
     if mechanism.closures and start and passive:
         now = (part[0] for part in after(steps[:1]))
         q = find_picked_start(
@@ -138,8 +138,8 @@ def make_prescribed_task(
         )
         if q is not None:  # from which the loops close where the start says, or nearest to that
             start = {name: q[mechanism.q_slices[name]] for name in passive}
-            stated = resolve_start_coordinates(mechanism, passive, start, start_rate)
-            before, after = build_joint_histories(motion, mechanism, stated, settings, steps)
+            start_coordinates = resolve_start_coordinates(mechanism, passive, start, start_rate)
+            before, after = build_joint_histories(motion, mechanism, start_coordinates, settings, steps)
     knots = tuple(getattr(motion, "knots", motion.jumps))
     return Task(
         mesh, steps, before, after, passive, settings, motion.jumps, start_rate or (), progress=progress, knots=knots
@@ -150,8 +150,8 @@ def check_start(task: Task, motion: Motion, start: Start, start_rate: Start, q: 
     """Raise an error where closures contradict what was told of the first instant, found at q (nq,), qd (nv,) [rad or m, s]."""
     mesh = task.mesh
     m = task.mesh.mechanism
-    stated = resolve_start_coordinates(m, task.passive, start, start_rate)
-    told = build_joint_histories(motion, m, stated, task.settings, task.steps)[1](task.steps[:1])
+    start_coordinates = resolve_start_coordinates(m, task.passive, start, start_rate)
+    told = build_joint_histories(motion, m, start_coordinates, task.settings, task.steps)[1](task.steps[:1])
     check_branch(mesh, set(start or ()), told[0][0], q)
     most = SAGGED if task.settings.initial == "static" and not m.is_rigid else TYPED_DIGITS
     check_rates(mesh, build_joint_mask(m, set(start_rate or ())), told[1][0], qd, float(task.steps[0]), most)

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from flexinv.analysis.evaluation import FirstStep, build_rigid_first_step
-from flexinv.analysis.loops import Switching, add_closure_forces, make_closed_task, solve_rigid_loops
+from flexinv.analysis.loops import PhaseHistory, add_closure_forces, make_closed_task, solve_rigid_loops
 from flexinv.analysis.task import Task, prepare_motion_samples
 from flexinv.constraints.closures import Phase, build_constraint_rows, list_phases
 from flexinv.dynamics.generalized_alpha import (
@@ -27,7 +27,7 @@ from flexinv.dynamics.stepper import CONVERGED, SUDDEN_START, integrate_instants
 from flexinv.dynamics.system import Instants, Trajectory
 from flexinv.errors import ConvergenceError
 from flexinv.inverse.inverse_dynamics import compute_applied_forces
-from flexinv.inverse.spring_lengths import MotionBetween, check_spring_lengths
+from flexinv.inverse.spring_lengths import InterpolatedMotion, check_spring_lengths
 from flexinv.kinematics.mesh import Mesh
 from flexinv.kinematics.nodal_motion import compute_relative_motion, compute_rigid_motion, fill_passive
 from flexinv.kinematics.tree import Joints
@@ -69,9 +69,12 @@ def solve_rigid_motions(task: Task) -> Iterator[FirstStep]:
     for first in range(0, max(len(task.time) - 1, 1), part):
         own = task.time if task.part is None else task.time[first : first + part + 1]
         q, qd, qdd = task.after(own)
-        given = MotionBetween(lambda times: compute_rigid_motion(task.mesh, *task.after(times)), task.knots)
+        interpolated_motion = InterpolatedMotion(
+            lambda times: compute_rigid_motion(task.mesh, *task.after(times)), task.knots
+        )
         yield replace(
-            build_rigid_first_step(task.mesh, own, (q.copy(), qd.copy(), qdd.copy()), given), ends=task.part is None
+            build_rigid_first_step(task.mesh, own, (q.copy(), qd.copy(), qdd.copy()), interpolated_motion),
+            ends=task.part is None,
         )
 
 
@@ -106,16 +109,16 @@ def integrate_flexible_motion(task: Task) -> Iterator[FirstStep]:
         if stop in switches or stop in stops:
             march.update_accelerations(stop, switches.get(stop))
         if stop in ends:
-            yield march.moved(ends=False)
+            yield march.collect_first_step(ends=False)
             march.begin_next_part(stop // every)
     if march.solver is None and march.flat is not None:  # its arrays are for the next that is in the plane alone
-        march.flat.release(task.passive)
-    yield march.moved(ends=task.part is None)
+        march.flat.make_reusable(task.passive)
+    yield march.collect_first_step(ends=task.part is None)
 
 
 def build_planar_march(mesh: Mesh, passive: set[str]) -> PlanarMarch | None:
     """Return the planar march of a mesh that lies in a plane [m], with the named joints free, else None."""
-    return None if isinstance(find_plane(mesh), NotPlanar) else PlanarMarch.acquire(mesh, passive)
+    return None if isinstance(find_plane(mesh), NotPlanar) else PlanarMarch.take_reusable(mesh, passive)
 
 
 class _March:
@@ -138,21 +141,21 @@ class _March:
         self.flat = None if task.efforts is not None else build_planar_march(mesh, task.passive)
         never_switches = len(self.phases) == 1 and self.phases[0].active.all()
         alone = self.flat is not None and task.settings.initial == "consistent" and never_switches
-        self.solver = None if alone else Solver.of(mesh, task.passive, task.efforts)
+        self.solver = None if alone else Solver.build_for(mesh, task.passive, task.efforts)
         rows = len(task.time) if task.part is None else min(len(task.time), task.part + 1)
         self.out = Trajectory.make_uninitialized(rows, mesh, len(build_constraint_rows(mesh).closure))
-        self.switching = Switching(mesh, self.phases[0], None if self.solver is None else self.solver.border.ties)
+        self.switching = PhaseHistory(mesh, self.phases[0], None if self.solver is None else self.solver.border.ties)
 
     def begin_next_part(self, origin: int) -> None:
         """Begin the next part with the last sample of this one, the kept sample ``origin`` [-]."""
         rows = len(self.out.iterations)
         left = len(self.task.time) - origin
         out = Trajectory.make_uninitialized(min(rows, left), self.task.mesh, self.out.multipliers.shape[1])
-        out.put(np.zeros(1, dtype=np.int64), self.out.rows(rows - 1, rows), np.ones(1, dtype=bool))
+        out.write_samples(np.zeros(1, dtype=np.int64), self.out.take_samples(rows - 1, rows), np.ones(1, dtype=bool))
         self.out = out
         self.origin = origin
 
-    def moved(self, ends: bool) -> FirstStep:
+    def collect_first_step(self, ends: bool) -> FirstStep:
         """Return the part that was marched last [m, rad, s, N], with the coordinates of passive joints and what acts on nodes."""
         task = self.task
         mesh = self.task.mesh
@@ -201,32 +204,34 @@ class _March:
         parts = 1
         begins = first == 0
         time = self.task.steps[first:last]
-        row = self.rows(first, last)
+        row = self.list_history_rows(first, last)
         if self.early > 0:
             last = min(last, first + self.early)
             scheme = build_start_scheme(scheme)
             parts = SUBSTEPS
             time = list_early_times(self.task.steps[first - 1 : last])
-            row = list_early_rows(self.rows(first, last))
+            row = list_early_rows(self.list_history_rows(first, last))
         given = self.task.before(time[1:] if begins else time)
         whole: Trajectory | None = None  # a trajectory of all instants, of which those that are kept are taken
         kernel: Callable[..., Status] = integrate_instants if self.flat is None else integrate_planar_motion
         if self.flat is not None:
             start = self.task.after(time[:1]) if begins else None
-            arguments = self.flat.arguments(scheme, start, given, row, self.out)
+            arguments = self.flat.prepare_arguments(scheme, start, given, row, self.out)
         else:
             solver = self._resolve_spatial_solver()
             if (np.diff(row) == 1).all() and row[0] >= 0:
-                out = self.out.rows(int(row[0]), int(row[-1]) + 1)
+                out = self.out.take_samples(int(row[0]), int(row[-1]) + 1)
             else:
-                out = whole = Trajectory.empty(len(row), mesh, self.out.multipliers.shape[1])
+                out = whole = Trajectory.make_zero(len(row), mesh, self.out.multipliers.shape[1])
             rel = Joints(*(np.ascontiguousarray(part) for part in compute_relative_motion(mesh, *given)))
-            instants = Instants(rel, build_load_table(mesh, time), solver.drives(time), solver.given(*given))
-            arguments = solver.arguments(scheme, instants, out)
+            instants = Instants(
+                rel, build_load_table(mesh, time), solver.evaluate_drives(time), solver.compute_coupling_terms(*given)
+            )
+            arguments = solver.prepare_arguments(scheme, instants, out)
 
         def end_leg(result: Status) -> int:
             if whole is not None:
-                self.out.put(row[row >= 0], whole, row >= 0)
+                self.out.write_samples(row[row >= 0], whole, row >= 0)
             self.check(result, time, begins, parts)
             if parts == 1:
                 self.early = EARLY * (result[0] == SUDDEN_START)
@@ -240,13 +245,13 @@ class _March:
 
     def check(self, result: Status, time: Array, begins: bool, parts: int = 1) -> None:
         """Raise the error [-] of `make_march_error` if there is one."""
-        turned = (self._resolve_spatial_solver() if self.flat is None else self.flat).turned
+        turned = (self._resolve_spatial_solver() if self.flat is None else self.flat).compute_section_turn
         if error := make_march_error(
             (self.task.mesh, self.task.passive), result, time, self.scheme.h, begins, turned, parts
         ):
             raise error
 
-    def rows(self, first: int, last: int) -> Indices:
+    def list_history_rows(self, first: int, last: int) -> Indices:
         """Return the rows that keep the samples from ``first`` to before ``last``, -1 for samples that are not kept [-]."""
         samples = np.arange(first, last)
         every = self.task.settings.every
@@ -268,7 +273,7 @@ class _March:
         """Solve the accelerations anew where those of the task jump, or go over to a phase; record the right-hand limit."""
         self.update_step(sample)
         flat = self.flat
-        row = self.rows(sample, sample + 1)
+        row = self.list_history_rows(sample, sample + 1)
         time = self.task.steps[sample : sample + 1]
         motion = self.task.after(time)
         now = float(time[0])
@@ -310,7 +315,8 @@ def make_march_error(
 
     marched : the mesh and its free joints
     result : status, instant, iterations or element, last relative increment [-]; begins : whether it begins at the first
-    turned : element -> by how much it had turned [rad], as `solver.Solver.turned`; parts : of a step, where they are the instants
+    turned : element -> by how much it had turned [rad], as `solver.Solver.compute_section_turn`;
+    parts : of a step, where they are the instants
     """
     status, instant, count, size = result
     if status in (CONVERGED, SUDDEN_START):

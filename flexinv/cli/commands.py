@@ -160,9 +160,9 @@ def info(model: Path) -> None:
     if mechanism.beams:
         mesh = build(mechanism)
         # with what follows from a damping ratio
-        found = find_plane(mesh)
+        plane = find_plane(mesh)
         mechanism = mesh.mechanism
-        where = f"in space: {found.reason}" if isinstance(found, NotPlanar) else "in a plane, three freedoms per node"
+        where = f"in space: {plane.reason}" if isinstance(plane, NotPlanar) else "in a plane, three freedoms per node"
         click.echo(f"\nbeams are solved {where}")
     for note in mechanism.notes:
         click.echo(f"\nnote: {note}")

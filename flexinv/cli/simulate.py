@@ -112,17 +112,17 @@ def follow_task(
     task = next(iter(tasks.values())) if name is None else tasks[name]
     size = task.step if step is None and accuracy is None else step
     subject = task.meshed(mechanism), task.path, task.frame
-    found = follow(*subject, size, task.before, task.after, task.start, accuracy=accuracy)
+    following = follow(*subject, size, task.before, task.after, task.start, accuracy=accuracy)
     click.echo(f"{mechanism.name}, task {task.name}: {task.title}" if task.title else f"{mechanism.name}, {task.name}")
-    way = found.path
-    click.echo(f"{way.text} of {way.length:.4g} m in {way.duration:g} s, from {found.time[0]:.4g} s on")
+    way = following.path
+    click.echo(f"{way.text} of {way.length:.4g} m in {way.duration:g} s, from {following.time[0]:.4g} s on")
     rows = {}
     units = dict(zip(mechanism.velocity_names, list_effort_units(mechanism), strict=True))
-    for kind, solution in found.feed_forwards.items():
-        off = found.distance(found.replay(kind))
+    for kind, solution in following.feed_forwards.items():
+        off = following.distance(following.replay(kind))
         peaks = zip(solution.torque_names, np.abs(solution.torque).max(axis=0), strict=True)
         rows[kind] = {"tip off by [m]": off.max(), "over the length [-]": off.max() / way.length}
         rows[kind] |= {f"peak {joint} [{units[joint]}]": peak for joint, peak in peaks}
     write_table(pd.DataFrame(rows).T, digits=4, index=True)
     if out is not None:
-        write(found.solution.whole_frame(), out)
+        write(following.solution.whole_frame(), out)

@@ -75,8 +75,8 @@ def _read_first_case(folder: Path, model: str) -> tuple[Mechanism, Case]:
 
 def _solve(folder: Path, model: str, error: bool = False) -> tuple[Mechanism, Case, Solution]:
     mechanism, case = _read_first_case(folder, model)
-    found = solve(mechanism, case.motion, step=case.step, start=case.start, initial=case.initial, error=error)
-    return mechanism, case, found
+    solution = solve(mechanism, case.motion, step=case.step, start=case.start, initial=case.initial, error=error)
+    return mechanism, case, solution
 
 
 def _run_planar_arm(folder: Path) -> None:

@@ -21,7 +21,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from flexinv.constraints.allocation_kernel import Shares, make_places, split_samples
+from flexinv.constraints.allocation_kernel import AllocatedEfforts, make_places, split_samples
 from flexinv.constraints.closures import Rows, build_constraint_rows, drop_rounding
 from flexinv.constraints.continuation_kernel import Chain, evaluate_jacobians
 from flexinv.errors import InputError
@@ -60,7 +60,7 @@ _KINDS = (
 
 def split_efforts(
     g: Array, tau_tree: Array, driven: Mask, weight: Array | None = None, constraints: Rows | None = None
-) -> Shares:
+) -> AllocatedEfforts:
     """Return actuator efforts and multipliers of  S tau_a + G^T lambda = tau_tree  [N m], [N].
 
     g : (samples, rows, nv); tau_tree : (samples, nv); driven : (nv,) bool; weight : (driven,) of the squares of tau_a [-], 1
@@ -76,11 +76,11 @@ def split_efforts(
         fronts = build_fronts(np.ones((rows, nv), dtype=bool), driven)
     else:
         scale = constraints.scale
-        fronts = constraints.fronts(last=driven)
+        fronts = constraints.build_fronts(last=driven)
     most = max(len(drives) - max(nv - rows, 1), 0)  # preloads: at least so many freedoms are left to move
     tau = np.zeros((samples, nv))
     preload = np.zeros((samples, nv, most))
-    made = Shares(tau, np.empty((samples, rows)), np.empty((samples, nv)), preload, np.empty(samples))
+    made = AllocatedEfforts(tau, np.empty((samples, rows)), np.empty((samples, nv)), preload, np.empty(samples))
     g = g / scale[:, None]
     width = np.full(samples, -1, dtype=np.int64)
     if rows and len(drives):
@@ -102,7 +102,7 @@ def split_efforts(
     return made._replace(multipliers=made.multipliers / scale)
 
 
-def split_by_svd(g: Array, tau_tree: Array, driven: Mask, root: Array) -> Shares:
+def split_by_svd(g: Array, tau_tree: Array, driven: Mask, root: Array) -> AllocatedEfforts:
     """Return `split_efforts` [N m], [N] where ranks may be in doubt; root : (driven,) square roots of the weights [-]."""
     samples, nv = tau_tree.shape
     left, values, right = np.linalg.svd(g)
@@ -131,7 +131,9 @@ def split_by_svd(g: Array, tau_tree: Array, driven: Mask, root: Array) -> Shares
     beyond = (driving[:, None] + np.arange(least))[:, :, None]
     preload = np.zeros((samples, nv, least))
     preload[:, driven] = np.take_along_axis(vt, beyond, axis=1).transpose(0, 2, 1) / root[:, None]
-    return Shares(tau, multipliers, tau_tree - tau - np.einsum("srv,sr->sv", g, multipliers), preload, condition)
+    return AllocatedEfforts(
+        tau, multipliers, tau_tree - tau - np.einsum("srv,sr->sv", g, multipliers), preload, condition
+    )
 
 
 def count_ranks(values: NDArray[np.floating[Any]]) -> NDArray[np.int64]:
@@ -143,7 +145,7 @@ def count_ranks(values: NDArray[np.floating[Any]]) -> NDArray[np.int64]:
 
 
 @dataclass(frozen=True, eq=False)
-class GivenLoops:
+class PrescribedLoops:
     """The closures of a mechanism, held against motions that are given."""
 
     mesh: Mesh
@@ -153,7 +155,7 @@ class GivenLoops:
         """Constraints of the closures [m], [-]."""
         return build_constraint_rows(self.mesh)
 
-    def jacobian(self, q: Array, qd: Array, qdd: Array, motion: NodalMotion | None = None) -> Array:
+    def compute_jacobian(self, q: Array, qd: Array, qdd: Array, motion: NodalMotion | None = None) -> Array:
         """Return G (samples, rows, nv) [m/rad], [-] of a consistent motion q (samples, nq), qd, qdd (samples, nv) [rad or m, s].
 
         motion : of the nodes, which is set, where it is wanted [m, rad, s]
@@ -184,7 +186,7 @@ class GivenLoops:
         worst = np.zeros((3, 2))
         at = np.zeros((3, 2), dtype=np.int64)
         frames = Frames(*(motion or NodalMotion.make_uninitialized(1, self.mesh.size)).parts)
-        chain = Chain.of(build_nodes(self.mesh), self.rows)
+        chain = Chain.build_for(build_nodes(self.mesh), self.rows)
         given = (make_contiguous(q), make_contiguous(qd), make_contiguous(qdd))
         evaluate_jacobians(chain, self.rows.scale, frames, given, g, worst, at)
         return drop_rounding(self.mesh, self.rows.direction, g), worst, at
@@ -200,22 +202,22 @@ class GivenLoops:
                     "of all joints as flexinv.solve returns them, or call flexinv.solve with the independent joints only"
                 )
 
-    def shares(self, q: Array, qd: Array, qdd: Array, tau: Array) -> Shares:
+    def compute_shares(self, q: Array, qd: Array, qdd: Array, tau: Array) -> AllocatedEfforts:
         """Return the drives' efforts and the multipliers [N m], [N] for the cut tree's efforts, tau (samples, nv): "
         "`split_efforts`.
 
         q : (samples, nq), qd, qdd : (samples, nv) of all joints [rad or m, s]
         Raises InputError for a motion that the closures do not allow, or that the drives cannot give.
         """
-        return self._shared(self.jacobian(q, qd, qdd), tau, np.arange(len(tau)))
+        return self._split_samples(self.compute_jacobian(q, qd, qdd), tau, np.arange(len(tau)))
 
     def apply_shares(self, which: Mask, q: Array, qd: Array, qdd: Array, tau: Array) -> None:
         """Put them into ``tau`` at some samples (samples,) of a motion that is known to keep the closures [N m], [N]."""
         samples = np.flatnonzero(which)
         g = self._evaluate_closures(q[samples], qd[samples], qdd[samples])[0]
-        tau[samples] = self._shared(g, tau[samples], samples).tau
+        tau[samples] = self._split_samples(g, tau[samples], samples).tau
 
-    def _shared(self, g: Array, tau: Array, samples: NDArray[np.int64]) -> Shares:
+    def _split_samples(self, g: Array, tau: Array, samples: NDArray[np.int64]) -> AllocatedEfforts:
         m = self.mesh.mechanism
         shares = split_efforts(g, tau, m.actuated, m.weights[m.actuated], self.rows)
         largest = max(np.abs(tau).max(initial=0.0), np.abs(shares.multipliers).max(initial=0.0))

@@ -29,7 +29,7 @@ _TINY = 1e-300  # keeps 0 / 0 away where nothing is to be turned
 
 
 @send_by_address
-class Shares(NamedTuple):
+class AllocatedEfforts(NamedTuple):
     """Torques of a closed mechanism.
 
     tau : (samples, nv) effort of the drives [N m], [N], zero on passive coordinates
@@ -46,7 +46,7 @@ class Shares(NamedTuple):
 
 
 @send_by_address
-class Place(NamedTuple):
+class AllocationWork(NamedTuple):
     """Data and work space of the effort allocation kernel.
 
     drives : (drives,) velocity coordinates; root : (drives,) square roots of the weights
@@ -65,7 +65,7 @@ class Place(NamedTuple):
     turn: Array  # (2, lanes)
 
 
-def make_places(fronts: Fronts, rows: int, drives: NDArray[np.int64], root: Array) -> Place:
+def make_places(fronts: Fronts, rows: int, drives: NDArray[np.int64], root: Array) -> AllocationWork:
     """Return the arrays of the kernel [any unit] for G of so many rows, with so many freedoms as there are drives at most."""
     nv = fronts.columns
     most = len(drives)
@@ -73,8 +73,8 @@ def make_places(fronts: Fronts, rows: int, drives: NDArray[np.int64], root: Arra
     h = np.zeros((most, most, SAMPLES_OF_BLOCK))
     y, x, turn = (np.zeros((size, SAMPLES_OF_BLOCK)) for size in (rows + nv, nv, 2))
     whole = build_fronts(np.ones((most, most), dtype=bool))
-    closing, driving = (FrontFactors.of(one, SAMPLES_OF_BLOCK) for one in (fronts, whole))
-    return Place(drives, root, fronts, closing, whole, driving, motions, h, y, x, turn)
+    closing, driving = (FrontFactors.build_for(one, SAMPLES_OF_BLOCK) for one in (fronts, whole))
+    return AllocationWork(drives, root, fronts, closing, whole, driving, motions, h, y, x, turn)
 
 
 @jit_inner
@@ -84,7 +84,7 @@ def _compute_allowed_motions(place, freedoms):
     fronts = place.fronts
     free = 0
     for f in range(fronts.parent.shape[0]):
-        for at in range(fronts.first[f], fronts.first[f] + fronts.own[f]):
+        for at in range(fronts.first[f], fronts.first[f] + fronts.pivots[f]):
             if place.closing.pivot[at] < 0:
                 place.motions[free] = 0.0
                 place.motions[free, fronts.column[at]] = 1.0
@@ -218,7 +218,7 @@ def _close(place, s, g, left, multipliers):
 def split_samples(place, g, tree, out, width):
     """Share out the efforts ``tree`` (samples, nv) [N m], [N].
 
-    g : (samples, rows, nv); out : `Shares`, tau zero on entry; as `allocation.share_out`
+    g : (samples, rows, nv); out : `AllocatedEfforts`, tau zero on entry; as `allocation.share_out`
     width : (samples,) of preload [-], -1 where a rank is in doubt.  Lanes beyond the last sample repeat it.
     """
     samples = tree.shape[0]

@@ -151,15 +151,15 @@ def compute_constraint_jacobian(mesh: Mesh, motion: NodalMotion, rows: Rows) -> 
 
 def _build_jacobian_pattern(mesh: Mesh, a: NDArray[np.int64], b: NDArray[np.int64], gear: Array) -> Mask:
     """Mask (rows, nv) of entries that G may have: joints on one way only from a row's nodes to the world, and of its coupling."""
-    found = np.asarray(gear != 0.0)
+    jacobian_pattern = np.asarray(gear != 0.0)
     for k, ends in enumerate(zip(a.tolist(), b.tolist(), strict=True)):
         for node in ends:
             while node >= 0:
                 first = mesh.v_index[node]
                 if first >= 0:
-                    found[k, first : first + mesh.freedoms[node]] ^= True
+                    jacobian_pattern[k, first : first + mesh.freedoms[node]] ^= True
                 node = mesh.parent[node]
-    return found
+    return jacobian_pattern
 
 
 @make_owner_cache()

@@ -58,7 +58,7 @@ class Mobility:
 
 def compute_mobility(mesh: Mesh, q: Array) -> Mobility:
     """Return the freedoms and the redundant constraints [-] of a mechanism, at t = 0 and a configuration q (nq,) closed then."""
-    rank = _compute_rank(g := build_start_follower(mesh).closures(q)[1])
+    rank = _compute_rank(g := build_start_follower(mesh).evaluate_closures(q)[1])
     return Mobility(mesh.mechanism.nv - rank, len(g), len(g) - rank)
 
 
@@ -66,7 +66,7 @@ def find_closed_near(mesh: Mesh, guess: Array) -> Array:
     """Return a configuration (nq,) [rad], [m] closed at t = 0 near a guess (nq,): every coordinate may move, least squares.
     Raises ConvergenceError, which names the closure that stays open.
     """
-    return build_start_follower(mesh).start(0.0, guess)
+    return build_start_follower(mesh).find_start(0.0, guess)
 
 
 def _compute_rank(matrix: Array) -> int:
@@ -90,7 +90,7 @@ def solve_closed_motion(
     given = history(time)
     follower = Follower(mesh, build_constraint_rows(mesh) if rows is None else rows, unknown)
     q = np.array(given[0])
-    q[0] = follower.start(float(time[0]), q[0] if start is None else np.where(follower.owned, start, q[0]))
+    q[0] = follower.find_start(float(time[0]), q[0] if start is None else np.where(follower.owned, start, q[0]))
     follower.check_freedoms(q[0], float(time[0]), phase=rows is not None)
     chain, problem = follower.make_kernel_arguments()
     problem = problem._replace(before=np.zeros(len(problem.fronts.entry)), change=np.zeros(len(time)))
@@ -99,7 +99,7 @@ def solve_closed_motion(
     k = 1
     while (k := find_branch(chain, problem, np.array(time), q, qd, qdd, condition, k)) < len(time):
         try:
-            q[k] = follower.advance(history, q[k - 1], float(time[k - 1]), float(time[k]))
+            q[k] = follower.find_next_configuration(history, q[k - 1], float(time[k - 1]), float(time[k]))
         except ConvergenceError:  # Newton may go a little beyond the end, or not quite up to it
             found = find_within(follower.build_branch(history, knots), time, q, problem.change, k - 1)
             if found is None:
@@ -125,9 +125,9 @@ def solve_closed_start(
     Raises ConvergenceError when the loops cannot be closed.
     """
     follower = Follower(mesh, rows, unknown)
-    if (closed := follower.closed(*guess)) is not None:
+    if (closed := follower.find_closed_state(*guess)) is not None:
         return closed
-    q = follower.start(time, guess[0])
+    q = follower.find_start(time, guess[0])
     qd = guess[1].copy()
     qdd = guess[2].copy()
     sets = [unknown] if stated is None else [unknown & ~stated, unknown]
@@ -176,13 +176,13 @@ class Follower:
 
     @cached_property
     def _chain(self) -> Chain:
-        return Chain.of(build_nodes(self.mesh), self.rows)
+        return Chain.build_for(build_nodes(self.mesh), self.rows)
 
     def make_kernel_arguments(self) -> tuple[Chain, Continuation]:
         """Return the arguments of `continuation_kernel` [m], [-]."""
         m = self.mesh.mechanism
         places = np.flatnonzero(self.unknown)
-        fronts = self.rows.fronts(self.unknown)
+        fronts = self.rows.build_fronts(self.unknown)
         count = len(self.rows.closure)
         free = len(places)
         problem = Continuation(
@@ -192,7 +192,7 @@ class Follower:
             sizes=list_coordinate_scales(self.mesh),
             g=np.zeros((count, m.nv)),
             fronts=fronts,
-            qr=FrontFactors.of(fronts),
+            qr=FrontFactors.build_for(fronts),
             y=np.zeros((count, 1)),
             x=np.zeros((free, 1)),
             sign=np.zeros((free, 1)),
@@ -203,7 +203,7 @@ class Follower:
         )
         return self._chain, problem
 
-    def closed(self, q: Array, qd: Array, qdd: Array) -> Triple | None:
+    def find_closed_state(self, q: Array, qd: Array, qdd: Array) -> Triple | None:
         """Return the closed state near one, compiled [rad or m, s]; None where closures leave something open or Newton fails."""
         chain, problem = self.make_kernel_arguments()
         anywhere = problem._replace(sizes=np.full(len(q), np.inf))
@@ -264,13 +264,13 @@ class Follower:
         back = step**2 * np.maximum(accelerations[1:], accelerations[:-1])
         history, knots = given
         branch = self.build_branch(history, knots)
-        if (found := find_singular(branch, time, q, condition, change, (way, back))) is not None:
-            raise self._make_singular_error(found, f"above {WORST_CONDITION:.0e}")
+        if (singular := find_singular(branch, time, q, condition, change, (way, back))) is not None:
+            raise self._make_singular_error(singular, f"above {WORST_CONDITION:.0e}")
 
     def build_branch(self, history: JointHistory, knots: tuple[float, ...]) -> Branch:
         """Return the branch on which a motion with knots at some times [s] moves, for the search between samples."""
         return Branch(
-            lambda times, start: self._followed(history, times, start),
+            lambda times, start: self._sample_branch(history, times, start),
             self._compute_passive_columns,
             knots,
             self._find_single_driver(history),
@@ -291,7 +291,7 @@ class Follower:
         _, g = evaluate_closures(self.mesh, compute_rigid_motion(self.mesh, q, rest, rest), self.rows)
         return (g * list_velocity_scales(self.mesh) / self.rows.scale[:, None])[:, :, self.unknown]
 
-    def _followed(self, history: JointHistory, times: Array, start: Array) -> Array:
+    def _sample_branch(self, history: JointHistory, times: Array, start: Array) -> Array:
         """Places (m, nq) of the branch at the m first times that it reaches, from one at the first (nq,).
 
         Where the way to the next time is too far for one step it is gone in parts, as `advance` does.
@@ -314,7 +314,7 @@ class Follower:
             reached += 1
         return q[:reached]
 
-    def closures(self, q: Array) -> tuple[Array, Array]:
+    def evaluate_closures(self, q: Array) -> tuple[Array, Array]:
         """Return phi (rows,) [-] and its gradient (rows, nv) [-], lengths and slides over the mechanism's length."""
         scale = self.rows.scale
         rest = np.zeros(self.mesh.mechanism.nv)
@@ -331,17 +331,17 @@ class Follower:
         """Newton from a guess (nq,) [rad], [m]; None if the loops do not close."""
         sizes = list_velocity_scales(self.mesh)
         for _ in range(kernel.MOST_ITERATIONS):
-            phi, g = self.closures(q)
+            phi, g = self.evaluate_closures(q)
             if not np.isfinite(phi).all():
                 return None
             step = np.zeros(self.mesh.mechanism.nv)
             step[self.unknown] = -np.linalg.lstsq(g[:, self.unknown], phi, rcond=REDUNDANT)[0]
             q = integrate_configuration(self.mesh.mechanism, q, sizes * step)
             if np.abs(step).max(initial=0.0) < kernel.LAST_INCREMENT:
-                return q if np.abs(self.closures(q)[0]).max(initial=0.0) < kernel.CLOSED else None
+                return q if np.abs(self.evaluate_closures(q)[0]).max(initial=0.0) < kernel.CLOSED else None
         return None
 
-    def start(self, time: float, guess: Array) -> Array:
+    def find_start(self, time: float, guess: Array) -> Array:
         """Return the closed configuration (nq,) [rad], [m] near a guess at a time [s]; OpenLoops names what stays open."""
         if (q := self.solve(guess)) is None:
             raise make_open_loops_error(self, time, guess)
@@ -353,7 +353,7 @@ class Follower:
         In a phase it may give more, as the loops have closed on what it gives; the unknown ones must follow all the same.
         """
         m = self.mesh.mechanism
-        _, g = self.closures(q)
+        _, g = self.evaluate_closures(q)
         if phase:
             if loose := int(self.unknown.sum()) - _compute_rank(g[:, self.unknown]):
                 names = ", ".join(n for n, u in zip(m.velocity_names, self.unknown, strict=True) if u)
@@ -373,7 +373,7 @@ class Follower:
                 f"{free} of " + ", ".join(m.velocity_names)
             )
 
-    def advance(self, history: JointHistory, q: Array, before: float, after: float) -> Array:
+    def find_next_configuration(self, history: JointHistory, q: Array, before: float, after: float) -> Array:
         """Follow the branch from one time to the next [s], in halves where the prediction is poor."""
         done = 0.0
         part = 1.0
@@ -387,7 +387,7 @@ class Follower:
                 continue
             part *= 0.5
             if part * (after - before) < END_OF_BRANCH:
-                rest = self.closures(q)[1][:, self.unknown]
+                rest = self.evaluate_closures(q)[1][:, self.unknown]
                 condition = np.linalg.cond(rest) if rest.size else np.inf
                 raise self.end_of_branch(now, f"{condition:.1e}")
         return q
@@ -403,18 +403,18 @@ class Follower:
     def _solve_step(self, history: JointHistory, q: Array, before: float, after: float) -> Array | None:
         sizes = list_velocity_scales(self.mesh)
         given = history(np.array([after]))[0][0]
-        _, g = self.closures(q)
+        _, g = self.evaluate_closures(q)
         rate = np.where(self.unknown, 0.0, history(np.array([before]))[1][0]) / sizes
         rate[self.unknown] = -np.linalg.lstsq(g[:, self.unknown], g @ rate, rcond=REDUNDANT)[0]
         guess = np.where(
             self.owned, integrate_configuration(self.mesh.mechanism, q, (after - before) * sizes * rate), given
         )
-        found = self.solve(guess)
+        solution = self.solve(guess)
         most = kernel.LARGEST_SURPRISE * list_coordinate_scales(self.mesh)
-        return None if found is None or (np.abs(found - guess) > most).any() else found
+        return None if solution is None or (np.abs(solution - guess) > most).any() else solution
 
 
 def build_start_follower(mesh: Mesh) -> Follower:
     """Return Newton on the closures that act at t = 0, in which all coordinates [rad], [m] move."""
-    rows = build_constraint_rows(mesh).of(closures.find_acting_closures(mesh.mechanism, 0.0))
+    rows = build_constraint_rows(mesh).take_active(closures.find_acting_closures(mesh.mechanism, 0.0))
     return Follower(mesh, rows, np.ones(mesh.mechanism.nv, dtype=bool))

@@ -52,7 +52,7 @@ class Chain(NamedTuple):
     phi: Array  # (rows, 3) closure equations and their rates
 
     @classmethod
-    def of(cls, nodes: Nodes, rows: Rows) -> Chain:
+    def build_for(cls, nodes: Nodes, rows: Rows) -> Chain:
         """Return the chain with arrays for its motion [m, rad, s]."""
         size = len(nodes.parent)
         one = np.zeros((10, size, 3))

@@ -53,7 +53,7 @@ class Rows(NamedTuple):
     last: NDArray[np.int64]
     place: NDArray[np.int64]
 
-    def of(self, active: Mask) -> Rows:
+    def take_active(self, active: Mask) -> Rows:
         """Return the rows of the closures that are ``active`` (closures,)."""
         if active.all():
             return self
@@ -61,7 +61,7 @@ class Rows(NamedTuple):
         parts["last"] = np.searchsorted(parts["closure"], parts["closure"], side="right")
         return self._replace(**parts)
 
-    def fronts(self, columns: Mask | None = None, last: Mask | None = None) -> Fronts:
+    def build_fronts(self, columns: Mask | None = None, last: Mask | None = None) -> Fronts:
         """Return the fronts of some ``columns`` (nv,) of G [-], all by default, those of ``last`` (nv,) after all others."""
         own = np.ones(len(self.place), dtype=bool) if columns is None else columns
         return build_fronts(self.pattern[:, own], None if last is None else last[own])

@@ -14,7 +14,14 @@ import numpy as np
 from flexinv.constraints.allocation import STILL_RATE, count_ranks
 from flexinv.constraints.closures import Rows, build_constraint_rows, find_acting_closures, list_velocity_scales
 from flexinv.constraints.continuation import Follower, build_start_follower, close_rates, solve_closed_start
-from flexinv.constraints.joint_words import find_owner, find_place, write_numbers, write_start, write_unit, write_value
+from flexinv.constraints.joint_descriptions import (
+    find_owner,
+    find_place,
+    write_numbers,
+    write_start,
+    write_unit,
+    write_value,
+)
 from flexinv.constraints.open_loops import TRIES, find_nearest_closed
 from flexinv.errors import ConvergenceError, InputError
 from flexinv.kinematics.mesh import Mesh
@@ -44,7 +51,7 @@ CLOSED_PLACES = 4  # closed ones that are looked at where the loops do not close
 
 
 @dataclass(frozen=True)
-class Stated:
+class StatedStart:
     """Known values of a start: q (nq,), qd, qdd (nv,) [rad or m, s] with zeros or guesses where nothing is stated.
 
     places, rates : (nv,) what is stated; passive : (nv,) coordinates of joints without a drive, or that no motion gives
@@ -60,7 +67,7 @@ class Stated:
     place: float = TYPED_DIGITS
     rate: float = TYPED_DIGITS
 
-    def missed(self, off: Array) -> tuple[float, float, float]:
+    def compute_deviations(self, off: Array) -> tuple[float, float, float]:
         """Return by how much drives, and all joints, are further off than they may be, and how far they are (nv,) [-]."""
         drives = np.where(self.passive, 0.0, off).max(initial=0.0)
         all_ = off.max(initial=0.0)
@@ -72,35 +79,35 @@ class Stated:
         return [one for k, one in enumerate(order) if not any((one == other).all() for other in order[:k])]
 
 
-def find_consistent_start(mesh: Mesh, given: Stated, rows: Rows, time: float) -> Triple:
+def find_consistent_start(mesh: Mesh, start: StatedStart, rows: Rows, time: float) -> Triple:
     """Return q (nq,), qd, qdd (nv,) [rad or m, s] on the closures ``rows`` at a time [s], with all that is stated.
     Raises InputError where the closures contradict what is stated, ConvergenceError where the loops do not close.
     """
-    sets = given.list_movable_sets(given.places)
-    if (q := _find_configuration(mesh, given, rows, sets)) is None:
-        Follower(mesh, rows, sets[-1]).start(time, given.q)  # says which closure stays open
+    sets = start.list_movable_sets(start.places)
+    if (q := _find_configuration(mesh, start, rows, sets)) is None:
+        Follower(mesh, rows, sets[-1]).find_start(time, start.q)  # says which closure stays open
         raise AssertionError("the loops close from the start")
-    off = compute_start_offset(mesh, given.places, given.q, q)
-    if given.missed(off)[:2] != (0.0, 0.0):
-        raise _make_contradiction_error(mesh, "start", given.places, given.q, q, off, time)
-    qd = given.qd.copy()
-    qdd = given.qdd.copy()
-    close_rates(mesh, rows, q, qd, qdd, given.list_movable_sets(given.rates), orders=(1,))
-    check_rates(mesh, given.rates, given.qd, qd, time, given.rate)
-    close_rates(mesh, rows, q, qd, qdd, given.list_movable_sets(np.zeros_like(given.rates)), orders=(2,))
+    off = compute_start_offset(mesh, start.places, start.q, q)
+    if start.compute_deviations(off)[:2] != (0.0, 0.0):
+        raise _make_contradiction_error(mesh, "start", start.places, start.q, q, off, time)
+    qd = start.qd.copy()
+    qdd = start.qdd.copy()
+    close_rates(mesh, rows, q, qd, qdd, start.list_movable_sets(start.rates), orders=(1,))
+    check_rates(mesh, start.rates, start.qd, qd, time, start.rate)
+    close_rates(mesh, rows, q, qd, qdd, start.list_movable_sets(np.zeros_like(start.rates)), orders=(2,))
     return q, qd, qdd
 
 
-def check_static(mesh: Mesh, given: Stated, begun: Array, rate: Array, q: Array, qd: Array, time: float) -> None:
+def check_static(mesh: Mesh, start: StatedStart, begun: Array, rate: Array, q: Array, qd: Array, time: float) -> None:
     """Raise InputError unless what is stated is where the loops were closed unbent, or where beams have come to rest.
 
     begun (nq,), rate (nv,) : unbent; q (nq,), qd (nv,) : at rest under gravity and loads [rad], [m], [1/s]
     """
-    off = np.minimum(*(compute_start_offset(mesh, given.places, given.q, one) for one in (begun, q)))
+    off = np.minimum(*(compute_start_offset(mesh, start.places, start.q, one) for one in (begun, q)))
     if off.max(initial=0.0) > TYPED_DIGITS:
-        raise _make_contradiction_error(mesh, "start", given.places, given.q, q, off, time)
-    nearer = np.where(np.abs(rate - given.qd) < np.abs(qd - given.qd), rate, qd)
-    check_rates(mesh, given.rates, given.qd, nearer, time)
+        raise _make_contradiction_error(mesh, "start", start.places, start.q, q, off, time)
+    nearer = np.where(np.abs(rate - start.qd) < np.abs(qd - start.qd), rate, qd)
+    check_rates(mesh, start.rates, start.qd, nearer, time)
 
 
 def compute_start_offset(mesh: Mesh, stated: Mask, guess: Array, q: Array) -> Array:
@@ -110,18 +117,18 @@ def compute_start_offset(mesh: Mesh, stated: Mask, guess: Array, q: Array) -> Ar
     )
 
 
-def _find_configuration(mesh: Mesh, given: Stated, rows: Rows, sets: Sequence[Mask]) -> Array | None:
+def _find_configuration(mesh: Mesh, start: StatedStart, rows: Rows, sets: Sequence[Mask]) -> Array | None:
     """The closed configuration (nq,) that keeps what is stated, or comes nearest to it.
 
     Newton sets out from the start, and from where what is not stated has been brought as close to closed as it can be; where that
     keeps not all, one joint after the other is held alone.
     """
     best: tuple[tuple[float, float, float], Array] | None = None
-    for held, free in _list_attempts(mesh, given, rows, sets):
+    for held, free in _list_attempts(mesh, start, rows, sets):
         if (q := Follower(mesh, rows, free).solve(held)) is None:
             continue
-        q = convert_to_nearest_turn(mesh.mechanism, given.q, q)
-        missed = given.missed(compute_start_offset(mesh, given.places, given.q, q))
+        q = convert_to_nearest_turn(mesh.mechanism, start.q, q)
+        missed = start.compute_deviations(compute_start_offset(mesh, start.places, start.q, q))
         if best is None or missed < best[0]:
             best = missed, q
         if missed[:2] == (0.0, 0.0):
@@ -129,21 +136,21 @@ def _find_configuration(mesh: Mesh, given: Stated, rows: Rows, sets: Sequence[Ma
     return None if best is None else best[1]
 
 
-def _list_attempts(mesh: Mesh, given: Stated, rows: Rows, sets: Sequence[Mask]) -> Iterator[tuple[Array, Mask]]:
+def _list_attempts(mesh: Mesh, start: StatedStart, rows: Rows, sets: Sequence[Mask]) -> Iterator[tuple[Array, Mask]]:
     """Return the start of Newton's iteration (nq,), and which coordinates (nv,) it moves."""
     m = mesh.mechanism
     every = sets[-1]
     follower = Follower(mesh, rows, every)
     for k, free in enumerate(sets):
-        yield given.q, free
+        yield start.q, free
         if k == 0:
-            held = find_nearest_closed(replace(follower, unknown=every & ~given.places), given.q)
+            held = find_nearest_closed(replace(follower, unknown=every & ~start.places), start.q)
         yield held, free
     for joint in m.joints:
-        own = build_joint_mask(m, {joint.name}) & given.places & given.passive
+        own = build_joint_mask(m, {joint.name}) & start.places & start.passive
         if own.any():
-            moves = (given.passive | ~given.places) & every
-            yield find_nearest_closed(replace(follower, unknown=moves & ~own), given.q), moves
+            moves = (start.passive | ~start.places) & every
+            yield find_nearest_closed(replace(follower, unknown=moves & ~own), start.q), moves
 
 
 def convert_to_nearest_turn(mechanism: Mechanism, guess: Array, q: Array) -> Array:
@@ -166,16 +173,18 @@ def find_picked_start(
 
     passive : (nv,) coordinates that no motion gives, at their start if it is stated; q, qd, qdd : of all joints at a time [s]
     """
-    rows = build_constraint_rows(mesh).of(find_acting_closures(mesh.mechanism, time))
-    given = Stated(q, qd, qdd, places=stated & passive, rates=np.zeros_like(stated), passive=passive, place=SAME_BRANCH)
+    rows = build_constraint_rows(mesh).take_active(find_acting_closures(mesh.mechanism, time))
+    stated_start = StatedStart(
+        q, qd, qdd, places=stated & passive, rates=np.zeros_like(stated), passive=passive, place=SAME_BRANCH
+    )
     follower = Follower(mesh, rows, passive)
-    if follower.closed(q, qd, qdd) is None and follower.solve(q) is None:
-        return _find_configuration(mesh, given, rows, [passive])
+    if follower.find_closed_state(q, qd, qdd) is None and follower.solve(q) is None:
+        return _find_configuration(mesh, stated_start, rows, [passive])
     plain = solve_closed_start(mesh, (q, qd, qdd), time, passive, rows)[0]
     near = convert_to_nearest_turn(mesh.mechanism, q, plain)
-    if compute_start_offset(mesh, given.places, q, plain).max(initial=0.0) <= SAME_BRANCH:
+    if compute_start_offset(mesh, stated_start.places, q, plain).max(initial=0.0) <= SAME_BRANCH:
         return None if np.allclose(near, plain, rtol=0.0, atol=ANOTHER_BRANCH) else near
-    return _find_configuration(mesh, given, rows, [passive])
+    return _find_configuration(mesh, stated_start, rows, [passive])
 
 
 def find_closed_at(mesh: Mesh, q: Array, drives_move: bool = False) -> Array:
@@ -189,15 +198,17 @@ def find_closed_at(mesh: Mesh, q: Array, drives_move: bool = False) -> Array:
     follower = build_start_follower(mesh)
     passive = build_joint_mask(m, {j.name for j in m.joints if not j.actuated})
     every = follower.unknown
-    given = Stated(q, rest, rest, places=every, rates=~every, passive=passive, place=SAME_BRANCH)
+    stated_start = StatedStart(q, rest, rest, places=every, rates=~every, passive=passive, place=SAME_BRANCH)
     if (
-        found := _find_configuration(mesh, given, follower.rows, [passive, every] if drives_move else [passive])
+        configuration := _find_configuration(
+            mesh, stated_start, follower.rows, [passive, every] if drives_move else [passive]
+        )
     ) is None:
-        return follower.start(0.0, q) if drives_move else q
-    off = compute_start_offset(mesh, ~passive, q, found)
+        return follower.find_start(0.0, q) if drives_move else q
+    off = compute_start_offset(mesh, ~passive, q, configuration)
     if off.max(initial=0.0) > TYPED_DIGITS:
-        raise _make_contradiction_error(mesh, "q", ~passive, q, found, off, 0.0)
-    return found
+        raise _make_contradiction_error(mesh, "q", ~passive, q, configuration, off, 0.0)
+    return configuration
 
 
 def find_closed_anywhere(mesh: Mesh, q: Array) -> Array:
@@ -224,8 +235,10 @@ def find_closed_anywhere(mesh: Mesh, q: Array) -> Array:
         if len(found) == CLOSED_PLACES:
             break
     if not found:
-        return follower.start(0.0, q)
-    return max(found, key=lambda place: int(count_ranks(np.linalg.svd(follower.closures(place)[1], compute_uv=False))))
+        return follower.find_start(0.0, q)
+    return max(
+        found, key=lambda place: int(count_ranks(np.linalg.svd(follower.evaluate_closures(place)[1], compute_uv=False)))
+    )
 
 
 def list_closed_nearby(mesh: Mesh, q: Array) -> list[Array]:
@@ -233,15 +246,15 @@ def list_closed_nearby(mesh: Mesh, q: Array) -> list[Array]:
     m = mesh.mechanism
     random = np.random.default_rng(1)
     follower = build_start_follower(mesh)
-    found = []
-    _, values, right = np.linalg.svd(follower.closures(q)[1])
+    closed_nearby = []
+    _, values, right = np.linalg.svd(follower.evaluate_closures(q)[1])
     allowed = right[int(count_ranks(values)) if len(values) else 0 :]
     for size in AWAY if len(allowed) else ():
         along = allowed.T @ random.normal(size=len(allowed))
         step = size * list_velocity_scales(mesh) * along / np.abs(along).max()
         if (place := follower.solve(integrate_configuration(m, q, step))) is not None:
-            found.append(place)
-    return found
+            closed_nearby.append(place)
+    return closed_nearby
 
 
 def check_branch(mesh: Mesh, names: Collection[str], guess: Array, q: Array) -> None:
@@ -282,9 +295,9 @@ def build_joint_mask(mechanism: Mechanism, names: Collection[str]) -> Mask:
 
 
 def _make_contradiction_error(
-    mesh: Mesh, argument: str, stated: Mask, given: Array, found: Array, off: Array, time: float
+    mesh: Mesh, argument: str, stated: Mask, given: Array, values: Array, off: Array, time: float
 ) -> InputError:
-    """The error for values ``given`` by an argument that the closures contradict: they are ``off`` (nv,) what is ``found``."""
+    """The error for values ``given`` by an argument that the closures contradict: they are ``off`` (nv,) what is ``values``."""
     m = mesh.mechanism
     places = argument != "start_rate"
     worst = find_owner(m, int(np.argmax(off))).name
@@ -294,8 +307,8 @@ def _make_contradiction_error(
     follow = " into its places" if argument == "q" else ", or leave out the joints that shall follow"
     return InputError(
         f"mechanism '{m.name}', t = {time:g} s: {argument} of joint '{worst}' is {write_value(m, worst, given, places)}, the "
-        f"closures give {write_value(m, worst, found, places)}{f' with {others}' if others else ''}; write "
-        f"{argument}={write_start(m, names, found, places)}{follow}"
+        f"closures give {write_value(m, worst, values, places)}{f' with {others}' if others else ''}; write "
+        f"{argument}={write_start(m, names, values, places)}{follow}"
     )
 
 

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from flexinv.constraints.closures import list_velocity_scales
-from flexinv.constraints.joint_words import write_start
+from flexinv.constraints.joint_descriptions import write_start
 from flexinv.errors import OpenLoops
 from flexinv.kinematics.nodal_motion import integrate_configuration
 from flexinv.typing import Array
@@ -50,7 +50,7 @@ def find_nearest_closed(follower: Follower, q: Array) -> Array:
     sizes = list_velocity_scales(follower.mesh)
     damping = 1e-3
     free = follower.unknown
-    phi, g = follower.closures(q)
+    phi, g = follower.evaluate_closures(q)
     for _ in range(MOST_STEPS if free.any() else 0):
         a = g[:, free]
         step = np.zeros(m.nv)
@@ -59,7 +59,7 @@ def find_nearest_closed(follower: Follower, q: Array) -> Array:
         step[free] = -np.linalg.solve(normal, a.T @ phi)
         step *= min(1.0, LONGEST_STEP / max(np.abs(step).max(), SMALL_STEP))
         tried = integrate_configuration(m, q, sizes * step)
-        found, gradient = follower.closures(tried)
+        found, gradient = follower.evaluate_closures(tried)
         if not found @ found < phi @ phi:
             damping *= 8.0
             continue
@@ -113,9 +113,9 @@ def _find_closed(follower: Follower, guess: Array) -> tuple[Array | None, Array]
     for k in range(TRIES + 1):
         begin = guess if k == 0 else integrate_configuration(m, guess, sizes * random.uniform(-np.pi, np.pi, m.nv))
         near = find_nearest_closed(follower, begin)
-        if (found := follower.solve(near)) is not None:
-            return found, found
-        if (left := float(np.linalg.norm(follower.closures(near)[0]))) < least:
+        if (solution := follower.solve(near)) is not None:
+            return solution, solution
+        if (left := float(np.linalg.norm(follower.evaluate_closures(near)[0]))) < least:
             nearest = near
             least = left
     return None, nearest
@@ -123,7 +123,7 @@ def _find_closed(follower: Follower, guess: Array) -> tuple[Array | None, Array]
 
 def _describe_largest_gap(follower: Follower, q: Array) -> str:
     """The closure that is open most, and its gap."""
-    phi = np.abs(follower.closures(q)[0])
+    phi = np.abs(follower.evaluate_closures(q)[0])
     rows = follower.rows
     worst = int(np.argmax(phi))
     name = follower.mesh.mechanism.closures[int(rows.closure[worst])].name

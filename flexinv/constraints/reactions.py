@@ -73,7 +73,9 @@ def compute_phased_wrenches(
     """Return the nodal forces and wrenches of `compute_closure_wrenches` [N], [N m], with the frames of each phase."""
     if len(stretches) == 1:
         return compute_closure_wrenches(mesh, motion, stretches[0].rows, multipliers)
-    parts = [compute_closure_wrenches(mesh, motion.samples(s.span), s.rows, multipliers[s.span]) for s in stretches]
+    parts = [
+        compute_closure_wrenches(mesh, motion.take_samples(s.span), s.rows, multipliers[s.span]) for s in stretches
+    ]
     force, moment = (np.concatenate([getattr(own, name) for own, _ in parts]) for name in ("force", "moment"))
     return NodalForces(force, moment), {name: np.concatenate([own[name] for _, own in parts]) for name in parts[0][1]}
 

@@ -106,9 +106,9 @@ def find_singular(
         return None
     done = np.cumsum(change)
     for k in intervals[_find_doubtful_intervals(branch, q, intervals, reach + bend)].tolist():
-        found = _find_between_samples(branch, time, q, done, k)
-        if found is not None:
-            return found
+        singular = _find_between_samples(branch, time, q, done, k)
+        if singular is not None:
+            return singular
     return None
 
 
@@ -167,13 +167,13 @@ def _find_in_interval(branch: Branch, start: float, end: float, q: Array, earlie
         ends = float(times[k]), float(times[k + 1])
         before = (float(times[k - 1]), places[k - 1]) if k and change[k - 1] > REGULAR else earlier
         if k < len(held) and change[k] > SHORT and ends[1] - ends[0] > SAME_ESTIMATE:
-            found = _find_in_interval(branch, *ends, places[k], before)
+            interval = _find_in_interval(branch, *ends, places[k], before)
         elif branch.coordinate is not None:
-            found = _find_by_coordinate(branch, branch.coordinate, (before[0], ends[1], end), before[1])
+            interval = _find_by_coordinate(branch, branch.coordinate, (before[0], ends[1], end), before[1])
         else:
-            found = _find_by_extrapolation(branch, before[0], ends[1], before[1])
-        if found is not None:
-            return found
+            interval = _find_by_extrapolation(branch, before[0], ends[1], before[1])
+        if interval is not None:
+            return interval
     return None
 
 
@@ -224,9 +224,9 @@ def _find_by_coordinate(
     inside = [knot for knot in branch.knots if span[0] < knot < last]
     ahead = 1.0 if star > float(coordinate(np.array([span[0]]))[0]) else -1.0
     pieces = fit_pieces(lambda at: ahead * coordinate(at)[:, None], [span[0], *inside, last])
-    most, when = pieces.largest(0)
+    most, when = pieces.find_largest(0)
     if most > ahead * star + EXTRAPOLATED:
-        return pieces.reach(0, ahead * star)
+        return pieces.find_crossing(0, ahead * star)
     near = max(abs(slope) / WORST_CONDITION, EXTRAPOLATED)
     goes_on = when == last and most < ahead * star - EXTRAPOLATED  # what follows says more
     return None if goes_on or most < ahead * star - near else when
@@ -258,17 +258,17 @@ def _find_by_extrapolation(branch: Branch, start: float, limit: float, q: Array)
         if kept <= DEGREE:
             end = float(times[max(kept, 1)])
             continue
-        found = _find_first_zero(Polynomial.fit(times[:kept] - start, d[:kept], DEGREE), 0.0, limit - start)
-        if found is None and end == limit and kept == NODES:
+        first_zero = _find_first_zero(Polynomial.fit(times[:kept] - start, d[:kept], DEGREE), 0.0, limit - start)
+        if first_zero is None and end == limit and kept == NODES:
             return None
-        if found is not None:
-            estimates.append(start + found)
+        if first_zero is not None:
+            estimates.append(start + first_zero)
             if abs(estimates[-1] - estimates[-2]) < SAME_ESTIMATE:
                 break
         start = float(times[kept - 1])
         q = places[kept - 1]
         end = limit
-        if found is not None:  # a part that ends between here and there
+        if first_zero is not None:  # a part that ends between here and there
             end = start + min(limit - start, 0.9 * (estimates[-1] - start))
     if len(estimates) > 2:  # the last ones may be spoiled by rounding
         return _find_polished_instant(branch, *first, estimates[2 + int(np.argmin(np.abs(np.diff(estimates[1:]))))])
@@ -289,8 +289,8 @@ def _find_polished_instant(branch: Branch, start: float, q: Array, estimate: flo
         np.abs(fitted(times[sure]) - d[sure]).max() > SMOOTH * d[0]
     ):  # the branch behind it is another, or the motion bends
         return estimate
-    found = _find_first_zero(fitted, -0.5 * wide, 0.5 * wide)
-    return estimate if found is None else estimate + found
+    first_zero = _find_first_zero(fitted, -0.5 * wide, 0.5 * wide)
+    return estimate if first_zero is None else estimate + first_zero
 
 
 def _compute_smooth_values(matrices: Array) -> Array:

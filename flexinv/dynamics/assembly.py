@@ -215,10 +215,12 @@ def compute_root_derivative(tangent, row, root, k, variation):
     """Return the derivative of an element's force by unknown k of its root's block, pose and velocity [N/m], [N], [N m]."""
     by = tangent[row]
     last = tangent.shape[1] - 6
-    felt = dot(vec(by), vec(variation.x[root, k])) + dot(vec_at(by, 3), vec(variation.t[root, k]))
+    root_derivative = dot(vec(by), vec(variation.x[root, k])) + dot(vec_at(by, 3), vec(variation.t[root, k]))
     if tangent.shape[1] > tangent.shape[0]:
-        felt += dot(vec_at(by, last), vec(variation.v[root, k])) + dot(vec_at(by, last + 3), vec(variation.w[root, k]))
-    return felt
+        root_derivative += dot(vec_at(by, last), vec(variation.v[root, k])) + dot(
+            vec_at(by, last + 3), vec(variation.w[root, k])
+        )
+    return root_derivative
 
 
 @jit_inner
@@ -292,10 +294,12 @@ def _fill_passive_rows(n, columns, system, cv, ca):
         turn = vec(topology.turn[n, i])
         rate = state.u[first + i]
         direction = compute_smooth_direction(state.u[first + i])
-        own = compute_joint_effort(
+        joint_effort = compute_joint_effort(
             law, state.place[first + i] + state.d[first + i], rate, state.du[first + i], direction
         )
-        work.residual[0, first + i] = dot(slide, force) + dot(turn, moment) + own - level * loads.effort[first + i]
+        work.residual[0, first + i] = (
+            dot(slide, force) + dot(turn, moment) + joint_effort - level * loads.effort[first + i]
+        )
         if columns == 0:
             continue
         for k in range(columns):

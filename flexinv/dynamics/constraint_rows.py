@@ -76,8 +76,10 @@ class Ties(NamedTuple):
         nodes stand at zero
     multiplier : (rows,) [N], [N m]; value : (rows,) phi, or phi'' when accelerations are solved for
     gradient : (rows, 12) by the motion of a (world, own frame) and of b; in a plane (rows, 6)
-    gear : (rows, unknowns) factors of couplings; given : (rows, 3) what joints with a motion add to their equation, and its rates
-    sides, across : (rows, unknowns) -C and -A; border : (rows, rows) A K^-1 C + e, pivots : its factors; step, kept : (rows,)
+    gear : (rows, unknowns) factors of couplings; coupling_terms : (rows, 3) what joints with a motion
+        add to their equation, and its rates
+    sides, across : (rows, unknowns) -C and -A; border : (rows, rows) A K^-1 C + e, pivots : its factors
+    step, saved_multiplier : (rows,)
     layout : parts of the mechanism that rows have to do with
     """
 
@@ -93,13 +95,13 @@ class Ties(NamedTuple):
     value: Array
     gradient: Array
     gear: Array
-    given: Array
+    coupling_terms: Array
     sides: Array
     across: Array
     border: Array
     pivots: Pivots
     step: Array
-    kept: Array
+    saved_multiplier: Array
     layout: Layout
 
 
@@ -167,9 +169,9 @@ def build_ties(kind: Indices, nodes: Sequence[Indices], vectors: Sequence[Array]
     n, size = vectors[0].shape
     return Ties(
         kind=kind, acting=np.ones(n, dtype=bool), a=a, b=b, place_a=place_a, place_b=place_b, u=u, w=w, multiplier=np.zeros(n),
-        value=np.zeros(n), gradient=np.zeros((n, 12 if size == 3 else 6)), gear=gear, given=np.zeros((n, 3)),
-        sides=np.zeros(gear.shape), across=np.zeros(gear.shape), border=np.zeros((n, n)), pivots=Pivots.of(n),
-        step=np.zeros(n), kept=np.zeros(n), layout=layout,
+        value=np.zeros(n), gradient=np.zeros((n, 12 if size == 3 else 6)), gear=gear, coupling_terms=np.zeros((n, 3)),
+        sides=np.zeros(gear.shape), across=np.zeros(gear.shape), border=np.zeros((n, n)), pivots=Pivots.build_for(n),
+        step=np.zeros(n), saved_multiplier=np.zeros(n), layout=layout,
     )  # fmt: skip
 
 
@@ -189,7 +191,7 @@ def evaluate_ties(constraints, state, frames, wanted):
         if constraints.kind[k] == PULL:
             continue
         if constraints.kind[k] == COUPLING:  # sum gear q - offset, or a rate of it, of joints with and without a motion
-            value = constraints.given[k, wanted]
+            value = constraints.coupling_terms[k, wanted]
             rate = state.du if wanted == SECOND_RATES else state.u
             for i in range(constraints.gear.shape[1]):
                 if constraints.gear[k, i] != 0.0:

@@ -30,18 +30,18 @@ def find_idle(mesh: Mesh, passive: frozenset[str]) -> list[list[str]]:
     Joints that move together in such a motion stand in one list.  Empty where everything is resisted, or where an element turns
     too much to be linearised.
     """
-    solver = Solver.of(mesh, set(passive))
+    solver = Solver.build_for(mesh, set(passive))
     topology = solver.topology
     neutral = mesh.mechanism.neutral
     still = np.zeros(mesh.mechanism.nv)
     joints = begin_undeformed(solver, neutral, still, still)
     try:
-        found = compute_matrices(solver, joints)
+        matrices = compute_matrices(solver, joints)
     except ConvergenceError:
         return []
     columns, owner = _list_passive_columns(solver)
     ties = solver.border.ties
-    rows = [part[:, columns].toarray() for part in found]
+    rows = [part[:, columns].toarray() for part in matrices]
     rows = [_scale_to_largest(topology.scale[:, None] * part * topology.scale[columns]) for part in rows]
     rows.append(_scale_to_largest(ties.sides[ties.kind != PULL][:, columns] * topology.scale[columns]))
     free = scipy.linalg.null_space(np.concatenate(rows), rcond=RESISTED)

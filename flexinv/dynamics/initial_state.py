@@ -33,7 +33,7 @@ from flexinv.model.joint_kinds import CONTINUOUS
 from flexinv.model.owned_cache import make_owner_cache
 from flexinv.typing import Array
 
-Failure = tuple[int, int, float]  # what `Solver.newton` returns
+Failure = tuple[int, int, float]  # what `Solver.solve_newton` returns
 
 CERTAIN = 30.0  # times what the last digit of places does: accelerations beyond that are no rounding
 
@@ -114,18 +114,18 @@ def begin_step(solver: Solver, joints: Joints, scheme: Scheme, when: str) -> boo
     return sudden
 
 
-def _compute_rounding_effect(solver: Solver, joints: Joints, found: Array) -> float:
+def _compute_rounding_effect(solver: Solver, joints: Joints, values: Array) -> float:
     """Return by how much accelerations, over the length or in radians [1/s^2], change where nodes move by their last digit.
 
-    So far the accelerations ``found`` are known where the mechanism stands.  The unknowns are left as they were.
+    So far the accelerations ``values`` are known where the mechanism stands.  The unknowns are left as they were.
     """
     s = solver.state
     multiplier = solver.border.ties.multiplier
     before = [part.copy() for part in (s.x, s.du, multiplier)]
     last = np.finfo(float).eps * solver.mesh.length
-    s.x[::2], s.x[1::2], s.du[:] = s.x[::2] + last, s.x[1::2] - last, found
-    status, _, _ = solver.newton(ACCELERATIONS, joints)
-    change = float(np.abs((s.du - found) / solver.topology.scale).max(initial=0.0)) if status == CONVERGED else 0.0
+    s.x[::2], s.x[1::2], s.du[:] = s.x[::2] + last, s.x[1::2] - last, values
+    status, _, _ = solver.solve_newton(ACCELERATIONS, joints)
+    change = float(np.abs((s.du - values) / solver.topology.scale).max(initial=0.0)) if status == CONVERGED else 0.0
     for part, kept in zip((s.x, s.du, multiplier), before, strict=True):
         part[:] = kept
     return change
@@ -181,7 +181,7 @@ def find_equilibrium(solver: Solver, q: Array, when: str) -> Joints:
     part = 1.0
     while reached < 1.0:
         level[0] = min(1.0, reached + part)
-        status, count, size = solver.newton(STATICS, joints)
+        status, count, size = solver.solve_newton(STATICS, joints)
         if status == CONVERGED:
             reached = float(level[0])
             part = 2 * part
@@ -256,7 +256,7 @@ def _move_one_step(solver: Solver, joints: Joints, scheme: Scheme, farthest: flo
     before = [part.copy() for part in (s.x, s.r, s.place, multiplier)]
     solver.evaluate(STATICS, joints)
     load = -solver.work.residual[0]
-    failed = solver.newton(scheme, joints)
+    failed = solver.solve_newton(scheme, joints)
     gone = s.place - before[2]
     moved = float(np.abs(gone / solver.topology.scale).max(initial=0.0))
     s.u[:] = 0.0
@@ -313,7 +313,7 @@ def begin_with_fixed_drives(solver: Solver, q: Array, time: float, when: str) ->
     mesh = solver.mesh
     t = solver.topology
     still = np.zeros(mesh.mechanism.nv)
-    held = Solver.of(mesh, {j.name for j in mesh.mechanism.joints if j.nv and not j.actuated})
+    held = Solver.build_for(mesh, {j.name for j in mesh.mechanism.joints if j.nv and not j.actuated})
     if not len(held.topology.scale):
         return False
     acting = held.border.ties

@@ -111,13 +111,13 @@ def add_loads(topology, frames, variation, loads, work, want_tangent):
 
 
 @send_by_address
-class Pulls(NamedTuple):
+class SpringRows(NamedTuple):
     """Springs, one row each.
 
     row : (springs,) first of its three rows in `dynamics.constraint_rows.Ties`, which hold its nodes and lever arms
     stiffness [N/m], rest [m], damping [N s/m] : (springs,)
     law : (springs,) `LINEAR`, `GAS` or `TABLE` [-]; gas : (springs, 3) force [N], travel [m], exponent [-]
-    first, last : (springs,) rows of ``pieces`` [-]; pieces : (rows, 5) as `attachments.TableLaw.pieces` [m], [N/m^3] ... [N]
+    first, last : (springs,) rows of ``pieces`` [-]; pieces : (rows, 5) as `attachments.TableLaw.list_pieces` [m], [N/m^3] ... [N]
     slope : (springs, 3, 6) dF/dd and dF/dd' side by side [N/m], [N s/m]
     """
 
@@ -133,13 +133,13 @@ class Pulls(NamedTuple):
     slope: Array
 
 
-def build_pulls(mesh: Mesh, constraints: Ties) -> Pulls:
+def build_pulls(mesh: Mesh, constraints: Ties) -> SpringRows:
     """Return the springs of a mechanism [N/m], [m], [N s/m], whose rows are the last of ``constraints``."""
     springs = mesh.mechanism.springs
     values = np.array([(s.stiffness, s.rest, s.damping) for s in springs], dtype=float).reshape(-1, 3)
     rows = np.arange(len(constraints.a) - 3 * len(springs), len(constraints.a), 3, dtype=np.int64)
     stiffness, rest, damping = (np.ascontiguousarray(column) for column in values.T)
-    return Pulls(rows, stiffness, rest, damping, *_build_law_tables(springs), np.zeros((len(springs), 3, 6)))
+    return SpringRows(rows, stiffness, rest, damping, *_build_law_tables(springs), np.zeros((len(springs), 3, 6)))
 
 
 def _build_law_tables(
@@ -148,7 +148,7 @@ def _build_law_tables(
     laws = [spring.law for spring in springs]
     kind = np.array([LINEAR if x is None else GAS if isinstance(x, GasLaw) else TABLE for x in laws], dtype=np.int64)
     gas = [(x.force, x.travel, x.exponent) if isinstance(x, GasLaw) else (0.0, 1.0, 1.0) for x in laws]
-    tables = [x.pieces() if isinstance(x, TableLaw) else np.zeros((0, 5)) for x in laws]
+    tables = [x.list_pieces() if isinstance(x, TableLaw) else np.zeros((0, 5)) for x in laws]
     ends = np.cumsum([0, *(len(table) for table in tables)]).astype(np.int64)
     return kind, np.array(gas).reshape(-1, 3), ends[:-1].copy(), ends[1:].copy(), np.vstack([np.zeros((0, 5)), *tables])
 

@@ -56,12 +56,12 @@ class Solver:
     efforts: Efforts | None = None
 
     @classmethod
-    def of(cls, mesh: Mesh, passive: set[str], efforts: Efforts | None = None) -> Solver:
+    def build_for(cls, mesh: Mesh, passive: set[str], efforts: Efforts | None = None) -> Solver:
         """Return the solver of a mesh with the named joints free, moved by the ``efforts`` of their drives [N m], [N]."""
         t = build_topology(mesh, frozenset(passive))
         unknowns = len(t.scale)
         widest = max(int(t.size.max(initial=0)), 1)
-        state = State.of(mesh.size, unknowns)
+        state = State.build_for(mesh.size, unknowns)
         state.r[:] = np.eye(3)
         vector = [np.zeros((mesh.size, 3)) for _ in range(5)]
         frames = Frames(vector[0], np.zeros((mesh.size, 3, 3)), *vector[1:])
@@ -78,11 +78,11 @@ class Solver:
             residual=np.zeros((1 + len(tied.a), unknowns)), diagonal=np.zeros((len(t.size), widest, widest)),
             tangent=np.zeros((elements, 6 * count, 6 * count + 6 * damped)),
             internal=np.zeros((elements, max(count - 1, 0), 6)), energy=np.zeros(3),
-            element=Scratch.of(count), rates=Rates.of(count if damped else 0),
+            element=Scratch.build_for(count), rates=Rates.build_for(count if damped else 0),
             system=np.zeros((max(rows, widest), max(rows, widest) + widest + sides)),
             solved=np.zeros((elements, rows, widest + sides)), projection=np.zeros((2, mesh.size, 6)),
         )  # fmt: skip
-        instant = Trajectory.empty(1, mesh, len(tied.a) - 3 * len(mesh.mechanism.springs))
+        instant = Trajectory.make_zero(1, mesh, len(tied.a) - 3 * len(mesh.mechanism.springs))
         increment = np.zeros((1 + len(tied.a), unknowns))
         border = Border(tied, build_pulls(mesh, tied))
         return cls(mesh, t, mesh.elements, state, frames, variation, work, loads, increment, border, instant, efforts)
@@ -99,18 +99,20 @@ class Solver:
         s = self
         return System(s.topology, s.elements, s.border, s.state, s.frames, s.variation, s.loads, s.work)
 
-    def arguments(self, scheme: Scheme, instants: Instants, out: Trajectory) -> tuple[Any, ...]:
+    def prepare_arguments(self, scheme: Scheme, instants: Instants, out: Trajectory) -> tuple[Any, ...]:
         """Return the arguments [m, rad, s, N] of `stepper.march`, for callers that call it themselves."""
         return self.system, scheme, instants, self.increment, out
 
-    def newton(self, scheme: Scheme, joints: Joints) -> tuple[int, int, float]:
+    def solve_newton(self, scheme: Scheme, joints: Joints) -> tuple[int, int, float]:
         """Solve one instant under the present loads; return status, iterations or element, last relative increment [-]."""
-        status, _, count, size = integrate_instants(*self.arguments(scheme, self._make_instant(joints), self.instant))
+        status, _, count, size = integrate_instants(
+            *self.prepare_arguments(scheme, self._make_instant(joints), self.instant)
+        )
         return int(status), int(count), float(size)
 
     def solve_instant(self, scheme: Scheme, joints: Joints, when: str) -> int:
         """Solve one instant under the present loads; return the iterations [-].  Raises ConvergenceError (`make_solve_error`)."""
-        status, count, size = self.newton(scheme, joints)
+        status, count, size = self.solve_newton(scheme, joints)
         if status != CONVERGED:
             raise self.make_step_error(status, count, size, when)
         return count
@@ -141,14 +143,14 @@ class Solver:
 
         q (nq,), qd, qdd (nv,) of the joints with a motion [rad], [m], [1/s]
         """
-        given = self.given(q[None], qd[None], qdd[None])[0]
-        self.border.ties.given[: len(given)] = given
+        given = self.compute_coupling_terms(q[None], qd[None], qdd[None])[0]
+        self.border.ties.coupling_terms[: len(given)] = given
         now = np.array([time])
         self.loads.wrench[:] = build_load_table(self.mesh, now)[0]
         if self.efforts is not None:
-            self.loads.effort[:] = self.drives(now, before=False)[0]
+            self.loads.effort[:] = self.evaluate_drives(now, before=False)[0]
 
-    def given(self, q: Array, qd: Array, qdd: Array) -> Array:
+    def compute_coupling_terms(self, q: Array, qd: Array, qdd: Array) -> Array:
         """Return the terms of prescribed joints in the equations of couplings, (samples, rows or 0, 3) [rad], [m] and rates.
 
         q : (samples, nq), qd, qdd : (samples, nv)
@@ -160,7 +162,7 @@ class Solver:
         of_given = rows._replace(gear=np.where(moved, 0.0, rows.gear))
         return np.stack(compute_coupling_residuals(of_given, q, qd, qdd), axis=2)  # (sample, row, rate)
 
-    def drives(self, time: Array, before: bool = True) -> Array:
+    def evaluate_drives(self, time: Array, before: bool = True) -> Array:
         """Return the drives' efforts at ``time`` (samples,) [s] by the unknowns, (samples, unknowns or 0) [N m], [N].
 
         before : where they jump, the limit that ends a step, or the one from which the next begins
@@ -171,9 +173,11 @@ class Solver:
 
     def make_step_error(self, status: int, count: int, size: float, when: str, step: float = 0.0) -> ConvergenceError:
         """Return the error that says where and how the solve failed, see `make_solve_error`; size [-], step [s]."""
-        return make_solve_error(self.mesh, self.passive, (status, count, size), when, step, self.turned(count))
+        return make_solve_error(
+            self.mesh, self.passive, (status, count, size), when, step, self.compute_section_turn(count)
+        )
 
-    def turned(self, element: int) -> float:
+    def compute_section_turn(self, element: int) -> float:
         """Return by how much the sections of an element turn against each other [rad] where the last step has begun."""
         e = self.mesh.elements
         t = self.topology
@@ -197,7 +201,7 @@ def make_solve_error(
     """Return the error that says where and how a solve failed and what to try.
 
     passive : the joints that were free
-    step : of the march [s], 0 without; turned : of the element where the step has begun, `Solver.turned` [rad]
+    step : of the march [s], 0 without; turned : of the element where the step has begun, `Solver.compute_section_turn` [rad]
     """
     from flexinv.dynamics.idle_joints import describe_idle_joints
 

@@ -166,15 +166,15 @@ def integrate_instants(system, scheme, instants, y, out):
     for sample in range(rel.p.shape[0]):
         j = Joints(rel.p[sample], rel.dp[sample], rel.ddp[sample], rel.r[sample], rel.w[sample], rel.al[sample])
         update_loads(system.loads, instants.table[sample], instants.efforts[sample])
-        for k in range(instants.given.shape[1]):
-            put(ties.given[k], 0, vec(instants.given[sample, k]))
+        for k in range(instants.coupling_terms.shape[1]):
+            put(ties.coupling_terms[k], 0, vec(instants.coupling_terms[sample, k]))
         if y.shape[0] == 0:
             bad = evaluate(system, scheme, j, True)
             return TURNED_TOO_MUCH if bad >= 0 else CONVERGED, sample, bad, size
         moves = scheme.mode == DYNAMIC
         predicted = moves and state.order[0] > 0
         status = NOT_CONVERGED
-        copy(ties.multiplier, ties.kept)
+        copy(ties.multiplier, ties.saved_multiplier)
         while True:
             if moves:
                 prepare_step(scheme, state)
@@ -183,23 +183,25 @@ def integrate_instants(system, scheme, instants, y, out):
             )
             if status == CONVERGED or not predicted:
                 break
-            copy(ties.kept, ties.multiplier)  # where something has just let go, the past says little about what comes
+            copy(
+                ties.saved_multiplier, ties.multiplier
+            )  # where something has just let go, the past says little about what comes
             predicted = False
             state.order[0] = 0
         if status != CONVERGED:
             return status, sample, count, size
         projects = moves and constraint_rows.has_acting_closure(ties)
         if projects:
-            copy(ties.multiplier, ties.kept)
-            copy(state.du, state.kept)
+            copy(ties.multiplier, ties.saved_multiplier)
+            copy(state.du, state.saved_acceleration)
             update_accelerations(system, j, y)
         write_sample(sample, system.frames, system.work, out)
         for k in range(out.multipliers.shape[1]):
             out.multipliers[sample, k] = ties.multiplier[k]
         out.iterations[sample] = count
         if projects:  # the integrator goes on with its own
-            copy(ties.kept, ties.multiplier)
-            copy(state.kept, state.du)
+            copy(ties.saved_multiplier, ties.multiplier)
+            copy(state.saved_acceleration, state.du)
         end_step(topology, scheme, state)
     return CONVERGED, rel.p.shape[0], count, size
 
@@ -237,7 +239,7 @@ def apply_impact(system, joints, y):
     evaluate_ties(ties, state, system.frames, RATES)
     for i in range(y.shape[1]):
         system.work.residual[0, i] = 0.0
-    copy(ties.multiplier, ties.kept)
+    copy(ties.multiplier, ties.saved_multiplier)
     for k in range(len(ties.a)):
         if ties.kind[k] == PULL:
             ties.value[k] = 0.0
@@ -246,7 +248,7 @@ def apply_impact(system, joints, y):
     solve_border(ties, ties.layout.blocks, 1.0, y)
     for i in range(y.shape[1]):
         state.u[i] += y[0, i]
-    copy(ties.kept, ties.multiplier)
+    copy(ties.saved_multiplier, ties.multiplier)
 
 
 @jit_inner

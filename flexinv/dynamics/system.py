@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from flexinv.dynamics.constraint_rows import Ties
 from flexinv.dynamics.dofs import Topology
-from flexinv.dynamics.loads import Loads, Pulls
+from flexinv.dynamics.loads import Loads, SpringRows
 from flexinv.elements.beam import Rates, Scratch
 from flexinv.elements.beam_element import Elements
 from flexinv.kernels.memory import make_adjacent_arrays, make_aligned_zeros
@@ -29,7 +29,7 @@ class State(NamedTuple):
     d, u, du : (unknowns,) increment since then, velocity, acceleration [m, rad, s]
     pseudo : (unknowns,) the integrator's auxiliary acceleration at the start of the step; trend, bend : (unknowns,) its first
         and second difference over the steps before; order : (1,) of the prediction that would have been best for the last one
-    u0, du0 : (unknowns,) velocity and acceleration at the start of the step; kept : (unknowns,) set aside
+    u0, du0 : (unknowns,) velocity and acceleration at the start of the step; saved_acceleration : (unknowns,) set aside
     place : (unknowns,) coordinate of a passive scalar joint at the start of the step, against which its spring pulls [rad], [m];
         in a plane also the poses of independent nodes, x, y, theta
     """
@@ -44,12 +44,12 @@ class State(NamedTuple):
     bend: Array
     u0: Array
     du0: Array
-    kept: Array
+    saved_acceleration: Array
     place: Array
     order: NDArray[np.int64]
 
     @classmethod
-    def of(cls, nodes: int, unknowns: int) -> State:
+    def build_for(cls, nodes: int, unknowns: int) -> State:
         """Return unknowns that are zero [m, rad, s], those of a plane with no nodes."""
         series = [make_aligned_zeros(unknowns) for _ in range(10)]
         return cls._make(
@@ -90,7 +90,7 @@ class Border(NamedTuple):
     """Bordered system beside the tree: closures and springs between points [m], [N]."""
 
     ties: Ties
-    pulls: Pulls
+    pulls: SpringRows
 
 
 @send_by_address
@@ -112,14 +112,14 @@ class Instants(NamedTuple):
     """Prescribed quantities at the instants of a chunk of steps.
 
     joints : relative motion with a leading axis (samples, nodes, ...) [m, rad, s]; table : (samples, loads, 6) wrenches of the
-    loads [N], [N m]; efforts : (samples, unknowns or 0) of drives [N m], [N]; given : (samples, rows or 0, 3) terms of
+    loads [N], [N m]; efforts : (samples, unknowns or 0) of drives [N m], [N]; coupling_terms : (samples, rows or 0, 3) terms of
     prescribed joints in couplings [rad], [m] and rates
     """
 
     joints: Joints
     table: Array
     efforts: Array
-    given: Array
+    coupling_terms: Array
 
 
 @send_by_address
@@ -152,14 +152,14 @@ class Trajectory(NamedTuple):
         """Return the motion of all nodes [m, rad, s]."""
         return NodalMotion(*self[:6])
 
-    def rows(self, first: int, last: int) -> Trajectory:
+    def take_samples(self, first: int, last: int) -> Trajectory:
         """Return the samples from ``first`` to before ``last``, not copied [m, rad, s, N, J]."""
         return Trajectory._make(part[first:last] for part in self)
 
-    def put(self, rows: NDArray[np.int64], other: Trajectory, kept: NDArray[np.bool_]) -> None:
-        """Write the samples of another trajectory that are ``kept`` into ``rows`` of this one [m, rad, s, N, J]."""
+    def write_samples(self, rows: NDArray[np.int64], other: Trajectory, mask: NDArray[np.bool_]) -> None:
+        """Write the samples of another trajectory that are ``mask`` into ``rows`` of this one [m, rad, s, N, J]."""
         for history, values in zip(self, other, strict=True):
-            history[rows] = values[kept]
+            history[rows] = values[mask]
 
     @classmethod
     def make_uninitialized(cls, samples: int, mesh: Mesh, rows: int = 0) -> Trajectory:
@@ -171,7 +171,7 @@ class Trajectory(NamedTuple):
         return cls._make([*motion, wrench, internal, *series])
 
     @classmethod
-    def empty(cls, samples: int, mesh: Mesh, rows: int = 0) -> Trajectory:
+    def make_zero(cls, samples: int, mesh: Mesh, rows: int = 0) -> Trajectory:
         """Return histories to be filled [m, rad, s, N, J]."""
         return cls._make(np.zeros_like(part) for part in cls.make_uninitialized(samples, mesh, rows))
 

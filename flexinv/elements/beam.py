@@ -75,7 +75,7 @@ class Scratch(NamedTuple):
     hessian: Array
 
     @classmethod
-    def of(cls, count: int) -> Scratch:
+    def build_for(cls, count: int) -> Scratch:
         """Return arrays for elements of at most ``count`` nodes [-]."""
         vectors = (count, 3)
         matrices = (count, 3, 3)
@@ -256,7 +256,7 @@ class Rates(NamedTuple):
     by_velocity: Array
 
     @classmethod
-    def of(cls, count: int) -> Rates:
+    def build_for(cls, count: int) -> Rates:
         """Return arrays for elements of at most ``count`` nodes [-]."""
         shapes = (*4 * [(count, 3)], (count, 3, 3), (3, 3), (4, 36), (count, count, 36), (6 * count, 6 * count))
         return cls(*(np.zeros(shape) for shape in shapes))

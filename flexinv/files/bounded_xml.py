@@ -13,7 +13,7 @@ DEEPEST = 500  # levels: the parser of MuJoCo has the same bound, a nested chain
 MOST_ELEMENTS = 200_000
 
 
-class Unbounded(ValueError):
+class XmlBoundExceeded(ValueError):
     """A document beyond a bound.
 
     given, expected, write : the words of a complaint
@@ -27,7 +27,7 @@ class Unbounded(ValueError):
         self.write = write
 
 
-class _Bounded(TreeBuilder):
+class _BoundedBuilder(TreeBuilder):
     """A builder of trees that counts."""
 
     def __init__(self) -> None:
@@ -41,10 +41,12 @@ class _Bounded(TreeBuilder):
         self.count += max(1, len(attributes))
         if self.depth > DEEPEST:
             write = "a file without elements that stand in each other for nothing; a chain of bodies as separate models"
-            raise Unbounded(f"more than {DEEPEST} levels of elements", f"at most {DEEPEST} levels", write)
+            raise XmlBoundExceeded(f"more than {DEEPEST} levels of elements", f"at most {DEEPEST} levels", write)
         if self.count > MOST_ELEMENTS:
             write = "the machine alone: what is only seen, and tables of numbers, in files of their own"
-            raise Unbounded(f"more than {MOST_ELEMENTS} elements and attributes", f"at most {MOST_ELEMENTS}", write)
+            raise XmlBoundExceeded(
+                f"more than {MOST_ELEMENTS} elements and attributes", f"at most {MOST_ELEMENTS}", write
+            )
         return super().start(tag, dict(attributes))
 
     def end(self, tag: str) -> Element:
@@ -58,7 +60,7 @@ def parse_bounded(data: bytes) -> Element:
 
     Raises Unbounded, ParseError, LookupError (an encoding that Python does not know), and DefusedXmlException for a DOCTYPE.
     """
-    parser = DefusedXMLParser(target=_Bounded(), forbid_dtd=True)
+    parser = DefusedXMLParser(target=_BoundedBuilder(), forbid_dtd=True)
     parser.feed(data)
     root: Element = parser.close()
     return root

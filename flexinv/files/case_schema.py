@@ -55,32 +55,34 @@ def _convert_rpy(rpy_deg: Any) -> Array:
     return np.asarray(scipy.spatial.transform.Rotation.from_euler("xyz", rpy_deg, degrees=True).as_quat())
 
 
-class Way(NamedTuple):
+class CoordinateForm(NamedTuple):
     """A way to state coordinates of a joint: type of the value, words and unit, how it is read, where it rests in words.
 
     examples : of a move its start, its end and a rest; of a start
     """
 
     kind: Any
-    words: str
+    description: str
     unit: str
     read: Callable[[Any], Array]
     rests: str
     examples: tuple[str, str, str, str]
 
 
-Parts = tuple[dict[str, Way], ...]  # of a joint's coordinates, each by the keys that may state it
+Parts = tuple[dict[str, CoordinateForm], ...]  # of a joint's coordinates, each by the keys that may state it
 ANGLE = {
-    "deg": Way(Number, "the angle", "deg", _convert_degrees, "at which it rests", ("0", "90", "30", "30")),
-    "rad": Way(Number, "the angle", "rad", read_si_numbers, "at which it rests", ("0", "1.0", "0.5", "0.5")),
+    "deg": CoordinateForm(Number, "the angle", "deg", _convert_degrees, "at which it rests", ("0", "90", "30", "30")),
+    "rad": CoordinateForm(Number, "the angle", "rad", read_si_numbers, "at which it rests", ("0", "1.0", "0.5", "0.5")),
 }
-LENGTH = {"m": Way(Number, "the position", "m", read_si_numbers, "at which it rests", ("0", "0.1", "0.05", "0.1"))}
+LENGTH = {
+    "m": CoordinateForm(Number, "the position", "m", read_si_numbers, "at which it rests", ("0", "0.1", "0.05", "0.1"))
+}
 ZEROS = "[0, 0]"
 ANGLES = {
-    "deg": Way(
+    "deg": CoordinateForm(
         Pair, "two angles", "deg", _convert_degrees, "at which it rests", (ZEROS, "[30, 20]", ZEROS, "[10, -5]")
     ),
-    "rad": Way(
+    "rad": CoordinateForm(
         Pair, "two angles", "rad", read_si_numbers, "at which it rests", (ZEROS, "[0.5, 0.2]", ZEROS, "[0.2, -0.1]")
     ),
 }
@@ -90,11 +92,15 @@ QUARTER = "[0, 0, 90]"
 ABOVE = "[0, 0, 1]"
 TURNED_EXAMPLES = NEUTRAL, "[0, 0, 0.6, 0.8]", NEUTRAL, NEUTRAL
 ORIENTATION_WAYS = {
-    "quaternion": Way(Quaternion, "x, y, z, w", "-", read_si_numbers, "where it rests", TURNED_EXAMPLES),
-    "rpy_deg": Way(Vector, "roll, pitch, yaw", "deg", _convert_rpy, "where it rests", (LEVEL, QUARTER, LEVEL, QUARTER)),
+    "quaternion": CoordinateForm(Quaternion, "x, y, z, w", "-", read_si_numbers, "where it rests", TURNED_EXAMPLES),
+    "rpy_deg": CoordinateForm(
+        Vector, "roll, pitch, yaw", "deg", _convert_rpy, "where it rests", (LEVEL, QUARTER, LEVEL, QUARTER)
+    ),
 }
 POSITION_WAYS = {
-    "xyz_m": Way(Vector, "the position", "m", read_si_numbers, "where it rests", (ABOVE, "[0, 0, 0.9]", ABOVE, ABOVE))
+    "xyz_m": CoordinateForm(
+        Vector, "the position", "m", read_si_numbers, "where it rests", (ABOVE, "[0, 0, 0.9]", ABOVE, ABOVE)
+    )
 }
 # Units of the velocity coordinates of a kind of joint -> name of its tables, what it is, what starts, the parts of its
 # coordinates, and examples of a move and of a start.
@@ -123,9 +129,9 @@ def _build_joint_tables(name: str, joint: str, what: str, parts: Parts) -> tuple
     starts: dict[str, Any] = {}
     for unit, way in (both for part in parts for both in part.items()):
         for k, (at, when) in enumerate((("from", "at the start"), ("to", "at the end"), ("at", way.rests))):
-            words = f"{way.words} {when} [{way.unit}]"
+            words = f"{way.description} {when} [{way.unit}]"
             moves[f"{at}_{unit}"] = (way.kind | None, make_optional_key(words, way.examples[k]))
-        starts[unit] = (way.kind | None, make_optional_key(f"{way.words} [{way.unit}]", way.examples[3]))
+        starts[unit] = (way.kind | None, make_optional_key(f"{way.description} [{way.unit}]", way.examples[3]))
     doc = f"{joint[0].upper()}{joint[1:]}."
     moving = create_model(f"{name}Table", __base__=MoveTable, __doc__=doc, **moves)
     return moving, create_model(f"{name}StartTable", __base__=Table, __doc__=f"Start {what} of {joint}.", **starts)

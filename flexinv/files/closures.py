@@ -159,25 +159,25 @@ CLOSURE_TABLES |= {"fixed": ClosureTable, "spherical": ClosureTable, "universal"
 
 
 def read_closure(
-    data: Any, links: Mapping[str, Link], taken: Mapping[str, Joint], where: Location, name: str
+    data: Any, links: Mapping[str, Link], joints: Mapping[str, Joint], where: Location, name: str
 ) -> Closure:
-    """Read ``[closures.NAME]`` [m, rad, s]; taken : joints, whose names a closure may not have."""
+    """Read ``[closures.NAME]`` [m, rad, s]; joints : joints, whose names a closure may not have."""
     kind = read_option(data, where, "kind", CLOSURES, f"one of {CLOSURE_NAMES}", "revolute")
-    if name in taken:
+    if name in joints:
         expected = "a name of its own: a closure is a joint too, and results are named after both"
-        raise where.wrong("", f'"{name}", also a joint', expected, f"[{where.table}_closure]")
+        raise where.make_error("", f'"{name}", also a joint', expected, f"[{where.table}_closure]")
     if kind == "coupling":
         gear = check_table(CouplingTable, data, where)
         write = "factors = { motor = 1, wheel = -5 }"
-        scalar = [j for j, joint in taken.items() if joint.kind in GEARED]
+        scalar = [j for j, joint in joints.items() if joint.kind in GEARED]
         for other in gear.factors:
             if other not in scalar:
                 expected = f"{COUPLED_JOINTS}: " + (", ".join(scalar[:20]) or "there are none")
                 near = find_nearest_word(other, scalar)
-                raise where.wrong("factors", f'"{other}"', expected, f"{near} = 1" if near else write)
+                raise where.make_error("factors", f'"{other}"', expected, f"{near} = 1" if near else write)
         used = tuple((j, factor) for j, factor in gear.factors.items() if factor)
         if len(used) < 2:
-            raise where.wrong(
+            raise where.make_error(
                 "factors", format_toml(gear.factors), "two joints or more with factors other than 0", write
             )
         return Closure(name, gear.kind, Attachment(WORLD), Attachment(WORLD), factors=used, offset=gear.offset)
@@ -188,14 +188,14 @@ def read_closure(
     if any(b <= a for a, b in pairwise(times)):
         given = format_toml(table.active_s)
         expected = "intervals [start, end] with start < end, one after the other [s]"
-        raise where.wrong("active_s", f"active_s = {given}", expected, "active_s = [[0.0, 0.5], [1.0, 2.0]]")
+        raise where.make_error("active_s", f"active_s = {given}", expected, "active_s = [[0.0, 0.5], [1.0, 2.0]]")
     if table.impact not in IMPACTS:
         write = f'impact = "{find_nearest_word(table.impact, IMPACTS) or "plastic"}"'
-        raise where.wrong("impact", f"impact = {format_toml(table.impact)}", IMPACT, write)
+        raise where.make_error("impact", f"impact = {format_toml(table.impact)}", IMPACT, write)
     for word, stated in (("capture", table.capture), ("impact", table.impact != "error")):
         if stated and not table.active_s:
             expected = f"active_s with the time at which it begins to act, or no {word}"
-            raise where.wrong(word, f"{word} without active_s", expected, "active_s = [[0.5, 1.0]]")
+            raise where.make_error(word, f"{word} without active_s", expected, "active_s = [[0.5, 1.0]]")
     active = tuple((start, end) for start, end in table.active_s)
     return Closure(name, table.kind, first, second, **axes, active=active, capture=table.capture, impact=table.impact)
 
@@ -210,7 +210,7 @@ def read_spring(data: Any, links: Mapping[str, Link], where: Location, name: str
     if isinstance(table, GasSpringTable):
         if not table.travel_m:
             expected = "the volume of the gas over the piston's area, other than 0 [m]"
-            raise where.wrong("travel_m", "travel_m = 0", expected, "travel_m = 0.57")
+            raise where.make_error("travel_m", "travel_m = 0", expected, "travel_m = 0.57")
         gas = GasLaw(table.force_N, table.travel_m, table.exponent)
         return Spring(name, first, second, 0.0, table.rest_m, table.damping_Ns_per_m, gas)
     assert isinstance(table, TableSpringTable)
@@ -219,10 +219,10 @@ def read_spring(data: Any, links: Mapping[str, Link], where: Location, name: str
     if len(length) < 2 or (np.diff(length) <= 0).any():
         given = f"length_m = {format_toml(table.length_m)}"
         write = "length_m = [0.60, 0.65, 0.70]"
-        raise where.wrong("length_m", given, "two lengths or more, increasing [m]", write)
+        raise where.make_error("length_m", given, "two lengths or more, increasing [m]", write)
     if len(force) != len(length):
         expected = f"{len(length)} numbers, one for each of length_m [N]"
-        raise where.wrong("force_N", f"{len(force)} numbers", expected, f"{len(length)} numbers")
+        raise where.make_error("force_N", f"{len(force)} numbers", expected, f"{len(length)} numbers")
     return Spring(name, first, second, 0.0, 0.0, table.damping_Ns_per_m, TableLaw(length, force))
 
 
@@ -233,9 +233,9 @@ def read_force(data: Any, links: Mapping[str, Link], where: Location, name: str)
     if (np.diff(time) <= 0).any():
         given = f"time_s = {format_toml(table.time_s)}"
         write = "time_s = [0.0, 0.5]"
-        raise where.wrong("time_s", given, "times that increase [s]", write)
+        raise where.make_error("time_s", given, "times that increase [s]", write)
     if table.force_N is None and table.moment_Nm is None:
-        raise where.wrong("force_N", "nothing", "force_N [N], moment_Nm [N m] or both", "force_N = [0, 0, -10]")
+        raise where.make_error("force_N", "nothing", "force_N [N], moment_Nm [N m] or both", "force_N = [0, 0, -10]")
     parts = []
     for word, rows in (("force_N", table.force_N), ("moment_Nm", table.moment_Nm)):
         values = np.array([[0.0, 0.0, 0.0]] if rows is None else rows)
@@ -243,13 +243,15 @@ def read_force(data: Any, links: Mapping[str, Link], where: Location, name: str)
             given = f"{len(values)} rows"
             several = f"one row, or {time.size}: one for each of time_s"
             expected = several if time.size > 1 else "one row, or time_s with the times"
-            raise where.wrong(word, given, expected, f"time_s with {len(values)} times")
+            raise where.make_error(word, given, expected, f"time_s with {len(values)} times")
         parts.append(np.broadcast_to(values, (time.size, 3)))
-    return Force(name, read_end(table.at, links, where.inner("at")), np.hstack(parts), time, table.follower)
+    return Force(
+        name, read_end(table.at, links, where.make_inner_location("at")), np.hstack(parts), time, table.follower
+    )
 
 
 def _read_end_pair(table: PairTable, links: Mapping[str, Link], where: Location) -> tuple[Attachment, Attachment]:
-    first, second = (read_end(getattr(table, k), links, where.inner(k)) for k in ("first", "second"))
+    first, second = (read_end(getattr(table, k), links, where.make_inner_location(k)) for k in ("first", "second"))
     if first.link == second.link:
         given = f'first and second are both on "{second.link}"'
         write = (
@@ -257,7 +259,7 @@ def _read_end_pair(table: PairTable, links: Mapping[str, Link], where: Location)
             if second.link != WORLD
             else 'another link in place of one "world"'
         )
-        raise where.inner("second").wrong("link", given, "two different links", write)
+        raise where.make_inner_location("second").make_error("link", given, "two different links", write)
     return first, second
 
 
@@ -267,7 +269,7 @@ def read_end(table: EndTable, links: Mapping[str, Link], where: Location) -> Att
         near = find_nearest_word(table.link, [WORLD, *links])
         expected = f'"{WORLD}" or one of the links ' + ", ".join(list(links)[:20])
         write = f'link = "{near}"' if near else "the name of one of these"
-        raise where.wrong("link", f'link = "{table.link}"', expected, write)
+        raise where.make_error("link", f'link = "{table.link}"', expected, write)
     on_beam = table.link != WORLD and links[table.link].beam is not None
     beam = f"the beam {table.link} that carries it"
     other = f"{table.link} is not a beam"

@@ -15,7 +15,7 @@ import numpy as np
 from defusedxml.common import DefusedXmlException
 
 from flexinv.errors import InputError, ModelWarning
-from flexinv.files.bounded_xml import Unbounded, parse_bounded
+from flexinv.files.bounded_xml import XmlBoundExceeded, parse_bounded
 from flexinv.files.joints import check_ends, compute_rpy_rotation, list_depth_first, scale_to_unit_axis
 from flexinv.files.lenient_xml import replace_invalid_xml
 from flexinv.files.regular_files import describe_kind
@@ -140,29 +140,29 @@ def find_urdf(table: UrdfTable, where: Location) -> tuple[Path, tuple[Path, ...]
     path = (start / table.path).resolve()
     if Path(table.path).is_absolute() or not path.is_relative_to(limit):
         expected = f"a relative path that stays inside {'the package' if table.package else 'the models folder'}"
-        raise where.wrong("path", f'path = "{table.path}"', expected, f'path = "{Path(table.path).name}"')
+        raise where.make_error("path", f'path = "{table.path}"', expected, f'path = "{Path(table.path).name}"')
     if words := describe_kind(path):
         known = sorted(str(p.relative_to(start)) for p in start.rglob("*.urdf")) if start.is_dir() else []
         near = find_nearest_word(table.path, known)
         write = f'path = "{near}"' if near else "the path of a URDF that exists"
-        raise where.wrong("path", f'path = "{table.path}", {words}', f"a URDF in {start}", write)
+        raise where.make_error("path", f'path = "{table.path}", {words}', f"a URDF in {start}", write)
     return path, packages
 
 
 def _read_by_name(robot: Element, tag: str, path: Path, read: Callable[[Element, Path], T]) -> dict[str, T]:
     """The robot's elements of a tag as they are read, by their names, each of which stands there once."""
-    found: dict[str, T] = {}
+    result: dict[str, T] = {}
     for element in robot.findall(tag):
         name = element.get("name", "")
         if not name.strip() or not name.isprintable() or len(name) > LONGEST_NAME:
             expected = f"a name of 1 to {LONGEST_NAME} printable characters"
             raise make_input_error(f"{path}: <{tag}>", f"name = {name[:60]!a}", expected, f'<{tag} name="...">')
-        if name in found:
+        if name in result:
             raise make_input_error(
                 describe_location(path, element), f"this {tag} twice", f"each {tag} once", "a name of its own"
             )
-        found[name] = read(element, path)
-    return found
+        result[name] = read(element, path)
+    return result
 
 
 def _read_inertia(link: Element, path: Path) -> Inertia | None:
@@ -184,7 +184,7 @@ def _read_inertia(link: Element, path: Path) -> Inertia | None:
     if mass == 0.0 and not tensor.any():
         return None
     origin = _read_origin(inertial, describe_location(path, link, "inertial"))
-    return Inertia.stated(mass, origin.position, origin.rotation @ tensor @ origin.rotation.T)
+    return Inertia.build_unchecked(mass, origin.position, origin.rotation @ tensor @ origin.rotation.T)
 
 
 def _read_origin(element: Element, where: str) -> Placement:
@@ -213,8 +213,8 @@ def _read_joint(element: Element, path: Path) -> Joint:
     placement = _read_origin(element, where)
     if kind in ("fixed", "floating"):
         return Joint(element.get("name", ""), URDF_KINDS[kind], ends[0], ends[1], placement, actuated=False)
-    stated = read_numbers(element.find("axis"), "xyz", 3, [1, 0, 0], f"{where}, axis")
-    axis = scale_to_unit_axis(stated, f"{where}, axis", '<axis xyz="0 0 1"/>')
+    numbers = read_numbers(element.find("axis"), "xyz", 3, [1, 0, 0], f"{where}, axis")
+    axis = scale_to_unit_axis(numbers, f"{where}, axis", '<axis xyz="0 0 1"/>')
     losses: dict[str, Any] = {}
     for loss in ("damping", "friction"):
         value = losses[loss] = read_number(element.find("dynamics"), loss, 0.0, f"{where}, dynamics")
@@ -262,8 +262,8 @@ def _add_base(
     return links, [Joint(name, base, WORLD, moved if root == WORLD else root, actuated=False), *joints]
 
 
-def _find_free_name(name: str, taken: Collection[str]) -> str:
-    while name in taken:
+def _find_free_name(name: str, used_names: Collection[str]) -> str:
+    while name in used_names:
         name += "_"
     return name
 
@@ -296,7 +296,7 @@ def read_xml(path: Path) -> Element:
         raise make_input_error(
             str(path), "a DOCTYPE or ENTITY", expected, "the file with its entities written out"
         ) from None
-    except Unbounded as error:
+    except XmlBoundExceeded as error:
         raise make_input_error(str(path), error.given, error.expected, error.write) from None
     except (ParseError, ValueError, LookupError) as error:
         given = f"XML that does not parse: {error}"

@@ -78,7 +78,9 @@ def read_drive(table: MotorTable | None, where: Location) -> Drive | None:
         return None
     if table.static_Nm and table.static_Nm < table.coulomb_Nm:
         given = f"static_Nm = {table.static_Nm:g} below coulomb_Nm = {table.coulomb_Nm:g}"
-        raise where.wrong("static_Nm", given, "at least coulomb_Nm [N m]", f"static_Nm = {1.5 * table.coulomb_Nm:g}")
+        raise where.make_error(
+            "static_Nm", given, "at least coulomb_Nm [N m]", f"static_Nm = {1.5 * table.coulomb_Nm:g}"
+        )
     stated = {split_unit(key)[0]: value for key, value in table if value is not None}
     return Drive(ratio=stated.pop("gear_ratio"), rotor_inertia=stated.pop("motor_inertia"), **stated)
 
@@ -113,7 +115,7 @@ class LinearLimitsTable(Table):
     upper_m: Number | None = make_optional_key("the highest position [m]", "0.3")
 
 
-class Driven(Table):
+class ActuatedTable(Table):
     """Drive of a joint: there or not, and its part where drives are redundant."""
 
     actuated: bool = make_key("true, or false for a passive joint", "false", True)
@@ -123,7 +125,7 @@ class Driven(Table):
     )  # fmt: skip
 
 
-class RotaryLosses(Driven):
+class RotaryLosses(ActuatedTable):
     """Damping and friction of a joint that turns."""
 
     damping_Nms_per_rad: NotNegative = make_key("viscous damping, >= 0 [N m s/rad]", "0.1", 0.0)
@@ -144,7 +146,7 @@ class SprungDrive(RotaryDrive):
     rest_deg: Number | None = make_optional_key("the angle at which the spring rests [deg]", "30")
 
 
-class LinearDrive(Driven):
+class LinearDrive(ActuatedTable):
     """Rotor, damping, friction and spring of a joint that slides."""
 
     rotor_inertia_kg: NotNegative = make_key("rotor inertia as a mass at the joint, >= 0 [kg]", "1.5", 0.0)
@@ -228,18 +230,20 @@ def read_joint(data: Any, where: Location, name: str) -> Joint:
     if "second_axis" in axes and abs(axes["axis"] @ axes["second_axis"]) > UNIT_LENGTH:
         expected = "a second axis at right angles to the first [-]"
         advice = "second_axis = [0, 1, 0] with axis = [1, 0, 0]; else two revolute joints with a massless link between"
-        raise where.wrong("second_axis", f"second_axis = {axes['second_axis'].tolist()}", expected, advice)
+        raise where.make_error("second_axis", f"second_axis = {axes['second_axis'].tolist()}", expected, advice)
     stated = getattr(table, "limits", None) or ()
     limits = Limits(**{split_unit(key)[0]: value for key, value in stated if value is not None})
     if limits.lower > limits.upper:
         given = f"lower {limits.lower:g}, upper {limits.upper:g}"
-        raise where.inner("limits").wrong("upper", given, "lower <= upper", "the two exchanged, if so meant")
+        raise where.make_inner_location("limits").make_error(
+            "upper", given, "lower <= upper", "the two exchanged, if so meant"
+        )
     if pitch == 0.0:
-        raise where.wrong("pitch_m", "pitch_m = 0", "a pitch other than zero [m]", 'kind = "revolute", no pitch_m')
+        raise where.make_error("pitch_m", "pitch_m = 0", "a pitch other than zero [m]", 'kind = "revolute", no pitch_m')
     return Joint(
-        name, table.kind, table.parent, table.child, read_placement(table.placement, where.inner("placement")),
+        name, table.kind, table.parent, table.child, read_placement(table.placement, where.make_inner_location("placement")),
         table.station, **axes, **read_drive_properties(table, where), limits=limits,
-        drive=read_drive(getattr(table, "drive", None), where.inner("drive")), pitch=pitch or 0.0,
+        drive=read_drive(getattr(table, "drive", None), where.make_inner_location("drive")), pitch=pitch or 0.0,
     )  # fmt: skip
 
 
@@ -250,11 +254,11 @@ def read_drive_properties(table: Table, where: Location) -> dict[str, Any]:
     if "stiffness" in stated:
         named = [k for k in ("rest_rad", "rest_deg", "rest_m") if k in table.model_fields_set]
         if len(named) > 1:
-            raise where.wrong(named[1], " and ".join(named), "one of them", f"{named[0]} alone")
+            raise where.make_error(named[1], " and ".join(named), "one of them", f"{named[0]} alone")
         if named and not stated["stiffness"]:
             spring = next(k for k in type(table).model_fields if k.startswith("stiffness"))
             expected = f"a stiffness too: {type(table).model_fields[spring].description}"
-            raise where.wrong(named[0], f"{named[0]} alone", expected, f"{spring} = 20")
+            raise where.make_error(named[0], f"{named[0]} alone", expected, f"{spring} = 20")
         value = float(getattr(table, named[0])) if named else 0.0
         stated["rest"] = float(np.radians(value)) if named == ["rest_deg"] else value
     return stated if "actuated" in stated else {**stated, "actuated": False}
@@ -263,7 +267,10 @@ def read_drive_properties(table: Table, where: Location) -> dict[str, Any]:
 def read_axes(table: Table, where: Location) -> dict[str, Any]:
     """Read the keys axis and second_axis, (3,) [-] each, where the table has them."""
     names = [name for name in ("axis", "second_axis") if hasattr(table, name)]
-    return {name: scale_to_unit_axis(getattr(table, name), where.key(name), f"{name} = [0, 0, 1]") for name in names}
+    return {
+        name: scale_to_unit_axis(getattr(table, name), where.describe_key(name), f"{name} = [0, 0, 1]")
+        for name in names
+    }
 
 
 def scale_to_unit_axis(axis: Any, where: str, write: str) -> Array:
@@ -296,7 +303,9 @@ def read_placement(table: PlacementTable | None, where: Location) -> Placement:
         return Placement()
     stated = [name for name in ("rpy_deg", "rpy_rad", "rotation") if getattr(table, name) is not None]
     if len(stated) > 1:
-        raise where.wrong(stated[1], " and ".join(stated), "one of rpy_deg, rpy_rad, rotation", f"{stated[0]} alone")
+        raise where.make_error(
+            stated[1], " and ".join(stated), "one of rpy_deg, rpy_rad, rotation", f"{stated[0]} alone"
+        )
     degrees = table.rpy_deg or [0.0, 0.0, 0.0]
     rotation = compute_rpy_rotation(np.radians(degrees) if table.rpy_rad is None else table.rpy_rad)
     if table.rotation is not None:

@@ -30,12 +30,12 @@ def replace_invalid_xml(data: bytes) -> tuple[bytes, list[str]]:
 def _find_sections(data: bytes) -> Iterator[tuple[bytes, int, int]]:
     """Yield comments and CDATA: how each opens, where its inside begins, and where it ends; in one way through the text."""
     at = 0
-    while found := SECTION_STARTS.search(data, at):
-        mark = found[0]
-        end = data.find(SECTION_ENDS[mark], found.end())
+    while match := SECTION_STARTS.search(data, at):
+        mark = match[0]
+        end = data.find(SECTION_ENDS[mark], match.end())
         if end < 0:
             return  # a parser ends here, too
-        yield mark, found.end(), end
+        yield mark, match.end(), end
         at = end + len(SECTION_ENDS[mark])
 
 

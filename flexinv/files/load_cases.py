@@ -127,14 +127,17 @@ def load_cases(path: str | Path, mechanism: Mechanism) -> dict[str, Case]:
     where = Location(file, "cases")
     if not table.cases:
         expected = schema.CasesTable.model_fields["cases"].description or ""
-        raise where.wrong("", "no case", expected, "[cases.cycloid]")
-    return {name: _build_case(data, name, table, mechanism, where.inner(name)) for name, data in table.cases.items()}
+        raise where.make_error("", "no case", expected, "[cases.cycloid]")
+    return {
+        name: _build_case(data, name, table, mechanism, where.make_inner_location(name))
+        for name, data in table.cases.items()
+    }
 
 
 def _build_case(data: Any, name: str, whole: schema.CasesTable, mechanism: Mechanism, where: Location) -> Case:
     table = check_table(schema.CaseTable, data, where)
-    motion = read_motion(table.motion, mechanism, where.inner("motion"))
-    start = read_start(table.start, mechanism, motion, where.inner("start"))
+    motion = read_motion(table.motion, mechanism, where.make_inner_location("motion"))
+    start = read_start(table.start, mechanism, motion, where.make_inner_location("start"))
     end = table.end_s or motion.duration
     sample = table.sample_s or table.step_s
     mesh = (table.mesh.elements, table.mesh.order) if table.mesh is not None else None
@@ -143,12 +146,14 @@ def _build_case(data: Any, name: str, whole: schema.CasesTable, mechanism: Mecha
         if quantity in schema.OF_BEAMS and mechanism.is_rigid:
             given = f'"{quantity}" of a mechanism without beams'
             expected = f"torque, wrench or tip: {mechanism.name} is rigid"
-            raise where.wrong("quantities", given, expected, f"quantities without {quantity}")
+            raise where.make_error("quantities", given, expected, f"quantities without {quantity}")
     for k, limit in enumerate(table.limits):
         if limit.quantity not in table.quantities:
             expected = f"one of the case's quantities: {', '.join(table.quantities)}"
             write = f'"{limit.quantity}" in quantities, or no limit for it'
-            raise where.inner(f"limits[{k}]").wrong("quantity", f'quantity = "{limit.quantity}"', expected, write)
+            raise where.make_inner_location(f"limits[{k}]").make_error(
+                "quantity", f'quantity = "{limit.quantity}"', expected, write
+            )
     measured = None
     if table.measured is not None:  # in the folder of the cases, like the file of a sampled motion
         measured = where.file.parent / table.measured
@@ -157,7 +162,7 @@ def _build_case(data: Any, name: str, whole: schema.CasesTable, mechanism: Mecha
             write = f'measured = "{near}"' if near else "the name of a file that exists"
             given = f'measured = "{table.measured}"'
             expected = "the name of a CSV file in the same folder"
-            raise where.wrong("measured", given, expected, write)
+            raise where.make_error("measured", given, expected, write)
     limits = *table.limits, *(limit for limit in whole.limits if limit.quantity in table.quantities)
     own = tuple(Limit(**{**dict(limit), "engines": tuple(limit.engines)}) for limit in limits)
     return Case(
@@ -171,20 +176,22 @@ def _check_times(table: schema.CaseTable, motion: Motion, end: float, sample: fl
     step = table.step_s
     if step > min(motion.duration, end):
         expected = f"a step shorter than the motion of {motion.duration:g} s and the case of {end:g} s [s]"
-        raise where.wrong("step_s", f"step_s = {step:g}", expected, f"step_s = {min(motion.duration, end) / 1000:.4g}")
+        raise where.make_error(
+            "step_s", f"step_s = {step:g}", expected, f"step_s = {min(motion.duration, end) / 1000:.4g}"
+        )
     for key, value, part, word in (("sample_s", sample, step, "step_s"), ("end_s", end, sample, "sample_s")):
         if value / part > MOST_PARTS:
             expected = f"at most {MOST_PARTS:g} times {word} = {part:g} [s]"
-            raise where.wrong(key, f"{key} = {value:g}", expected, f"{key} = {1000 * part:.4g}")
+            raise where.make_error(key, f"{key} = {value:g}", expected, f"{key} = {1000 * part:.4g}")
         if not _is_multiple(value, part):
             nearby = max(round(value / part), 1) * part
             expected = f"a whole number of {word} = {part:g} [s]"
-            raise where.wrong(key, f"{key} = {value:g}", expected, f"{key} = {nearby:.10g}")
+            raise where.make_error(key, f"{key} = {value:g}", expected, f"{key} = {nearby:.10g}")
     for jump in motion.jumps:
         if jump < end and not _is_multiple(jump, step):
             expected = f"a step that meets the jump of the acceleration at {jump:g} s"
             write = f"step_s = {jump / max(round(jump / step), 1):.10g}"
-            raise where.wrong("step_s", f"step_s = {step:g}", expected, write)
+            raise where.make_error("step_s", f"step_s = {step:g}", expected, write)
 
 
 def _is_multiple(value: float, part: float) -> bool:
@@ -197,18 +204,18 @@ def read_motion(table: schema.MotionTable, mechanism: Mechanism, where: Location
     if (table.law == "sampled") != (table.csv is not None):
         without = "csv", 'law = "sampled" without csv', 'csv = "..."'
         key, given, write = without if table.csv is None else ("law", "csv", 'law = "sampled"')
-        raise where.wrong(key, given, 'law = "sampled" and csv together', write)
+        raise where.make_error(key, given, 'law = "sampled" and csv together', write)
     if table.csv is not None:
         for name in ("duration_s", "hold_s", "delay_s", "joints", "others"):
             if getattr(table, name):
                 expected = "the times and joints of the CSV file alone"
-                raise where.wrong(name, f"{name} beside csv", expected, "samples that rest, if so meant")
+                raise where.make_error(name, f"{name} beside csv", expected, "samples that rest, if so meant")
         folder = where.file.resolve().parent
         named = Path(table.csv)
         samples = (folder / named).resolve()
         if named.is_absolute() or not samples.is_relative_to(folder):
             write = f'csv = "{named.name}"'
-            raise where.wrong("csv", f'csv = "{table.csv}"', "a file in the folder of the cases", write)
+            raise where.make_error("csv", f'csv = "{table.csv}"', "a file in the folder of the cases", write)
         time, columns, gap = read_samples(samples, mechanism, table.largest_gap_s)
         motion = Motion.from_samples(time, columns, rest=table.rest, max_gap=gap)
         _check_complete(set(columns), mechanism, where)
@@ -216,13 +223,13 @@ def read_motion(table: schema.MotionTable, mechanism: Mechanism, where: Location
     # joints that move alike: duration and hold [s], law, delay [s] -> where from and where to
     groups: dict[tuple[float, float, str, float], tuple[dict[str, Array], dict[str, Array]]] = {}
     for name, data in table.joints.items():
-        here = where.inner(f"joints.{name}")
+        here = where.make_inner_location(f"joints.{name}")
         model, parts, write = schema.MOVES[KINDS[_find_joint(name, mechanism, where).kind].units]
         move = check_table(model, data, here)
         duration = move.duration_s or table.duration_s
         if duration is None:
             expected = schema.MotionTable.model_fields["duration_s"].description or ""
-            raise where.wrong("duration_s", "nothing", expected, "duration_s = 1.0")
+            raise where.make_error("duration_s", "nothing", expected, "duration_s = 1.0")
         hold = table.hold_s if move.hold_s is None else move.hold_s
         delay = table.delay_s if move.delay_s is None else move.delay_s
         first, last = groups.setdefault((duration, hold, move.law or table.law, delay), ({}, {}))
@@ -232,7 +239,7 @@ def read_motion(table: schema.MotionTable, mechanism: Mechanism, where: Location
         _check_complete(set(table.joints), mechanism, where)
     elif not groups:
         write = "joints.elbow = { from_deg = 0, to_deg = 90 }"
-        raise where.wrong("joints", "nothing", "at least one joint that moves", write)
+        raise where.make_error("joints", "nothing", "at least one joint that moves", write)
     else:
         first, last = next(iter(groups.values()))
         for joint in mechanism.joints:
@@ -250,18 +257,18 @@ def _find_joint(name: str, mechanism: Mechanism, where: Location) -> Joint:
     given = f"a motion for joint {name}" + (", which is fixed" if name in mechanism.joint_of else "")
     expected = f"a joint of {mechanism.name} that moves: {', '.join(movable[:20])}"
     write = f"{near} instead of {name}" if near and near != name else "one of these"
-    raise where.inner("joints").wrong(name, given, expected, write)
+    raise where.make_inner_location("joints").make_error(name, given, expected, write)
 
 
 def _read_ends(
-    move: schema.MoveTable, part: Mapping[str, schema.Way], write: str, where: Location
+    move: schema.MoveTable, part: Mapping[str, schema.CoordinateForm], write: str, where: Location
 ) -> tuple[Array, Array]:
     """Start and end of a part of a joint's coordinates, which says where from and where to, or where it rests."""
     stated = [(when, u) for when in ("from", "to", "at") for u in part if getattr(move, f"{when}_{u}") is not None]
     if [when for when, _ in stated] not in (["from", "to"], ["at"]):
         given = ", ".join(f"{when}_{u}" for when, u in stated) or "nothing"
         expected = "where from and where to, or where it rests: from_, to_ or at_ with " + " or ".join(part)
-        raise where.wrong("", given, f"{expected}, each once", write)
+        raise where.make_error("", given, f"{expected}, each once", write)
     values = [part[u].read(getattr(move, f"{when}_{u}")) for when, u in stated]
     return values[0], values[-1]
 
@@ -271,7 +278,7 @@ def _check_complete(given: set[str], mechanism: Mechanism, where: Location) -> N
     if missing and not mechanism.closures:  # in a loop the closures move the joints that the motion leaves out
         expected = f"a motion for every joint with an actuator; missing: {', '.join(j.name for j in missing[:10])}"
         write = f'{missing[0].name} = {schema.MOVES[KINDS[missing[0].kind].units][2]}, or others = "at_zero"'
-        raise where.inner("joints").wrong(missing[0].name, "nothing", expected, write)
+        raise where.make_inner_location("joints").make_error(missing[0].name, "nothing", expected, write)
 
 
 def read_start(tables: Mapping[str, Any], mechanism: Mechanism, motion: Motion, where: Location) -> dict[str, Array]:
@@ -285,7 +292,7 @@ def read_start(tables: Mapping[str, Any], mechanism: Mechanism, motion: Motion, 
             expected = f"a joint that the motion leaves out: {', '.join(passive[:20]) or 'there is none'}"
             other = near and name not in given
             write = f"{near} instead of {name}" if other else f"the motion alone; no start.{name}"
-            raise where.wrong(name, moved, expected, write)
+            raise where.make_error(name, moved, expected, write)
     return read_places(tables, mechanism, passive, where)
 
 
@@ -299,16 +306,16 @@ def read_places(
             near = find_nearest_word(name, joints)
             expected = f"a joint of {mechanism.name} that moves: {', '.join(joints[:20]) or 'there is none'}"
             write = f"{near} instead of {name}" if near else f"no start.{name}"
-            raise where.wrong(name, f"a start for joint {name}", expected, write)
+            raise where.make_error(name, f"a start for joint {name}", expected, write)
         model, parts, write = schema.STARTS[KINDS[mechanism.joint_of[name].kind].units]
-        table = check_table(model, data, where.inner(name))
+        table = check_table(model, data, where.make_inner_location(name))
         values = []
         for part in parts:
             stated = [key for key in part if getattr(table, key) is not None]
             if len(stated) != 1:
                 given = " and ".join(stated) or "nothing"
                 expected = f"where it starts: one of {', '.join(part)}"
-                raise where.inner(name).wrong("", given, expected, write)
+                raise where.make_inner_location(name).make_error("", given, expected, write)
             values.append(part[stated[0]].read(getattr(table, stated[0])))
         out[name] = np.concatenate(values)
     return out

@@ -52,7 +52,9 @@ def load_mechanism(path: str | Path) -> Mechanism:
     table = check_table(schema.MechanismTable, data, top)
     named = ("sections", "links", "joints", "closures", "springs", "forces")
     check_table_names(file, **{kind: getattr(table, kind) for kind in named})
-    sections = {name: read_section(data, top.inner(f"sections.{name}")) for name, data in table.sections.items()}
+    sections = {
+        name: read_section(data, top.make_inner_location(f"sections.{name}")) for name, data in table.sections.items()
+    }
     mechanism = (
         _build_native(table, sections, top) if table.urdf is None else _build_from_urdf(table, sections, Location(base))
     )
@@ -62,11 +64,16 @@ def load_mechanism(path: str | Path) -> Mechanism:
         raise InputError(f"{file}: {error}") from error
     links = mechanism.link_of
     joints = mechanism.joint_of
-    closures = (read_closure(data, links, joints, top.inner(f"closures.{n}"), n) for n, data in table.closures.items())
-    springs = (read_spring(data, links, top.inner(f"springs.{n}"), n) for n, data in table.springs.items())
-    forces = (read_force(data, links, top.inner(f"forces.{n}"), n) for n, data in table.forces.items())
+    closures = (
+        read_closure(data, links, joints, top.make_inner_location(f"closures.{n}"), n)
+        for n, data in table.closures.items()
+    )
+    springs = (
+        read_spring(data, links, top.make_inner_location(f"springs.{n}"), n) for n, data in table.springs.items()
+    )
+    forces = (read_force(data, links, top.make_inner_location(f"forces.{n}"), n) for n, data in table.forces.items())
     mechanism = replace(mechanism, closures=tuple(closures), springs=tuple(springs), forces=tuple(forces))
-    mechanism = _apply_damping(mechanism, table.damping, top.inner("damping"))
+    mechanism = _apply_damping(mechanism, table.damping, top.make_inner_location("damping"))
     name = table.name or (base.stem if base.name != "mechanism.toml" else base.resolve().parent.name)
     return replace(mechanism, name=name, title=table.title, source=table.source, notes=(*table.notes, *mechanism.notes))
 
@@ -83,11 +90,11 @@ def read_layers(file: Path) -> tuple[dict[str, Any], Path]:
     where = Location(file)
     expected = "the path of a mechanism file, from this file's folder, that is over no other one"
     if not isinstance(name, str) or not name.endswith(".toml") or not (file.parent / name).is_file():
-        raise where.wrong("over", format_toml(name), expected, 'over = "mechanism.toml"')
+        raise where.make_error("over", format_toml(name), expected, 'over = "mechanism.toml"')
     base = file.parent / name
     under = read_toml(base)
     if "over" in under:
-        raise where.wrong("over", f"{name}, which is over {format_toml(under['over'])}", expected, "one layer")
+        raise where.make_error("over", f"{name}, which is over {format_toml(under['over'])}", expected, "one layer")
     return _join_tables(under, {key: value for key, value in data.items() if key != "over"}), base
 
 
@@ -103,21 +110,26 @@ def _build_native(table: schema.MechanismTable, sections: Mapping[str, CrossSect
     if table.overlay is not None:
         given = "overlay without [urdf]"
         advice = "its keys in [links.NAME] and [joints.NAME] themselves"
-        raise top.inner("overlay").wrong("", given, "an overlay of a URDF", advice)
+        raise top.make_inner_location("overlay").make_error("", given, "an overlay of a URDF", advice)
     gravity = "gravity_m_per_s2 = [0, 0, -9.81]   (zeros for a horizontal plane)"
     a_link = '[links.arm] with kind = "rigid" or "beam"'
     base = f'[joints.base] with kind, parent = "{WORLD}", child'
     for key, write in (("gravity_m_per_s2", gravity), ("links", a_link), ("joints", base)):
         if not getattr(table, key):
-            raise top.wrong(key, "nothing", schema.MechanismTable.model_fields[key].description or "", write)
-    links = {name: _build_link(data, name, sections, top.inner(f"links.{name}")) for name, data in table.links.items()}
-    joints = [read_joint(data, top.inner(f"joints.{name}"), name) for name, data in table.joints.items()]
-    moving = list_depth_first(joints, links, lambda kind, name, key: top.inner(f"{kind}s.{name}").key(key))
+            raise top.make_error(key, "nothing", schema.MechanismTable.model_fields[key].description or "", write)
+    links = {
+        name: _build_link(data, name, sections, top.make_inner_location(f"links.{name}"))
+        for name, data in table.links.items()
+    }
+    joints = [read_joint(data, top.make_inner_location(f"joints.{name}"), name) for name, data in table.joints.items()]
+    moving = list_depth_first(
+        joints, links, lambda kind, name, key: top.make_inner_location(f"{kind}s.{name}").describe_key(key)
+    )
     for joint in moving:
         on_beam = joint.parent != WORLD and links[joint.parent].beam is not None
         beam = f"the beam {joint.parent} that carries the joint"
         other = f"{joint.parent} is not a beam"
-        where = top.inner(f"joints.{joint.name}")
+        where = top.make_inner_location(f"joints.{joint.name}")
         check_station(joint.station, on_beam, where, beam, other, "placement = { xyz_m = [0.4, 0, 0] }")
     pull = np.array(table.gravity_m_per_s2, dtype=np.float64)
     return Mechanism("", tuple(links[joint.child] for joint in moving), moving, pull)
@@ -129,11 +141,13 @@ def _apply_damping(mechanism: Mechanism, table: schema.DampingTable | None, wher
         return mechanism
     if (table.retardation_s is None) == (table.ratio is None):
         given = "neither" if table.ratio is None else "both"
-        raise where.wrong("ratio", given, "one of ratio [-] and retardation_s [s]", "ratio = 0.01")
+        raise where.make_error("ratio", given, "one of ratio [-] and retardation_s [s]", "ratio = 0.01")
     if any(link.beam is not None and link.beam.section.damping is not None for link in mechanism.links):
-        raise where.wrong("", "[damping] beside retardation_s of a section", "one or the other", "no table [damping]")
+        raise where.make_error(
+            "", "[damping] beside retardation_s of a section", "one or the other", "no table [damping]"
+        )
     if not mechanism.beams:
-        raise where.wrong("ratio", "no link that is a beam", "a beam to damp", "damping of joints in their tables")
+        raise where.make_error("ratio", "no link that is a beam", "a beam to damp", "damping of joints in their tables")
     if table.ratio is None:
         return with_retardation(mechanism, table.retardation_s or 0.0)
     return replace(mechanism, modal_damping=ModalDamping(table.ratio, table.mode))
@@ -142,19 +156,19 @@ def _apply_damping(mechanism: Mechanism, table: schema.DampingTable | None, wher
 def _build_link(data: Any, name: str, sections: Mapping[str, CrossSection], where: Location) -> Link:
     if name == WORLD:
         advice = f'[links.base], and joints that hang on parent = "{WORLD}"'
-        raise where.wrong("", f'a link named "{WORLD}"', "another name: the world is no link", advice)
+        raise where.make_error("", f'a link named "{WORLD}"', "another name: the world is no link", advice)
     if read_option(data, where, "kind", ("rigid", "beam"), '"rigid" or "beam"', "rigid") == "beam":
         made = check_table(schema.BeamLinkTable, data, where)
         section = assemble_section(made.section, sections, where)
         bend = made.curvature_per_m
         curvature = np.array([bend.twist, bend.y, bend.z] if bend else [0, 0, 0], dtype=np.float64)
-        root = read_placement(made.root, where.inner("root"))
+        root = read_placement(made.root, where.make_inner_location("root"))
         beam = Beam(made.length_m, section, made.elements, made.order, curvature, root)
         return Link(name, read_payloads(made.payload, True, name, where), beam)
     table = check_table(schema.RigidLinkTable, data, where)
     if table.massless and (table.mass_kg is not None or table.inertia_kgm2 is not None):
         given = "massless = true and a mass or an inertia"
-        raise where.wrong("massless", given, "one or the other", "massless = false, or no mass")
+        raise where.make_error("massless", given, "one or the other", "massless = false, or no mass")
     own = () if table.massless else (Body(name, read_inertia(table, where)),)
     long = table.rod or table.cylinder  # without a stated tip its far end is the link's
     tip = (
@@ -169,15 +183,17 @@ def _build_from_urdf(table: schema.MechanismTable, sections: Mapping[str, CrossS
     for key in ("links", "joints"):
         if getattr(table, key):
             advice = f"[overlay.{key}.NAME] for what is laid over the URDF"
-            raise top.inner(key).wrong("", f"[{key}] beside [urdf]", "one or the other", advice)
-    path, packages = find_urdf(urdf, top.inner("urdf"))
+            raise top.make_inner_location(key).make_error("", f"[{key}] beside [urdf]", "one or the other", advice)
+    path, packages = find_urdf(urdf, top.make_inner_location("urdf"))
     mechanism, warned = read_urdf(path, packages, urdf.base, table.gravity_m_per_s2 or STANDARD_GRAVITY, urdf.lock)
     for subject, text in warned.items():
         if subject != "mimic" or urdf.mimic is None:
             advice = '; write mimic = "independent" in [urdf] if so meant, or lock them' if subject == "mimic" else ""
             warnings.warn(f"{path}: {text}{advice}", ModelWarning, stacklevel=4)
     return (
-        mechanism if table.overlay is None else _apply_overlay(mechanism, table.overlay, sections, top.inner("overlay"))
+        mechanism
+        if table.overlay is None
+        else _apply_overlay(mechanism, table.overlay, sections, top.make_inner_location("overlay"))
     )
 
 
@@ -193,24 +209,29 @@ def _apply_overlay(
             if name not in known:
                 near = find_nearest_word(name, known)
                 write = f"[overlay.{kind}s.{near}]" if near else f"one of {', '.join(list(known)[:20])}"
-                raise top.inner(f"{kind}s.{name}").wrong("", f'a {kind} "{name}"', f"a {kind} of the URDF", write)
+                raise top.make_inner_location(f"{kind}s.{name}").make_error(
+                    "", f'a {kind} "{name}"', f"a {kind} of the URDF", write
+                )
     for name, data in table.links.items():
-        where = top.inner(f"links.{name}")
+        where = top.make_inner_location(f"links.{name}")
         link = links[name]
         laid = check_table(schema.OverlayLinkTable, data, where)
         if laid.beam is not None and laid.tip_m is not None:
             given = f"tip_m = {laid.tip_m} beside a beam"
             expected = "no tip: a beam reports its end"
-            raise where.wrong("tip_m", given, expected, "the beam alone")
+            raise where.make_error("tip_m", given, expected, "the beam alone")
         if laid.beam is not None:
-            link, changed, note = _make_link_flexible(link, joints, laid.beam, sections, where.inner("beam"))
+            link, changed, note = _make_link_flexible(
+                link, joints, laid.beam, sections, where.make_inner_location("beam")
+            )
             joints.update(changed)
             notes.append(note)
         payload = read_payloads(laid.payload, laid.beam is not None, name, where)
         tip = link.tip if laid.tip_m is None else np.array(laid.tip_m, dtype=np.float64)
         links[name] = replace(link, bodies=(*link.bodies, *payload), tip=tip)
     driven = {
-        name: _apply_drive(joints[name], data, top.inner(f"joints.{name}")) for name, data in table.joints.items()
+        name: _apply_drive(joints[name], data, top.make_inner_location(f"joints.{name}"))
+        for name, data in table.joints.items()
     }
     moving = tuple((joints | driven).values())
     return replace(mechanism, links=tuple(links.values()), joints=moving, notes=tuple(notes))
@@ -220,12 +241,12 @@ def _apply_drive(joint: Joint, data: Any, where: Location) -> Joint:
     """Replace what the table states of the drive; the rest stays as the URDF has it."""
     if joint.kind not in DRIVES:
         expected = f"a joint with a drive; {joint.name} is {joint.kind}"
-        raise where.wrong("", f"an overlay of joint {joint.name}", expected, "remove the table")
+        raise where.make_error("", f"an overlay of joint {joint.name}", expected, "remove the table")
     if isinstance(data, dict) and "drive" in data:  # in place of the damping and dry friction that the URDF has
-        inner = where.inner("drive")
+        inner = where.make_inner_location("drive")
         if joint.kind not in MOTORS:
             expected = f"a drive of a joint with one coordinate ({', '.join(MOTORS)}); {joint.name} is {joint.kind}"
-            raise inner.wrong("", f"a drive of joint {joint.name}", expected, "remove the table")
+            raise inner.make_error("", f"a drive of joint {joint.name}", expected, "remove the table")
         motor = read_drive(check_table(MOTORS[joint.kind], data["drive"], inner), inner)
         joint = replace(joint, drive=motor, damping=0.0, friction=0.0)
         data = {key: value for key, value in data.items() if key != "drive"}
@@ -247,14 +268,14 @@ def _make_link_flexible(
         near = find_nearest_word(table.to_joint, outward) or next(iter(outward), None)
         expected = f"a joint whose parent is {link.name}: {', '.join(outward) or 'it has none'}"
         write = f'to_joint = "{near}"' if near else "a beam for a link that carries a joint"
-        raise where.wrong("to_joint", f'to_joint = "{table.to_joint}"', expected, write)
+        raise where.make_error("to_joint", f'to_joint = "{table.to_joint}"', expected, write)
     start = np.array(table.root_xyz_m, dtype=np.float64)
     along = outward[table.to_joint].placement.position - start
     length = float(np.linalg.norm(along))
     if length == 0.0:
         expected = f"a root away from joint {table.to_joint}: a beam has a length > 0 [m]"
         given = f"root_xyz_m = {start.tolist()}, where the joint is"
-        raise where.wrong("root_xyz_m", given, expected, "root_xyz_m = [0, 0, 0]")
+        raise where.make_error("root_xyz_m", given, expected, "root_xyz_m = [0, 0, 0]")
     x = along / length
     y = np.array(table.y_axis, dtype=np.float64)
     across = y - (y @ x) * x
@@ -263,7 +284,7 @@ def _make_link_flexible(
     if size <= 1e-6 * float(np.linalg.norm(y)):
         write = f"y_axis = {np.eye(3)[int(np.argmin(np.abs(x)))].tolist()}"
         expected = f"a direction that is not along the beam, {np.round(x, 6).tolist()} [-]"
-        raise where.wrong("y_axis", f"y_axis = {y.tolist()}", expected, write)
+        raise where.make_error("y_axis", f"y_axis = {y.tolist()}", expected, write)
     root = Placement(start, np.column_stack([x, across / size, np.cross(x, across / size)]))
     section = assemble_section(table.section, sections, where)
     beam = Beam(length, section, table.elements, table.order, placement=root)
@@ -273,7 +294,7 @@ def _make_link_flexible(
     ):  # seen from there: c' = R^T (c - p), I' = R^T I R
         com = root.rotation.T @ (body.inertia.com - start)
         tensor = root.rotation.T @ body.inertia.tensor @ root.rotation
-        bodies.append(replace(body, inertia=Inertia.stated(body.inertia.mass, com, tensor), station=0.0))
+        bodies.append(replace(body, inertia=Inertia.build_unchecked(body.inertia.mass, com, tensor), station=0.0))
     density = section.mass_per_length
     mass = float(density[0] if density.size == 1 else np.trapezoid(density, section.stations)) * length
     own = sum(body.inertia.mass for body in link.bodies)

@@ -17,7 +17,7 @@ MISSING = "no such file"
 LOOP = "a symbolic link that leads to itself"
 
 
-class NotRegular(OSError):
+class NotRegularFile(OSError):
     """A name that stands for no file whose bytes can be read, and what it stands for."""
 
 
@@ -52,15 +52,15 @@ def read_regular(path: Path, largest: int) -> bytes:
     takes its place meanwhile is looked at, too.
     """
     if words := describe_kind(path):
-        raise NotRegular(words)
+        raise NotRegularFile(words)
     try:
         number = os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0))
     except OSError as error:
-        raise NotRegular(f"a file that cannot be opened ({error.strerror})") from None
+        raise NotRegularFile(f"a file that cannot be opened ({error.strerror})") from None
     with open(number, "rb") as stream:
         if words := _describe_mode(os.fstat(number).st_mode):
-            raise NotRegular(words)
+            raise NotRegularFile(words)
         try:
             return stream.read(largest + 1)
         except OSError as error:
-            raise NotRegular(f"a file that cannot be read ({error.strerror})") from None
+            raise NotRegularFile(f"a file that cannot be read ({error.strerror})") from None

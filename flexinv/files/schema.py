@@ -326,12 +326,12 @@ def read_inertia(table: BodyTable, where: Location) -> Inertia:
     """Read one body's inertia [kg, m, kg m^2] from its table; InputError when no body can have it."""
     if table.mass_kg is None:
         info = type(table).model_fields["mass_kg"]
-        raise where.wrong("mass_kg", "nothing", info.description or "", str((info.examples or [""])[0]))
+        raise where.make_error("mass_kg", "nothing", info.description or "", str((info.examples or [""])[0]))
     given = [name for name in INERTIA_SHAPES if getattr(table, name) is not None]
     if len(given) != 1:
         advice = "inertia_kgm2 = { xx = 1e-4, yy = 2.9e-3, zz = 2.9e-3 }, or inertia_kgm2 = 0 for a point mass"
         expected = f"exactly one of {', '.join(INERTIA_SHAPES)}"
-        raise where.wrong("inertia_kgm2", " and ".join(given) or "nothing", expected, advice)
+        raise where.make_error("inertia_kgm2", " and ".join(given) or "nothing", expected, advice)
     mass = table.mass_kg
     long = table.rod or table.cylinder
     com = None
@@ -356,12 +356,12 @@ def read_inertia(table: BodyTable, where: Location) -> Inertia:
     if table.com_m is not None:
         com = np.array(table.com_m, dtype=np.float64)
     if com is None:
-        raise where.wrong("com_m", "nothing", "the centre of mass, three numbers [m]", "com_m = [0, 0, 0]")
+        raise where.make_error("com_m", "nothing", "the centre of mass, three numbers [m]", "com_m = [0, 0, 0]")
     if reason := describe_impossible_inertia(tensor):
         expected = "the inertia of a body about its centre of mass [kg m^2]: symmetric, moments p1 + p2 >= p3 >= 0"
         advice = "the tensor about the centre of mass, not about the joint; check signs and order of its numbers"
         rows = np.array2string(tensor, separator=", ").replace("\n", "")
-        raise where.wrong(given[0], f"{rows}: {reason}", expected, advice)
+        raise where.make_error(given[0], f"{rows}: {reason}", expected, advice)
     return Inertia(mass, com, (tensor + tensor.T) / 2)
 
 
@@ -372,13 +372,13 @@ def read_payloads(tables: list[PayloadTable], beam: bool, own: str, where: Locat
     """
     bodies: list[Body] = []
     for k, table in enumerate(tables):
-        here = where.inner(f"payload[{k}]")
+        here = where.make_inner_location(f"payload[{k}]")
         on = "the beam's length that carries it"
         off = "the link is rigid"
         check_station(table.station, beam, here, on, off, "com_m alone, in the link frame")
         if table.name in (own, *(body.name for body in bodies)):
             expected = "a name of its own for each body of a link"
-            raise here.wrong("name", f'"{table.name}" twice', expected, f'name = "{table.name}_2"')
+            raise here.make_error("name", f'"{table.name}" twice', expected, f'name = "{table.name}_2"')
         bodies.append(Body(table.name, read_inertia(table, here), table.station))
     return tuple(bodies)
 
@@ -386,6 +386,6 @@ def read_payloads(tables: list[PayloadTable], beam: bool, own: str, where: Locat
 def check_station(station: float | None, on_beam: bool, where: Location, beam: str, other: str, write: str) -> None:
     """Check that what a beam carries names its station [-], and nothing else does; ``beam``, ``other`` : in words."""
     if on_beam and station is None:
-        raise where.wrong("station", "nothing", f"the fraction 0..1 of {beam} [-]", "station = 1.0   (the tip)")
+        raise where.make_error("station", "nothing", f"the fraction 0..1 of {beam} [-]", "station = 1.0   (the tip)")
     if not on_beam and station is not None:
-        raise where.wrong("station", f"station = {station}", f"no station: {other}", write)
+        raise where.make_error("station", f"station = {station}", f"no station: {other}", write)

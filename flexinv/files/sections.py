@@ -124,9 +124,13 @@ def read_section(data: Any, where: Location) -> CrossSection:
     table = check_table(SECTION_SHAPES[shape], data, where)
     if isinstance(table, TubeTable) and table.wall_m > table.outer_diameter_m / 2:
         expected = f"at most half of outer_diameter_m = {table.outer_diameter_m} [m]"
-        raise where.wrong("wall_m", f"wall_m = {table.wall_m}", expected, f"wall_m = {table.outer_diameter_m / 10:g}")
+        raise where.make_error(
+            "wall_m", f"wall_m = {table.wall_m}", expected, f"wall_m = {table.outer_diameter_m / 10:g}"
+        )
     if (table.nu is None) == (table.G_Pa is None):
-        raise where.wrong("nu", "neither" if table.nu is None else "both", "one of nu [-] and G_Pa [Pa]", "nu = 0.33")
+        raise where.make_error(
+            "nu", "neither" if table.nu is None else "both", "one of nu [-] and G_Pa [Pa]", "nu = 0.33"
+        )
     return _compute_section(table)
 
 
@@ -203,18 +207,18 @@ def assemble_section(value: Any, sections: Mapping[str, CrossSection], where: Lo
     advice = 'section = [{ at = 0, section = "A" }, { at = 1, section = "B" }]'
     if not isinstance(rows, list) or len(rows) < (1 if uniform else 2):
         expected = "the name of a [sections.NAME], or two or more stations"
-        raise where.wrong("section", f"section = {format_toml(value)}", expected, advice)
-    tables = [check_table(StationTable, row, where.inner(f"section[{k}]")) for k, row in enumerate(rows)]
+        raise where.make_error("section", f"section = {format_toml(value)}", expected, advice)
+    tables = [check_table(StationTable, row, where.make_inner_location(f"section[{k}]")) for k, row in enumerate(rows)]
     at = np.array([table.at for table in tables])
     if not uniform and (at[0] != 0.0 or at[-1] != 1.0 or not _is_station_list(at)):
         expected = "at increasing from 0 to 1 [-]; two equal ones between are a step"
-        raise where.wrong("section", f"at = {at.tolist()}", expected, advice)
+        raise where.make_error("section", f"at = {at.tolist()}", expected, advice)
     for name in (table.section for table in tables):
         if name not in sections:
             near = find_nearest_word(name, sections)
             expected = f"one of the sections {', '.join(sections)}" if sections else "a section that the file has"
             write = f'section = "{near}"' if near else f"a table [sections.{name}]"
-            raise where.wrong("section", f'section = "{name}"', expected, write)
+            raise where.make_error("section", f'section = "{name}"', expected, write)
     own = [sections[table.section] for table in tables]
     stations = [(float(at[0]), own[0])]  # with more between those of one shape, wherever linear would not be the taper
     for (start, first), (end, last) in pairwise(zip(at.tolist(), own, strict=True)):

@@ -15,7 +15,7 @@ from pydantic.fields import FieldInfo
 
 from flexinv import validation as arguments
 from flexinv.errors import InputError
-from flexinv.files.regular_files import NotRegular, read_regular
+from flexinv.files.regular_files import NotRegularFile, read_regular
 from flexinv.files.values import FORMAT, check_name, find_correction
 
 LARGEST_FILE = 1 << 20  # [byte]: the largest hand-written mechanism is a thousand times smaller
@@ -59,7 +59,7 @@ def read_option(data: Any, where: Location, name: str, known: Collection[str], e
     value = data.get(name) if isinstance(data, dict) else None
     if value is not None and (not isinstance(value, str) or value not in known):
         write = f'{name} = "{arguments.find_nearest_word(str(value), known) or default}"'
-        raise where.wrong(name, f"{name} = {format_toml(value)}", expected, write)
+        raise where.make_error(name, f"{name} = {format_toml(value)}", expected, write)
     return value or ""
 
 
@@ -67,7 +67,7 @@ def read_bytes(path: Path, largest: int, kind: str, existing: str, smaller: str)
     """Read a regular file of at most ``largest`` [byte]; InputError says what else it is, or how to make it smaller."""
     try:
         data = read_regular(path, largest)
-    except NotRegular as error:
+    except NotRegularFile as error:
         raise make_input_error(str(path)[:LONGEST_PATH], str(error), kind, existing) from None
     if len(data) > largest:
         raise make_input_error(str(path), f"more than {largest} bytes", f"at most {largest} bytes", smaller)
@@ -86,18 +86,18 @@ class Location:
     file: Path
     table: str = ""
 
-    def inner(self, name: str) -> Location:
+    def make_inner_location(self, name: str) -> Location:
         """Return the location of a table inside this one [-]."""
         return Location(self.file, f"{self.table}.{name}".removeprefix("."))
 
-    def key(self, name: str = "") -> str:
+    def describe_key(self, name: str = "") -> str:
         """Return the words for a key or the table [-]: ``models/arm/mechanism.toml: table [links.upper], key length_m``."""
         table = f"table [{self.table}]" if self.table else "the top of the file"
         return f"{self.file}: {table}" + (f", key {name}" if name else "")
 
-    def wrong(self, key: str, given: str, expected: str, write: str) -> InputError:
+    def make_error(self, key: str, given: str, expected: str, write: str) -> InputError:
         """Return the `make_input_error` [-] about a key, ``""`` for the table itself."""
-        return make_input_error(self.key(key), given, expected, write)
+        return make_input_error(self.describe_key(key), given, expected, write)
 
 
 def format_toml(value: Any, longest: int = 80) -> str:
@@ -162,7 +162,7 @@ def read_toml(path: Path) -> dict[str, Any]:
         given = f"format = {format_toml(said)}"
         expected = f"format {FORMAT} or older: this flexinv knows no newer one"
         write = "the file in this format, or install a newer flexinv, which reads it"
-        raise Location(path).wrong("format", given, expected, write)
+        raise Location(path).make_error("format", given, expected, write)
     return tables
 
 
@@ -195,7 +195,7 @@ def check_table(model: type[T], data: Any, where: Location) -> T:
     except ValidationError as error:
         found = error.errors(include_url=False, include_context=False)
     if not isinstance(data, dict):
-        raise where.wrong("", format_toml(data), "a table of keys", f"[{where.table}] and its keys below")
+        raise where.make_error("", format_toml(data), "a table of keys", f"[{where.table}] and its keys below")
     complaints = [_describe_error(model, e, where) for e in found]
     fixed = {new for _, new in complaints if new}
     said = [e["type"] == "missing" and ".".join(map(str, e["loc"])) in fixed for e in found]
@@ -222,19 +222,19 @@ def _describe_error(model: type[Table], error: Any, top: Location) -> tuple[str,
             info = owner.model_fields[right]
             write = f"{right} = {format_toml(number)}" if number is not None else (info.examples or [right])[0]
             expected = f"{right}, {info.description} (a key ends in its unit)"
-            return str(make_input_error(inner.key(name), given, expected, write)), ".".join(
+            return str(make_input_error(inner.describe_key(name), given, expected, write)), ".".join(
                 map(str, [*loc[:-1], right])
             )
         near = arguments.find_nearest_word(name, known)
         advice = f"{near} instead of {name}" if near else "one of these, or remove it"
         fixed = ".".join(map(str, [*loc[:-1], near])) if near else ""
-        return str(make_input_error(inner.key(name), given, f"one of {', '.join(known)}", advice)), fixed
+        return str(make_input_error(inner.describe_key(name), given, f"one of {', '.join(known)}", advice)), fixed
     expected, write = (info.description or "", info.examples[0]) if info and info.examples else (error["msg"], name)
     if error["type"] == "missing":
-        return str(inner.wrong(name, "nothing", expected, write)), ""
+        return str(inner.make_error(name, "nothing", expected, write)), ""
     said = error["msg"].removeprefix("Value error, ").removeprefix("Input ")
     given = f"{name}{index} = {format_toml(error['input'])}  ({said[0].lower()}{said[1:]})"
-    return str(inner.wrong(name, given, expected, write)), ""
+    return str(inner.make_error(name, given, expected, write)), ""
 
 
 def _find_field(model: type[Table], keys: list[str]) -> tuple[type[Table], FieldInfo | None]:

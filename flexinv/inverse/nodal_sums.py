@@ -163,7 +163,7 @@ class Skeleton(NamedTuple):
 
 
 @send_by_address
-class Given(NamedTuple):
+class SecondStepInputs(NamedTuple):
     """Inputs of the second step: results of the time integration and data of the task.
 
     wrench : (samples, nodes, 6), energy : (samples, 3) of `dynamics.system.Trajectory` [N], [N m], [J], [W]

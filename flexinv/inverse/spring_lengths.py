@@ -34,7 +34,7 @@ GAPS_AT_ONCE = 4096  # instants whose nodes are in memory
 
 
 @dataclass(frozen=True)
-class MotionBetween:
+class InterpolatedMotion:
     """A motion that can be asked at any instant.
 
     nodes : times (n,) [s], increasing, from that of the first sample on -> motion of the nodes
@@ -45,7 +45,7 @@ class MotionBetween:
     knots: tuple[float, ...]
 
 
-def check_spring_lengths(mesh: Mesh, motion: NodalMotion, time: Array, given: MotionBetween | None = None) -> None:
+def check_spring_lengths(mesh: Mesh, motion: NodalMotion, time: Array, given: InterpolatedMotion | None = None) -> None:
     """Raise InputError where a spring that pulls or pushes at no length has none, at a sample or between two.
 
     time : (samples,) [s] of a motion that is continuous; given : the motion between them, None where it was marched
@@ -66,7 +66,7 @@ def check_spring_lengths(mesh: Mesh, motion: NodalMotion, time: Array, given: Mo
             )
 
 
-def _find_zero_length(mesh: Mesh, spring: Spring, given: MotionBetween, time: Array) -> float | None:
+def _find_zero_length(mesh: Mesh, spring: Spring, given: InterpolatedMotion, time: Array) -> float | None:
     """The first instant [s] at which a spring has no length, of a motion that can be asked at any instant."""
 
     def evaluate_gap(times: Array) -> Array:
@@ -75,7 +75,7 @@ def _find_zero_length(mesh: Mesh, spring: Spring, given: MotionBetween, time: Ar
 
     inside = [knot for knot in given.knots if time[0] < knot < time[-1]]
     pieces = fit_pieces(evaluate_gap, [time[0], *inside, time[-1]], mesh.length)
-    return pieces.zero(NO_LENGTH * mesh.length)
+    return pieces.find_zero(NO_LENGTH * mesh.length)
 
 
 def find_zero_vector(gap: Triple, time: Array, length: float) -> float | None:
@@ -92,9 +92,9 @@ def find_zero_vector(gap: Triple, time: Array, length: float) -> float | None:
         way += steps**2 * np.maximum(np.linalg.norm(second[1:], axis=1), np.linalg.norm(second[:-1], axis=1))
         for k in np.flatnonzero(size[1:] + size[:-1] <= way + 2.0 * least).tolist():
             own = slice(k, k + 2)
-            found = _find_zero_between((d[own], rate[own], second[own]), float(steps[k]), least)
-            if found is not None:
-                return float(time[k]) + found
+            zero_between = _find_zero_between((d[own], rate[own], second[own]), float(steps[k]), least)
+            if zero_between is not None:
+                return float(time[k]) + zero_between
     short = np.flatnonzero(size <= least)
     return float(time[short[0]]) if len(short) else None
 

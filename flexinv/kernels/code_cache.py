@@ -153,11 +153,11 @@ def _prepare_cache(kernel: Any) -> None:
         brought = find_shipped_code(module, kernel.py_func.__qualname__, str(signature), stamp)
         if brought is not None:
             return kept._impl.rebuild(target, brought)
-        found = read_overload(signature, target)
-        if found is None:
+        overload = read_overload(signature, target)
+        if overload is None:
             lock.take()
-            found = read_overload(signature, target)  # what others have compiled meanwhile
-        return found
+            overload = read_overload(signature, target)  # what others have compiled meanwhile
+        return overload
 
     def write_overload(*result: Any) -> None:
         with suppress(OSError):  # a disk that is full: the next process compiles again

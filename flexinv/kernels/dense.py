@@ -272,7 +272,7 @@ class Pivots(NamedTuple):
     over: Array
 
     @classmethod
-    def of(cls, rows: int) -> Pivots:
+    def build_for(cls, rows: int) -> Pivots:
         """Return scratch for so many rows [-]."""
         row, column = np.zeros((2, rows), dtype=np.int64)
         return cls(row, column, np.zeros(rows))

@@ -19,7 +19,7 @@ class Fronts(NamedTuple):
     """Fronts of a sparse QR, each before the one that takes what it leaves.
 
     columns : of the matrix; first : (fronts + 1,) of each front's columns in ``column``
-    own : (fronts,) how many of those it eliminates; column : (columns of fronts,) of the matrix
+    pivots : (fronts,) how many of those it eliminates; column : (columns of fronts,) of the matrix
     place : (columns of fronts,) among those of the parent, -1 for own ones; begin : (fronts + 1,) first row of each front
     source : (rows of fronts,) row of the matrix, -1 where a child's row comes; start : (fronts + 1,) first value of each front
     parent : (fronts,) which takes what is left, or -1; base : (fronts,) first row there
@@ -28,7 +28,7 @@ class Fronts(NamedTuple):
 
     columns: int
     first: Indices
-    own: Indices
+    pivots: Indices
     column: Indices
     place: Indices
     begin: Indices
@@ -86,7 +86,7 @@ def _build_fronts(shape: tuple[int, int], entries: bytes, last: bytes) -> Fronts
     return Fronts(
         columns=count,
         first=_compute_offsets(wide),
-        own=np.array([len(own) for own, _ in groups], dtype=np.int64),
+        pivots=np.array([len(own) for own, _ in groups], dtype=np.int64),
         column=_join_parts([list(columns) for columns in local]),
         place=_join_parts(place),
         begin=_compute_offsets(tall),

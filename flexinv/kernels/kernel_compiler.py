@@ -129,10 +129,10 @@ UNUSED = {
 PLAIN_TYPES = types.Number, types.Boolean, types.Array, types.UniTuple
 
 
-class RememberedTypes:
+class TypeCache:
     """Numba's table of the types of calls, which remembers what it has found for its own functions and plain arguments."""
 
-    found: ClassVar[dict[Any, Any]] = {}
+    known_types: ClassVar[dict[Any, Any]] = {}
 
     def __init__(self, table: Any) -> None:
         self.table = table
@@ -143,13 +143,13 @@ class RememberedTypes:
     def resolve_function_type(self, function: Any, arguments: Any, by_name: Any) -> Any:
         """Return the signature [-] of a call with arguments of these types."""
         key = function, arguments
-        if key in self.found and not by_name:
-            return self.found[key]
-        made = self.table.resolve_function_type(function, arguments, by_name)
+        if key in self.known_types and not by_name:
+            return self.known_types[key]
+        function_type = self.table.resolve_function_type(function, arguments, by_name)
         plain = isinstance(function, types.Function) and all(isinstance(one, PLAIN_TYPES) for one in arguments)
-        if plain and not by_name and made is not None:
-            self.found[key] = made
-        return made
+        if plain and not by_name and function_type is not None:
+            self.known_types[key] = function_type
+        return function_type
 
 
 def _make_compiler_class(library: type[KernelLibrary]) -> type[Compiler]:
@@ -165,7 +165,7 @@ def _make_compiler_class(library: type[KernelLibrary]) -> type[Compiler]:
         def _compile_bytecode(self) -> Any:
             state = self.state
             if state.library is None:
-                state.typingctx = RememberedTypes(state.typingctx)
+                state.typingctx = TypeCache(state.typingctx)
                 state.library = library(state.targetctx.codegen(), state.func_id.func_qualname)
                 state.library.enable_object_caching()
                 state.library.over_lanes = bool(state.flags.fastmath)

@@ -88,8 +88,8 @@ def _resolve_record_type(value: Any, context: Any) -> Any:
     kinds = [typeof_impl(one, context) for one in value]
     if any(kind is None for kind in kinds):
         return None
-    made = _resolve_value_type(types.BaseTuple.from_types(kinds, type(value)))
-    return RecordType(made) if context.purpose is Purpose.argument else made
+    value_type = _resolve_value_type(types.BaseTuple.from_types(kinds, type(value)))
+    return RecordType(value_type) if context.purpose is Purpose.argument else value_type
 
 
 def _resolve_value_type(kind: Any) -> Any:

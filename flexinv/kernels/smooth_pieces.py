@@ -57,7 +57,7 @@ class Pieces:
         slope = chebyshev.chebder(self.coefficients, axis=1) * (2.0 / (self.end - self.begin))[:, None, None]
         return Pieces(self.begin, self.end, slope, np.abs(slope).sum(axis=1).max(axis=0, initial=0.0))
 
-    def turning(self, piece: int, column: int) -> Array:
+    def find_extremes(self, piece: int, column: int) -> Array:
         """Return the times [s] in a piece at which a column may have an extreme value: ends and stationary points, increasing."""
         slope = chebyshev.chebder(self.coefficients[piece, :, column])
         size = np.abs(slope).max(initial=0.0)
@@ -68,12 +68,12 @@ class Pieces:
         half = 0.5 * (self.end[piece] - self.begin[piece])
         return np.asarray(self.begin[piece] + half * (np.r_[-1.0, inside, 1.0] + 1.0))
 
-    def value(self, piece: int, column: int, time: ArrayLike) -> Array:
+    def evaluate_column(self, piece: int, column: int, time: ArrayLike) -> Array:
         """Return a column at times [s] of a piece [unit of the function]."""
         share = (np.asarray(time) - self.begin[piece]) / (self.end[piece] - self.begin[piece])
         return np.asarray(chebyshev.chebval(2.0 * share - 1.0, self.coefficients[piece, :, column]))
 
-    def largest(self, column: int) -> tuple[float, float]:
+    def find_largest(self, column: int) -> tuple[float, float]:
         """Return the largest value of a column [unit of the function] and its time [s]."""
         own = self.coefficients[:, :, column]
         most = own[:, 0] + np.abs(own[:, 1:]).sum(axis=1)  # no value of the piece is larger
@@ -82,18 +82,18 @@ class Pieces:
         for piece in np.argsort(-most).tolist():
             if most[piece] <= best:
                 break
-            times = self.turning(piece, column)
-            values = self.value(piece, column, times)
+            times = self.find_extremes(piece, column)
+            values = self.evaluate_column(piece, column, times)
             if (found := float(values.max())) > best:
                 best = found
                 at = float(times[int(np.argmax(values))])
         return best, at
 
-    def passes(self, column: int, level: float) -> bool:
+    def has_value_above(self, column: int, level: float) -> bool:
         """Return True if a column lies above a level [unit of the function] anywhere, by more than rounding."""
-        return self.largest(column)[0] > level + SAME_VALUE * max(abs(level), float(self.scale[column]))
+        return self.find_largest(column)[0] > level + SAME_VALUE * max(abs(level), float(self.scale[column]))
 
-    def reach(self, column: int, level: float) -> float | None:
+    def find_crossing(self, column: int, level: float) -> float | None:
         """Return the first time [s] at which a column is at a level [unit of the function] or above it, None if it never is.
 
         A level is at its stationary point where that differs by no more than rounding (`SAME_VALUE`): it is touched.
@@ -102,8 +102,8 @@ class Pieces:
         own = self.coefficients[:, :, column]
         most = own[:, 0] + np.abs(own[:, 1:]).sum(axis=1)
         for piece in np.flatnonzero(most >= level - bar).tolist():
-            times = self.turning(piece, column)
-            over = self.value(piece, column, times) - level
+            times = self.find_extremes(piece, column)
+            over = self.evaluate_column(piece, column, times) - level
             first = int(np.argmax(over >= -bar))
             if over[first] < -bar:
                 continue
@@ -112,7 +112,7 @@ class Pieces:
             return self._find_crossing_between(piece, column, level, float(times[first - 1]), float(times[first]))
         return None
 
-    def zero(self, least: float) -> float | None:
+    def find_zero(self, least: float) -> float | None:
         """Return the first time [s] at which the vector of all columns is no longer than ``least`` [unit of the function].
 
         A zero of the vector is one of a component, or, where that only touches zero, a place where it turns.
@@ -139,8 +139,10 @@ class Pieces:
         bar = SAME_VALUE * float(self.scale[column])
         own = self._find_zeros(piece, column)
         own = own[(own >= near[0]) & (own <= near[-1])]
-        turns = self.turning(piece, column)[1:-1]
-        touching = turns[(turns >= near[0]) & (turns <= near[-1]) & (np.abs(self.value(piece, column, turns)) <= bar)]
+        turns = self.find_extremes(piece, column)[1:-1]
+        touching = turns[
+            (turns >= near[0]) & (turns <= near[-1]) & (np.abs(self.evaluate_column(piece, column, turns)) <= bar)
+        ]
         for some in (touching, own, near):
             if len(some):
                 return float(some[int(np.argmin(self._evaluate_length(piece, some)))])
@@ -149,12 +151,12 @@ class Pieces:
     def _evaluate_length(self, piece: int, time: ArrayLike) -> Array:
         """Length of the vector of all columns at times [s] of a piece."""
         columns = range(self.coefficients.shape[2])
-        return np.asarray(np.linalg.norm([self.value(piece, column, time) for column in columns], axis=0))
+        return np.asarray(np.linalg.norm([self.evaluate_column(piece, column, time) for column in columns], axis=0))
 
     def _find_zeros(self, piece: int, column: int) -> Array:
         """The times [s] of a piece at which a column turns or is zero, and the ends."""
-        times = self.turning(piece, column)
-        values = self.value(piece, column, times)
+        times = self.find_extremes(piece, column)
+        values = self.evaluate_column(piece, column, times)
         crossed = np.flatnonzero(values[:-1] * values[1:] < 0.0).tolist()
         signs = [1.0 if values[k + 1] > 0.0 else -1.0 for k in crossed]
         found = [
@@ -168,7 +170,7 @@ class Pieces:
     ) -> float:
         """The time between two at which ``sign`` times a column, which rises there, is at a level, by halving to rounding."""
         while low < (middle := 0.5 * (low + high)) < high:
-            if sign * self.value(piece, column, middle) >= level:
+            if sign * self.evaluate_column(piece, column, middle) >= level:
                 high = middle
             else:
                 low = middle

@@ -48,7 +48,7 @@ class FrontFactors(NamedTuple):
     sums: Array
 
     @classmethod
-    def of(cls, fronts: Fronts, lanes: int = 1) -> FrontFactors:
+    def build_for(cls, fronts: Fronts, lanes: int = 1) -> FrontFactors:
         """Return arrays for matrices with these fronts [-]."""
         columns = len(fronts.column)
         beta, diagonal = np.zeros((2, columns, lanes))
@@ -96,7 +96,7 @@ def factorise_qr(fronts, qr):
 def _factorise_front(fronts, qr, f):
     """Eliminate the own columns of a front, and bring the others to a triangle where they are fewer than its rows left."""
     first = fronts.first[f]
-    own = fronts.own[f]
+    own = fronts.pivots[f]
     rows = fronts.begin[f + 1] - fronts.begin[f]
     width = fronts.first[f + 1] - first
     top = 0
@@ -113,10 +113,10 @@ def _factorise_front(fronts, qr, f):
         column = qr.values[place : place + rows]
         _compute_squares(column, top, qr.sums)
         if c < own:
-            found = _judge_independence(qr.sums, qr.scale)
-            if found < 0:
+            independence = _judge_independence(qr.sums, qr.scale)
+            if independence < 0:
                 return False
-            if found == 0:
+            if independence == 0:
                 continue
         _compute_reflection(column, top, qr.sums, qr.beta[at], qr.diagonal[at])
         qr.pivot[at] = top
@@ -201,7 +201,7 @@ def _count_remaining_rows(fronts, qr, f):
     """Number of rows that a front passes on."""
     width = fronts.first[f + 1] - fronts.first[f]
     rows = fronts.begin[f + 1] - fronts.begin[f]
-    return min(rows - qr.top[f], width - fronts.own[f])
+    return min(rows - qr.top[f], width - fronts.pivots[f])
 
 
 @jit_inner
@@ -210,7 +210,7 @@ def _copy_to_parent(fronts, qr, f):
     first = fronts.first[f]
     parent = fronts.parent[f]
     top = qr.top[f]
-    for d in range(fronts.own[f], fronts.first[f + 1] - first):
+    for d in range(fronts.pivots[f], fronts.first[f + 1] - first):
         pivot = qr.pivot[first + d]
         own = qr.values[_find_first_value(fronts, f, d) :]
         to = qr.values[_find_first_value(fronts, parent, fronts.place[first + d]) + fronts.base[f] :]
@@ -236,7 +236,7 @@ def solve_least_squares(fronts, qr, y, x):
             pivot = qr.pivot[first + c]
             if pivot >= 0:
                 _reflect(part, qr.values[_find_first_value(fronts, f, c) :], qr.beta[first + c], pivot, qr.sums)
-            if c < fronts.own[f]:
+            if c < fronts.pivots[f]:
                 for k in range(lanes):
                     x[fronts.column[first + c], k] = part[pivot, k] if pivot >= 0 else 0.0
         if fronts.parent[f] >= 0:
@@ -256,7 +256,7 @@ def solve_least_norm(fronts, qr, x, y):
         first = fronts.first[f]
         part = qr.line[fronts.begin[f] : fronts.begin[f + 1]]
         part[:] = 0.0
-        for c in range(fronts.own[f]):
+        for c in range(fronts.pivots[f]):
             if qr.pivot[first + c] >= 0:
                 for k in range(lanes):
                     part[qr.pivot[first + c], k] = x[fronts.column[first + c], k]
@@ -282,7 +282,7 @@ def turn_beside(fronts, qr, number, y):
     """Set y (rows, lanes) to Q e of a unit vector e behind the columns [-]: a matrix of one front does not reach it."""
     y[:] = 0.0
     y[qr.top[0] + number] = 1.0
-    for c in range(fronts.own[0] - 1, -1, -1):
+    for c in range(fronts.pivots[0] - 1, -1, -1):
         if qr.pivot[c] >= 0:
             _reflect(y, qr.values[_find_first_value(fronts, 0, c) :], qr.beta[c], qr.pivot[c], qr.sums)
 
@@ -292,7 +292,7 @@ def solve_upper(fronts, qr, x):
     """Solve R z = x in place of x (columns, lanes) [any unit], for what stands at free columns, which stays."""
     for f in range(fronts.parent.shape[0] - 1, -1, -1):
         first = fronts.first[f]
-        for c in range(fronts.own[f] - 1, -1, -1):
+        for c in range(fronts.pivots[f] - 1, -1, -1):
             pivot = qr.pivot[first + c]
             own = fronts.column[first + c]
             if pivot < 0:
@@ -311,7 +311,7 @@ def solve_lower(fronts, qr, x):
     """Solve R^T z = x in place of x (columns, lanes) [any unit]; what is left at free columns means nothing."""
     for f in range(fronts.parent.shape[0]):
         first = fronts.first[f]
-        for c in range(fronts.own[f]):
+        for c in range(fronts.pivots[f]):
             pivot = qr.pivot[first + c]
             own = fronts.column[first + c]
             if pivot < 0:
@@ -342,7 +342,7 @@ def compute_condition_estimate(fronts, qr, x, sign):
         return 0.0
     for f in range(fronts.parent.shape[0]):
         first = fronts.first[f]
-        for c in range(fronts.own[f]):
+        for c in range(fronts.pivots[f]):
             size += qr.diagonal[first + c, 0] ** 2
             for d in range(c + 1, fronts.first[f + 1] - first):
                 size += qr.values[_find_first_value(fronts, f, d) + qr.pivot[first + c], 0] ** 2

@@ -34,7 +34,7 @@ SAME_STATION = 1e-9  # two stations of one beam closer than this fraction of its
 
 
 @dataclass(frozen=True, eq=False)
-class Places:
+class MeshPlaces:
     """Nodes of the joints, sections and bodies of a mechanism, by name.
 
     joint_node : joint name -> node of the child's link frame; tip_node : link name -> node of a beam's end
@@ -56,7 +56,7 @@ class Places:
 
 
 @dataclass(frozen=True, eq=False)  # a mesh is itself only: what is known of it can be kept
-class Mesh(Places):
+class Mesh(MeshPlaces):
     """Nodes of a mechanism in tree order (parents first) and its beam elements.
 
     parent : (nodes,), -1 the world; kind : (nodes,) RIGID, REVOLUTE, ... of `joint_kinds`
@@ -99,7 +99,7 @@ _AT_ITS_PARENT = Placement()  # of the second axis of a joint on its first
 
 
 @dataclass(frozen=True, eq=False)
-class _Builder(Places):
+class _Builder(MeshPlaces):
     """Grows the node and element lists; becomes a Mesh at the end."""
 
     rows: list[list[Any]] = field(default_factory=list)  # parent, kind, placement, link, and as `_NO_JOINT`
@@ -107,50 +107,52 @@ class _Builder(Places):
     inertia: list[Array] = field(default_factory=list)
     elements: list[list[Array]] = field(default_factory=list)  # of each the arrays of `Elements`
 
-    def node(self, parent: int, kind: int, placement: Placement, link: int) -> int:
+    def add_node(self, parent: int, kind: int, placement: Placement, link: int) -> int:
         self.rows.append([parent, kind, placement, link, *_NO_JOINT])
         self.mass.append(0.0)
         self.inertia.append(np.zeros((3, 3)))
         return len(self.rows) - 1
 
-    def joint(self, joint: Joint, link: int) -> None:
+    def add_joint(self, joint: Joint, link: int) -> None:
         node = find_attachment_node(self, Attachment(joint.parent, station=joint.station))
         placement = joint.placement
         q, v = (slices[joint.name].start for slices in (self.mechanism.q_slices, self.mechanism.v_slices))
         number = KINDS[joint.kind].number
         owner = self.mechanism.links[link]
         for axis in joint.axes:
-            node = self.node(node, number, placement, link)
+            node = self.add_node(node, number, placement, link)
             self.rows[node][4:] = axis, *((q, v) if joint.nv else (-1, -1)), *joint.compute_motion_subspace(axis)
             placement = _AT_ITS_PARENT
             q = q + CONFIGURATIONS[number]
             v = v + VELOCITIES[number]
         self.joint_node[joint.name] = node
         if owner.beam is not None:
-            self.beam(owner, owner.beam, link, node)
+            self.add_beam(owner, owner.beam, link, node)
         for body in owner.bodies:
             at = (
                 node if body.station is None or owner.beam is None else self.find_section_node(owner.name, body.station)
             )
             if body.inertia.com.any():
-                at = self.node(at, RIGID, Placement(body.inertia.com), link)
+                at = self.add_node(at, RIGID, Placement(body.inertia.com), link)
             self.body_node[(owner.name, body.name)] = at
             self.mass[at] += body.inertia.mass
             self.inertia[at] = self.inertia[at] + body.inertia.tensor
 
-    def beam(self, link: Link, beam: Beam, index: int, node: int) -> None:
+    def add_beam(self, link: Link, beam: Beam, index: int, node: int) -> None:
         hung = [j.station for j in self.mechanism.joints if j.parent == link.name] + [b.station for b in link.bodies]
         hung += [end.station for end in self.mechanism.attachments if end.link == link.name]
         wanted = [station for station in hung if station is not None]
-        nodes = [self.node(node, RIGID, beam.placement, index)]
+        nodes = [self.add_node(node, RIGID, beam.placement, index)]
         stations = [0.0]
         for start, end in pairwise(_list_element_bounds(beam, wanted)):
-            self.element(beam, index, start, end, nodes, stations)
+            self.add_element(beam, index, start, end, nodes, stations)
         self.tip_node[link.name] = nodes[-1]
         self.section_nodes[link.name] = np.array(nodes)
         self.section_stations[link.name] = np.array(stations)
 
-    def element(self, beam: Beam, link: int, start: float, end: float, nodes: list[int], stations: list[float]) -> None:
+    def add_element(
+        self, beam: Beam, link: int, start: float, end: float, nodes: list[int], stations: list[float]
+    ) -> None:
         """Append one element between two fractions of the length: its nodes, lumped mass, stiffness, shape."""
         ref = build_reference(beam.order)
         half = 0.5 * (end - start)
@@ -159,7 +161,9 @@ class _Builder(Places):
         at_nodes = start + half * (1 + ref.nodes)
         at_points = start + half * (1 + ref.points)
         for previous, here in pairwise(at_nodes):
-            own.append(self.node(own[-1], SECTION, compute_section_frame(beam, (here - previous) * beam.length), link))
+            own.append(
+                self.add_node(own[-1], SECTION, compute_section_frame(beam, (here - previous) * beam.length), link)
+            )
         nodes += own[1:]
         stations += list(at_nodes[1:])
         rho_a, rho_i = _evaluate_sections(
@@ -285,7 +289,7 @@ def build(mechanism: Mechanism) -> Mesh:
     index = {link.name: k for k, link in enumerate(mechanism.links)}
     for joint in mechanism.joints:
         check_expanded(joint)
-        builder.joint(joint, index[joint.child])
+        builder.add_joint(joint, index[joint.child])
     columns = zip(*builder.rows, strict=True) if builder.rows else 9 * [()]
     parent, kind, placement, link, axis, q, v, moved, turned = columns
     slide, turn = np.zeros((2, len(moved), 6, 3))
@@ -303,7 +307,7 @@ def build(mechanism: Mechanism) -> Mesh:
     )  # fmt: skip
 
 
-def find_attachment_node(mesh: Places, at: Attachment) -> int:
+def find_attachment_node(mesh: MeshPlaces, at: Attachment) -> int:
     """Return the node that carries an attachment (its frame is constant there, placement in [m]); -1 is the world."""
     if at.link == WORLD:
         return -1

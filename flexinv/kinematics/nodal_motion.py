@@ -58,7 +58,7 @@ class NodalMotion:
         """Return arrays to be filled [m, rad, s]; nothing is in them."""
         return cls(*make_adjacent_arrays((samples, nodes, 3), (samples, nodes, 3, 3), *4 * [(samples, nodes, 3)]))
 
-    def samples(self, span: slice) -> NodalMotion:
+    def take_samples(self, span: slice) -> NodalMotion:
         """Return the samples of ``span``, not copied [m, rad, s]."""
         return NodalMotion(*(part[span] for part in self.parts))
 

@@ -100,23 +100,25 @@ def find_roots(mass: Sparse, damping: Sparse, stiffness: Sparse) -> Roots:
     Raises InputError where a freedom has neither inertia nor stiffness.
     """
     parts = [scipy.sparse.csc_array(part) for part in (mass, damping, stiffness)]
-    own = _build_pencil(*parts)
-    if not len(own.a):
-        none = np.zeros((len(own.basis), 0), dtype=complex)
+    pencil = _build_pencil(*parts)
+    if not len(pencil.a):
+        none = np.zeros((len(pencil.basis), 0), dtype=complex)
         return Roots(np.zeros(0, dtype=complex), none, none, np.zeros(0))
     m, c, k = parts
 
     def compute_corrected_roots(values: PencilRoots, shift: float) -> Corrected:
         root, z, w = values
-        x = own.basis @ (own.follow @ z)[: own.basis.shape[1]]
-        y = own.basis @ _compute_left_vectors(own, root, w)
-        late = find_late(root, own.lag)
+        x = pencil.basis @ (pencil.follow @ z)[: pencil.basis.shape[1]]
+        y = pencil.basis @ _compute_left_vectors(pencil, root, w)
+        late = find_late(root, pencil.lag)
         root, x, y, unknown = _update_roots_by_newton(parts, root, x, y, late)
         root, x, y, bar, lost = update_roots(parts, root, x, y, shift)
         return root, x, y, bar, lost + unknown
 
-    matrices = own.a @ own.follow, own.b @ own.follow
-    found = find_all_roots(*matrices, own.smallest, compute_corrected_roots, lambda s: s * s * m + s * c + k, own.lag)
+    matrices = pencil.a @ pencil.follow, pencil.b @ pencil.follow
+    found = find_all_roots(
+        *matrices, pencil.smallest, compute_corrected_roots, lambda s: s * s * m + s * c + k, pencil.lag
+    )
     return match_conjugate_roots(*found)
 
 

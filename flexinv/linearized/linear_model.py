@@ -31,7 +31,7 @@ from flexinv.linearized.natural_modes import (
     resolve_setup,
 )
 from flexinv.linearized.state_space import Basis, LeftOut, StateSpace, build_state_space
-from flexinv.linearized.steady_modes import Steady, build_steady_motion
+from flexinv.linearized.steady_modes import SteadyLinearisation, build_steady_motion
 from flexinv.model.by_value import ByValue
 from flexinv.model.joint_kinds import KINDS
 from flexinv.model.mechanism import Mechanism
@@ -195,14 +195,14 @@ def linear_model(
     basis = _build_basis(motion, coordinates[joints], modes)
     moved = np.flatnonzero(mechanism.actuated & coordinates.any(axis=1)).tolist()
     driven = [v for v in moved if v not in joints]
-    found = build_state_space(basis, motion.matrices, coordinates[driven].T)
-    c, d, outputs, output_units = _build_outputs(motion.solver, coordinates, basis, found)
+    state_space = build_state_space(basis, motion.matrices, coordinates[driven].T)
+    c, d, outputs, output_units = _build_outputs(motion.solver, coordinates, basis, state_space)
     states, state_units = _list_states(mechanism, accelerated, basis)
     inputs, input_units = _list_inputs(mechanism, driven, accelerated)
     held = coordinates[driven] @ motion.residual
     return LinearModel(
-        A=found.a,
-        B=found.b,
+        A=state_space.a,
+        B=state_space.b,
         C=c,
         D=d,
         states=states,
@@ -214,7 +214,7 @@ def linear_model(
         bias=np.concatenate([held, np.zeros(len(accelerated))]),
         notes=_list_notes(motion, basis, modes),
         origin=Origin(mechanism, at, rates, freed[: len(freed) - len(accelerated)], tuple(accelerated), modes),
-        left_out=found.left_out,
+        left_out=state_space.left_out,
     )
 
 
@@ -246,7 +246,7 @@ def _list_inputs(
     return (*efforts, *accelerations), (*effort_units, *acceleration_units)
 
 
-def _list_notes(motion: Steady, basis: Basis, modes: int | None) -> tuple[str, ...]:
+def _list_notes(motion: SteadyLinearisation, basis: Basis, modes: int | None) -> tuple[str, ...]:
     """Name what few modes leave out."""
     if modes is None:
         return ()
@@ -261,7 +261,7 @@ def _is_gyroscopic(damping: Array) -> bool:
     return bool(np.abs(damping - damping.T).max(initial=0.0) > GYROSCOPIC * np.abs(damping).max(initial=0.0))
 
 
-def _build_basis(motion: Steady, accelerated: Array, modes: int | None) -> Basis:
+def _build_basis(motion: SteadyLinearisation, accelerated: Array, modes: int | None) -> Basis:
     """T and W of `build_state_space`: given joints with what follows them at rest, and shapes with these held."""
     m = motion.matrices.mass
     k = motion.matrices.stiffness
@@ -278,10 +278,10 @@ def _build_basis(motion: Steady, accelerated: Array, modes: int | None) -> Basis
     inner = _build_shapes(rest, motion, modes)
     right = np.hstack([follow, inner.right])
     left = right if inner.left is inner.right else np.hstack([follow, inner.left])
-    return replace(inner, right=right, left=left, given=len(accelerated))
+    return replace(inner, right=right, left=left, prescribed=len(accelerated))
 
 
-def _build_shapes(allowed: Sparse, motion: Steady, modes: int | None) -> Basis:
+def _build_shapes(allowed: Sparse, motion: SteadyLinearisation, modes: int | None) -> Basis:
     """Shapes of unit modal mass, slowest first, of the symmetric part of K, and all motions without inertia; or few of them.
 
     Few shapes of a mechanism with gyroscopic terms or circulatory K span its slowest complex modes: (root^2 M + root C + K) x = 0
@@ -292,12 +292,12 @@ def _build_shapes(allowed: Sparse, motion: Steady, modes: int | None) -> Basis:
     symmetric = is_symmetric(scipy.sparse.csc_array(stiffness))
     if modes is None or (symmetric and not _is_gyroscopic(damping)):
         return _build_undamped_basis(allowed, (mass, damping, stiffness), modes)
-    found = find_roots(mass, damping, stiffness)
-    right = _find_real_basis(found.shapes[:, :modes], mass)
+    roots = find_roots(mass, damping, stiffness)
+    right = _find_real_basis(roots.shapes[:, :modes], mass)
     if not symmetric:
-        left = _find_real_basis(found.left[:, :modes], mass)
-        if left.is_pair_of(right, mass, damping):
-            return _join_spans(allowed, right, left)
+        real_basis = _find_real_basis(roots.left[:, :modes], mass)
+        if real_basis.is_pair_of(right, mass, damping):
+            return _join_spans(allowed, right, real_basis)
     if not right.is_pair_of(right, mass, damping):  # what has no inertia has no damper among these shapes
         right = replace(right, massless=right.massless[:, :0])
     return _join_spans(allowed, right, right)

@@ -49,11 +49,11 @@ def apply_damping_ratio(mechanism: Mechanism, ratio: float, mode: int = 1) -> tu
         )
     if not 0.0 <= ratio < 1.0:
         raise InputError(f"damping ratio {ratio:g}: expected 0 to 1 [-], for example 0.01")
-    found = natural_modes(with_retardation(mechanism, 1.0))
-    if not 1 <= mode <= len(found.squared):
-        raise InputError(f"damping ratio: mode {mode}, expected 1 to {len(found.squared)}, the modes that are found")
-    own = float(found.ratio[mode - 1])
+    modes = natural_modes(with_retardation(mechanism, 1.0))
+    if not 1 <= mode <= len(modes.squared):
+        raise InputError(f"damping ratio: mode {mode}, expected 1 to {len(modes.squared)}, the modes that are found")
+    own = float(modes.ratio[mode - 1])
     if not own > 0.0:
         raise InputError(f"damping ratio: mode {mode} does not oscillate; take another, `flexinv modes` lists them")
     seconds = ratio / own
-    return with_retardation(mechanism, seconds), seconds, replace(found, friction=seconds * found.friction)
+    return with_retardation(mechanism, seconds), seconds, replace(modes, friction=seconds * modes.friction)

@@ -202,7 +202,7 @@ def natural_modes(
         limit = check_seconds("accuracy", accuracy, "a part of each frequency above 0 [-], for example 1e-3")
         return _find_accurate_modes(natural_modes(mechanism, q, free, count), limit)
     mesh, at, moving = resolve_setup(mechanism, q, free, count)
-    solver = Solver.of(mesh, set(moving))
+    solver = Solver.build_for(mesh, set(moving))
     mass, damping, stiffness = compute_rest_matrices(solver, find_rest_position(solver, at)[0])
     squared, shapes, bars = _find_modes(stiffness, mass, find_allowed_motions(solver), count)
     last = len(squared) if count is None else count
@@ -307,7 +307,7 @@ def find_rest_position(solver: Solver, q: Array) -> tuple[Joints, Solver]:
     """
     mesh = solver.mesh
     nothing = np.zeros(solver.mesh.mechanism.nv)
-    held = solver if mesh.mechanism.closures else Solver.of(mesh, set())
+    held = solver if mesh.mechanism.closures else Solver.build_for(mesh, set())
     joints = begin_undeformed(solver, q, nothing, nothing)
     solver.update_loads(0.0, q, nothing, nothing)
     if mesh.mechanism.is_rigid:
@@ -319,8 +319,8 @@ def find_rest_position(solver: Solver, q: Array) -> tuple[Joints, Solver]:
     if held is not solver:
         begin_undeformed(held, q, nothing, nothing)
         held.update_loads(0.0, q, nothing, nothing)
-    found = find_equilibrium(held, q, "rest position for modes")
-    held.solve_instant(STATICS, found, "rest position for modes")
+    equilibrium = find_equilibrium(held, q, "rest position for modes")
+    held.solve_instant(STATICS, equilibrium, "rest position for modes")
     sections = solver.topology.independent
     solver.state.x[sections] = held.state.x[sections]
     solver.state.r[sections] = held.state.r[sections]
@@ -369,8 +369,8 @@ def count_unstable_motions(solver: Solver, joints: Joints) -> tuple[int, bool]:
     if not len(solver.topology.scale):
         return 0, True
     allowed = find_allowed_motions(solver)
-    found = compute_rest_matrices(solver, joints)
-    m, c, k = (scipy.sparse.csc_array(allowed.T @ part @ allowed) for part in found)
+    rest_matrices = compute_rest_matrices(solver, joints)
+    m, c, k = (scipy.sparse.csc_array(allowed.T @ part @ allowed) for part in rest_matrices)
     if is_symmetric(k):
         return count_negative_eigenvalues(k), True
     few = k.shape[0] <= ONE_AND_ALL

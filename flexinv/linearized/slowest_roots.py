@@ -58,8 +58,13 @@ def find_slowest_roots(mass: Sparse, damping: Sparse, stiffness: Sparse, count: 
             f"modes: whether all of the {count} slowest roots are found is not proved: they are too close together; "
             "write another count"
         )
-    found = match_conjugate_roots(*update_roots(list(parts), root, right, left, shift))
-    return Roots(found.root[:count], found.shapes[:, :count], found.left[:, :count], found.bar[:count])
+    conjugate_roots = match_conjugate_roots(*update_roots(list(parts), root, right, left, shift))
+    return Roots(
+        conjugate_roots.root[:count],
+        conjugate_roots.shapes[:, :count],
+        conjugate_roots.left[:, :count],
+        conjugate_roots.bar[:count],
+    )
 
 
 def _run_arnoldi(parts: Terms, shift: float, count: int) -> tuple[Complex, Complex, Complex]:

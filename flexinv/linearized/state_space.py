@@ -33,11 +33,11 @@ POLE_MOVES = 3
 
 @dataclass(frozen=True)
 class Basis:
-    """Right columns T and left columns W (unknowns, own) [m], [rad]; given, massive, moved, held : how many of each kind."""
+    """Right columns T and left columns W (unknowns, own) [m], [rad]; prescribed, massive, moved, held : how many of each kind."""
 
     right: Array
     left: Array
-    given: int
+    prescribed: int
     massive: int
     moved: int = 0
     held: int = 0
@@ -45,7 +45,7 @@ class Basis:
     @property
     def states(self) -> int:
         """Number of states [-]."""
-        return 2 * (self.given + self.massive) + self.moved
+        return 2 * (self.prescribed + self.massive) + self.moved
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,7 +100,7 @@ def build_state_space(basis: Basis, matrices: tuple[Array, Array, Array], effort
     """
     mass, damping, stiffness = (basis.left.T @ part @ basis.right for part in matrices)
     push = basis.left.T @ efforts
-    g = basis.given
+    g = basis.prescribed
     r = basis.massive
     d = basis.moved
     n = basis.states

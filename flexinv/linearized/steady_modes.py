@@ -60,7 +60,7 @@ ACROSS = 1e-9
 
 
 @dataclass(frozen=True)
-class Turning:
+class SteadyRotation:
     """Steady rotation of every node: rate W (nodes, 3) [rad/s] world, about centre (nodes, 3) [m]."""
 
     rate: Array
@@ -68,7 +68,7 @@ class Turning:
 
 
 @dataclass(frozen=True)
-class Steady:
+class SteadyLinearisation:
     """The linearisation M y'' + C y' + K y = effort about a steady motion, in the unknowns of the march.
 
     solver : at the motion; matrices : M, C, K, in metres and radians
@@ -80,7 +80,7 @@ class Steady:
     residual: Array
 
 
-def build_steady_motion(mesh: Mesh, q: Array, rates: Mapping[str, float], free: set[str]) -> Steady:
+def build_steady_motion(mesh: Mesh, q: Array, rates: Mapping[str, float], free: set[str]) -> SteadyLinearisation:
     """Return the linearisation about a mechanism that turns steadily, joints at q (nq,) [rad], [m], some at ``rates`` [rad/s].
 
     free : joints that move about the steady motion; what holds them there is taken as a constant effort
@@ -103,7 +103,7 @@ def build_steady_motion(mesh: Mesh, q: Array, rates: Mapping[str, float], free: 
                 "write its rate as 0, or its stiffness"
             )
         _check_steady(mesh, joint, [other for other in spun if other is not joint])
-    solver = Solver.of(mesh, free)
+    solver = Solver.build_for(mesh, free)
     joints, held = at_rest.find_rest_position(solver, q)
     if any(rates.values()):
         if len(held.topology.scale):
@@ -115,10 +115,10 @@ def build_steady_motion(mesh: Mesh, q: Array, rates: Mapping[str, float], free: 
     solver.evaluate(STATICS, joints)
     along = _build_turning(solver, rates, 1.0)
     _move_along(solver, along)
-    found = _compute_matrices(at_rest.compute_tied_matrices(solver, joints), solver, along)
+    matrices = _compute_matrices(at_rest.compute_tied_matrices(solver, joints), solver, along)
     solver.evaluate(STATICS._replace(mode=DYNAMIC), joints)
     # what outside efforts hold: forces in closures are none
-    return Steady(solver, found, solver.work.residual[0].copy())
+    return SteadyLinearisation(solver, matrices, solver.work.residual[0].copy())
 
 
 def add_coupled_rates(mesh: Mesh, rates: Mapping[str, float]) -> dict[str, float]:
@@ -212,9 +212,9 @@ def _apply_rates(solver: Solver, q: Array, rates: Mapping[str, float], part: flo
     return compute_joint_motion(mesh, q, qd, np.zeros(mesh.mechanism.nv))
 
 
-def _build_turning(solver: Solver, rates: Mapping[str, float], part: float) -> Turning:
+def _build_turning(solver: Solver, rates: Mapping[str, float], part: float) -> SteadyRotation:
     mesh = solver.mesh
-    out = Turning(np.zeros((mesh.size, 3)), np.zeros((mesh.size, 3)))
+    out = SteadyRotation(np.zeros((mesh.size, 3)), np.zeros((mesh.size, 3)))
     for name, rate in rates.items():
         if rate:
             node = mesh.joint_node[name]
@@ -226,7 +226,7 @@ def _build_turning(solver: Solver, rates: Mapping[str, float], part: float) -> T
     return out
 
 
-def _move_along(solver: Solver, turning: Turning) -> None:
+def _move_along(solver: Solver, turning: SteadyRotation) -> None:
     """Give the sections the velocities and accelerations of the steady motion: W x r, W x (W x r)."""
     t = solver.topology
     s = solver.state
@@ -260,7 +260,7 @@ def _find_deformed_shape(solver: Solver, q: Array, rates: Mapping[str, float]) -
         reached = part
 
 
-def _find_steady_state(solver: Solver, joints: Joints, turning: Turning) -> None:
+def _find_steady_state(solver: Solver, joints: Joints, turning: SteadyRotation) -> None:
     n = count_constraints(solver)
     ties = solver.border.ties
     size = 0.0
@@ -300,7 +300,7 @@ def _solve_increment(solver: Solver, stiffness: Sparse, residual: Array) -> Arra
         return np.full(len(scale), np.nan)
 
 
-def _compute_matrices(found: Matrices, solver: Solver, turning: Turning) -> Matrices:
+def _compute_matrices(found: Matrices, solver: Solver, turning: SteadyRotation) -> Matrices:
     """M, C and K in the axes that turn along, from those of the march's unknowns, with A, B and D of the head of this file."""
     t = solver.topology
     if not turning.rate.any():

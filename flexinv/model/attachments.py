@@ -46,7 +46,7 @@ class GasLaw(Frozen):
         left = 1.0 - (np.asarray(length, dtype=np.float64) - rest) / self.travel
         return np.asarray(self.force * left**-self.exponent)
 
-    def slope(self, length: ArrayLike, rest: float) -> Array:
+    def evaluate_slope(self, length: ArrayLike, rest: float) -> Array:
         """Return the derivative of the pull by the length [N/m] at lengths [m] (any shape)."""
         left = 1.0 - (np.asarray(length, dtype=np.float64) - rest) / self.travel
         return np.asarray(self.force * self.exponent / self.travel * left ** (-self.exponent - 1.0))
@@ -79,7 +79,7 @@ class TableLaw(Frozen):
                 f"{where}force has {len(self.force)} numbers: expected {len(self.length)}, one for each length"
             )
 
-    def pieces(self) -> Array:
+    def list_pieces(self) -> Array:
         """Return start [m] and coefficients of falling powers of l - start [N/m^3], [N/m^2], [N/m], [N], (rows + 1, 5)."""
         inner = scipy.interpolate.PchipInterpolator(self.length, self.force)
         ends = inner.derivative()(self.length[[0, -1]])
@@ -88,7 +88,7 @@ class TableLaw(Frozen):
         return np.vstack([before, np.column_stack([self.length[:-1], inner.c.T]), after])
 
     def _find_piece(self, length: ArrayLike) -> tuple[Array, Array]:
-        table = self.pieces()
+        table = self.list_pieces()
         at = np.asarray(length, dtype=np.float64)
         piece = table[np.clip(np.searchsorted(table[:, 0], at, side="right") - 1, 0, len(table) - 1)]
         return piece[..., 1:], at - np.where(np.isfinite(piece[..., 0]), piece[..., 0], self.length[0])
@@ -98,7 +98,7 @@ class TableLaw(Frozen):
         c, x = self._find_piece(length)
         return np.asarray(((c[..., 0] * x + c[..., 1]) * x + c[..., 2]) * x + c[..., 3])
 
-    def slope(self, length: ArrayLike, rest: float) -> Array:
+    def evaluate_slope(self, length: ArrayLike, rest: float) -> Array:
         """Return the derivative of the pull by the length [N/m] at lengths [m] (any shape)."""
         c, x = self._find_piece(length)
         return np.asarray((3.0 * c[..., 0] * x + 2.0 * c[..., 1]) * x + c[..., 2])

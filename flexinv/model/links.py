@@ -33,7 +33,7 @@ class Frozen(ByValue):
 
     def __post_init__(self) -> None:
         """Hold every value as its rule has it.  Raises InputError: the record, its field, what was given and expected."""
-        where = self._name()
+        where = self._describe_record()
         for name, rule in self.RULES.items():
             given = getattr(self, name)
             held = rule(where + name, given)
@@ -42,7 +42,7 @@ class Frozen(ByValue):
         self._replace_writable_arrays()
         self._check(where)
 
-    def _name(self) -> str:
+    def _describe_record(self) -> str:
         """Return the words before the name of a field in a message [-]."""
         own = getattr(self, "name", None)
         return f"{type(self).__name__} {own!r}: " if isinstance(own, str) else f"{type(self).__name__}: "
@@ -151,7 +151,7 @@ class Inertia(Frozen):
             raise InputError(f"{where}tensor = {self.tensor.tolist()}: {reason}; expected {expected}; write {advice}")
 
     @classmethod
-    def stated(cls, mass: float, com: Array | None = None, tensor: Array | None = None) -> Inertia:
+    def build_unchecked(cls, mass: float, com: Array | None = None, tensor: Array | None = None) -> Inertia:
         """Return finite numbers [kg], [m], [kg m^2] as they stand in a file, whether or not a body can have them."""
         made = object.__new__(cls)
         given = {"mass": mass, "com": np.zeros(3) if com is None else com}
@@ -166,7 +166,7 @@ class Inertia(Frozen):
         """Return it with other numbers [kg], [m], [kg m^2], whether or not a body can have them."""
         place = self.com if com is None else com
         moments = self.tensor if tensor is None else tensor
-        return Inertia.stated(self.mass if mass is None else mass, place, moments)
+        return Inertia.build_unchecked(self.mass if mass is None else mass, place, moments)
 
 
 @dataclass(frozen=True, eq=False)

@@ -107,10 +107,10 @@ def find_law(name: str) -> Law:
     return LAWS[name]
 
 
-def evaluate_progress(law: Law, s: Array, left: Mask) -> Triple:
+def evaluate_progress(law: Law, s: Array, remaining: Mask) -> Triple:
     """Evaluate a law for any s: at rest before 0 and after 1, right-hand limits at its jumps.
 
-    s : (samples,) [-]; left : (samples,) True where the limit from the left is wanted instead
+    s : (samples,) [-]; remaining : (samples,) True where the limit from the left is wanted instead
     returns u, u', u'' : (samples,) each [-]
     """
     inside = np.where(s > SNAP, s, 0.0)
@@ -120,8 +120,8 @@ def evaluate_progress(law: Law, s: Array, left: Mask) -> Triple:
     u, speed, acceleration = law.function(inside)
     if law.jumps:  # u'' is constant between the jumps, so its limit from the left is its value a little earlier
         before = law.function(np.clip(inside - SNAP, 0.0, 1.0))[2]
-        acceleration = np.where(left & np.isin(inside, law.jumps), before, acceleration)
-    moving = np.where(left, (s > SNAP) & (s <= 1.0 + SNAP), (s >= -SNAP) & (s < 1.0 - SNAP))
+        acceleration = np.where(remaining & np.isin(inside, law.jumps), before, acceleration)
+    moving = np.where(remaining, (s > SNAP) & (s <= 1.0 + SNAP), (s >= -SNAP) & (s < 1.0 - SNAP))
     return u, np.where(moving, speed, 0.0), np.where(moving, acceleration, 0.0)
 
 
@@ -192,13 +192,13 @@ def choose_continuous_signs(quaternions: Array, where: str) -> Array:
 
 
 def _apply_rest_outside(
-    sampling: Sampling, spline: scipy.interpolate.BSpline, at: Array, left: Mask, where: str, path: Triple
+    sampling: Sampling, spline: scipy.interpolate.BSpline, at: Array, remaining: Mask, where: str, path: Triple
 ) -> Triple:
-    """Rest before and after the samples; the stop itself belongs to the rest unless ``left`` asks for the move."""
+    """Rest before and after the samples; the stop itself belongs to the rest unless ``remaining`` asks for the move."""
     end = sampling.time[-1]
     snap = SNAP * sampling.time[-1]
-    after = np.where(left, at > end + snap, at >= end - snap)
-    before = np.where(left, at <= snap, at < -snap)
+    after = np.where(remaining, at > end + snap, at >= end - snap)
+    before = np.where(remaining, at <= snap, at < -snap)
     if np.any(at > end + snap):
         peak = np.abs(spline(sampling.time, 1)).max()
         stop = np.abs(spline(end, 1)).max()
@@ -253,44 +253,44 @@ class Track:
         return self.breaks if self.sampling is None else tuple(self.sampling.time)
 
 
-def evaluate_joint_path(track: Track, joint: Joint, values: Array, at: Array, left: Mask) -> Triple:
+def evaluate_joint_path(track: Track, joint: Joint, values: Array, at: Array, remaining: Mask) -> Triple:
     """Return q, qd and qdd of one joint at the times ``at`` [s]; values (rows, columns) are that joint's.
 
-    left : (samples,) where an acceleration jump gives its limit from the left
+    remaining : (samples,) where an acceleration jump gives its limit from the left
     returns q (samples, nq) [rad], [m]; qd (samples, nv) [rad/s], [m/s]; qdd (samples, nv) [rad/s^2], [m/s^2]
     """
     where = f"joint {joint.name!r}"
     kind = KINDS[joint.kind]
     if kind.layout == ROTATION:
-        return _evaluate_rotation(track, values, at, left, where)
+        return _evaluate_rotation(track, values, at, remaining, where)
     if kind.layout == POSE:
-        position, v, a = _evaluate_linear(track, values[:, :3], at, left, where)
-        quaternion, omega, alpha = _evaluate_rotation(track, values[:, 3:], at, left, where)
+        position, v, a = _evaluate_linear(track, values[:, :3], at, remaining, where)
+        quaternion, omega, alpha = _evaluate_rotation(track, values[:, 3:], at, remaining, where)
         to_body = scipy.spatial.transform.Rotation.from_quat(quaternion).inv()
         v = to_body.apply(v)
         a = to_body.apply(a)
         return np.hstack([position, quaternion]), np.hstack([v, omega]), np.hstack([a - np.cross(omega, v), alpha])
     if kind.circle:
         angle, rate, acceleration = _evaluate_linear(
-            track, _resolve_angles(values, track.sampling is not None, where), at, left, where
+            track, _resolve_angles(values, track.sampling is not None, where), at, remaining, where
         )
         return np.hstack([np.cos(angle), np.sin(angle)]), rate, acceleration
-    return _evaluate_linear(track, values, at, left, where)
+    return _evaluate_linear(track, values, at, remaining, where)
 
 
-def _evaluate_linear(track: Track, values: Array, at: Array, left: Mask, where: str) -> Triple:
+def _evaluate_linear(track: Track, values: Array, at: Array, remaining: Mask, where: str) -> Triple:
     """Coordinates in a linear space and their two derivatives: (samples, columns) each, at rest outside the samples."""
     if track.sampling is None:
-        u, u1, u2 = _evaluate_law(track, at, left)
+        u, u1, u2 = _evaluate_law(track, at, remaining)
         step = values[1] - values[0]
         return values[0] + u * step, u1 * step, u2 * step
     spline = track.sampling.build_spline(values)
     inside = np.clip(at, 0.0, track.sampling.time[-1])
     path = spline(inside), spline(inside, 1), spline(inside, 2)
-    return _apply_rest_outside(track.sampling, spline, at, left, where, path)
+    return _apply_rest_outside(track.sampling, spline, at, remaining, where, path)
 
 
-def _evaluate_rotation(track: Track, values: Array, at: Array, left: Mask, where: str) -> Triple:
+def _evaluate_rotation(track: Track, values: Array, at: Array, remaining: Mask, where: str) -> Triple:
     """Quaternion (samples, 4), angular velocity and acceleration (samples, 3) in the moving frame.
 
     The spline S(t) through the four components of samples (made continuous in sign) is normalised, q = S/|S|.  Then exactly
@@ -299,7 +299,7 @@ def _evaluate_rotation(track: Track, values: Array, at: Array, left: Mask, where
     """
     unit = scale_quaternions(values, where)
     if track.sampling is None:
-        u, u1, u2 = _evaluate_law(track, at, left)
+        u, u1, u2 = _evaluate_law(track, at, remaining)
         rotation = scipy.spatial.transform.Rotation
         first, last = rotation.from_quat(unit)
         vector = (first.inv() * last).as_rotvec()  # (xyz,), along the geodesic
@@ -313,12 +313,12 @@ def _evaluate_rotation(track: Track, values: Array, at: Array, left: Mask, where
     square = np.sum(s * s, axis=1, keepdims=True)
     omega = 2.0 * _compute_product_vector(s, s1) / square
     alpha = 2.0 * _compute_product_vector(s, s2) / square - 2.0 * omega * np.sum(s * s1, axis=1, keepdims=True) / square
-    return _apply_rest_outside(track.sampling, spline, at, left, where, (s / np.sqrt(square), omega, alpha))
+    return _apply_rest_outside(track.sampling, spline, at, remaining, where, (s / np.sqrt(square), omega, alpha))
 
 
-def _evaluate_law(track: Track, at: Array, left: Mask) -> Triple:
+def _evaluate_law(track: Track, at: Array, remaining: Mask) -> Triple:
     """u (samples, 1) [-], u' [1/s], u'' [1/s^2] of the track's law."""
-    u, u1, u2 = evaluate_progress(find_law(track.law), (at - track.delay) / track.move, left)
+    u, u1, u2 = evaluate_progress(find_law(track.law), (at - track.delay) / track.move, remaining)
     return u[:, None], u1[:, None] / track.move, u2[:, None] / track.move**2
 
 

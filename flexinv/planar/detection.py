@@ -56,11 +56,11 @@ def find_plane(mesh: Mesh) -> Plane | NotPlanar:
     rotation = np.empty((mesh.size, 3, 3))  # in the world, joints at zero
     for n, parent in enumerate(mesh.parent):
         rotation[n] = mesh.rotation[n] if parent < 0 else rotation[parent] @ mesh.rotation[n]
-    found: Plane | NotPlanar = NotPlanar("it has neither revolute joints nor beams")
+    plane: Plane | NotPlanar = NotPlanar("it has neither revolute joints nor beams")
     for normal in _list_normals(mesh, rotation):
-        if isinstance(found := _check(mesh, rotation, normal), Plane):
+        if isinstance(plane := _check(mesh, rotation, normal), Plane):
             break
-    return found
+    return plane
 
 
 def convert_to_plane(plane: Plane, node: NDArray[np.int64], vectors: Array) -> Array:

@@ -34,9 +34,9 @@ class JointNodes:
     q: Indices
     v: Indices
     turns_on: NDArray[np.bool_]
-    given: NDArray[np.bool_]
+    prescribed: NDArray[np.bool_]
 
-    def coordinates(self, q: Array, qd: Array, qdd: Array) -> Array:
+    def collect_coordinates(self, q: Array, qd: Array, qdd: Array) -> Array:
         """Return q, q', q'' of the joints, (samples, joints, 3) [m, rad, s], from q (samples, nq), qd, qdd (samples, nv)."""
         out = np.empty((len(q), len(self.node), 3))
         joints = zip(self.q.tolist(), self.v.tolist(), self.turns_on.tolist(), strict=True)
@@ -83,7 +83,7 @@ def build_planar_model(mesh: Mesh, passive: frozenset[str]) -> PlanarModel:
     tied = _build_ties(rows, row, plane, tree)
     node = np.flatnonzero(mesh.v_index >= 0)
     turns_on = mesh.kind[node] == CONTINUOUS
-    given = tree.given[node] >= 0
+    given = tree.prescribed_column[node] >= 0
     joints = JointNodes(node, mesh.q_index[node], mesh.v_index[node], turns_on, given)
     return PlanarModel(
         plane, t, tree, elements, space, pick, _list_places(tree, elements), tied, _build_masses(tree), joints
@@ -125,7 +125,7 @@ def _build_tree(mesh: Mesh, topology: Topology, plane: Plane) -> PlanarTree:
         parent=mesh.parent, block=topology.block, independent=topology.independent, size=size, offset=offset,
         part=topology.part, span=span, first_element=np.searchsorted(np.sort(part), np.arange(len(span))),
         element=np.argsort(part, kind="stable"), scale=scale,
-        given=np.where(driven, np.cumsum(driven) - 1, -1), column=column,
+        prescribed_column=np.where(driven, np.cumsum(driven) - 1, -1), column=column,
         turn=np.where(turning, np.sign(axis[:, 2]), 0.0), slide=np.where(sliding[:, None], axis[:, :2], 0.0),
         offset_p=np.ascontiguousarray(offset_p[:, :2]), shifted=sliding | offset_p[:, :2].any(axis=1),
         mass=mesh.mass, inertia=np.einsum("ni,nij,nj->n", frames[:, 2], mesh.inertia, frames[:, 2]),

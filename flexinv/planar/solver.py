@@ -38,7 +38,7 @@ class PlanarMarch:
     system: PlanarSystem
 
     @classmethod
-    def of(cls, mesh: Mesh, passive: Collection[str]) -> PlanarMarch:
+    def build_for(cls, mesh: Mesh, passive: Collection[str]) -> PlanarMarch:
         """Return the arrays of a mesh that lies in a plane, whose joints named in ``passive`` are free."""
         m = build_planar_model(mesh, frozenset(passive))
         unknowns = len(m.tree.scale)
@@ -52,7 +52,7 @@ class PlanarMarch:
             points=make_aligned_zeros(len(m.elements.constants) // int(CONSTANTS) * int(POINT_BLOCK)),
             rates=make_aligned_zeros(len(m.elements.damping) // int(COEFFICIENTS) * int(RATE_BLOCK)),
             u=make_aligned_zeros(max(count, 1), 3),
-            felt=make_aligned_zeros(*mesh.elements.nodes.shape, 3),
+            node_forces=make_aligned_zeros(*mesh.elements.nodes.shape, 3),
             residual=make_aligned_zeros(sides, unknowns),
             y=make_aligned_zeros(sides, unknowns),
         )
@@ -62,7 +62,7 @@ class PlanarMarch:
         factors = PlanarFactors(
             rows=rows,
             row=row,
-            own=own,
+            unknowns=own,
             inverse=make_aligned_zeros(elements, most, most),
             to_root=make_aligned_zeros(elements, 3, most),
             b=make_aligned_zeros(elements, widest, most),
@@ -70,22 +70,22 @@ class PlanarMarch:
             root=make_aligned_zeros(len(m.tree.span) - 1, columns, columns),
             diagonal=make_aligned_zeros(len(m.tree.size), widest, widest),
             line=make_aligned_zeros(2, max(most, columns)),
-            found=make_aligned_zeros(elements, most),
+            scratch=make_aligned_zeros(elements, most),
         )
         ties = _copy_arrays(m.ties)
         masses = _copy_arrays(m.masses)
-        state = State.of(0, unknowns)
+        state = State.build_for(0, unknowns)
         return cls(mesh, m, PlanarSystem(m.tree, m.elements, ties, masses, m.space, state, frames, factors, work))
 
     @classmethod
-    def acquire(cls, mesh: Mesh, passive: Collection[str]) -> PlanarMarch:
+    def take_reusable(cls, mesh: Mesh, passive: Collection[str]) -> PlanarMarch:
         """Return a march as `of` does, or reuse one of the same that was released; for callers that begin anew."""
         try:
             return _list_reusable(mesh, frozenset(passive)).pop()
         except IndexError:
-            return cls.of(mesh, passive)
+            return cls.build_for(mesh, passive)
 
-    def release(self, passive: Collection[str]) -> None:
+    def make_reusable(self, passive: Collection[str]) -> None:
         """Leave the arrays to the next march that begins; a march that failed may leave NaN in them, which is cleared."""
         self.system.ties.multiplier[:], self.system.masses.over[:] = 0.0, self.model.masses.over
         _list_reusable(self.mesh, frozenset(passive)).append(self)
@@ -98,12 +98,14 @@ class PlanarMarch:
         Return status, instants done, iterations or element, last relative increment [-].
         """
         state = self.system.state
-        given = self._collect_prescribed(q, qd, qdd)
+        prescribed = self._collect_prescribed(q, qd, qdd)
         state.u[:], state.du[:] = state.u0, state.du0
-        status, instant, count, size = integrate_planar_motion(self.system, scheme, _NOWHERE, True, given, row, out)
+        status, instant, count, size = integrate_planar_motion(
+            self.system, scheme, _NOWHERE, True, prescribed, row, out
+        )
         return int(status), int(instant), int(count), float(size)
 
-    def turned(self, element: int) -> float:
+    def compute_section_turn(self, element: int) -> float:
         """Return by how much the sections of an element turn against each other [rad] where the last step has begun."""
         e = self.model.elements
         free, at = self._list_independent_nodes()
@@ -165,7 +167,7 @@ class PlanarMarch:
         free = np.flatnonzero(tree.independent)
         return free, tree.offset[tree.block[free], None] + np.arange(3)
 
-    def arguments(
+    def prepare_arguments(
         self, scheme: Scheme, start: GivenMotion | None, steps: GivenMotion, row: Indices, out: Trajectory
     ) -> tuple[Any, ...]:
         """Return the arguments of `integrate_planar_motion` over the ends of ``steps``: q (steps, nq), qd, qdd (steps, nv) "
@@ -178,17 +180,17 @@ class PlanarMarch:
         given = self._collect_prescribed(*steps)
         joint = _NOWHERE
         if start is not None:
-            here = self.model.joints.coordinates(*start)
+            here = self.model.joints.collect_coordinates(*start)
             nodes = self.model.joints
-            given = np.concatenate([here[:, nodes.given], given])
+            given = np.concatenate([here[:, nodes.prescribed], given])
             joint = np.zeros((self.mesh.size, 3))
             joint[nodes.node] = here[0]
         return self.system, scheme, joint, start is not None, given, row, out
 
     def _collect_prescribed(self, q: Array, qd: Array, qdd: Array) -> Array:
         joints = self.model.joints
-        given = joints.coordinates(q, qd, qdd)
-        return given if joints.given.all() else np.ascontiguousarray(given[:, joints.given])
+        coordinates = joints.collect_coordinates(q, qd, qdd)
+        return coordinates if joints.prescribed.all() else np.ascontiguousarray(coordinates[:, joints.prescribed])
 
 
 @make_owner_cache()

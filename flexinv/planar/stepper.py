@@ -74,7 +74,7 @@ class PlanarWork(NamedTuple):
     points: Array
     rates: Array
     u: Array
-    felt: Array
+    node_forces: Array
     residual: Array
     y: Array
 
@@ -134,7 +134,7 @@ def evaluate(system, given, moved):
         planar_beam.fill_point_gradients(elements, work.points, work.rates)
     compute_node_wrenches(system.tree, frames)
     add_ties(system.ties, system.ties.multiplier, frames.wrench)
-    add_forces(elements, frames.pose, work.points, frames.wrench, work.felt)
+    add_forces(elements, frames.pose, work.points, frames.wrench, work.node_forces)
     assemble_residual(system.tree, system.state, frames, work.residual[0])
     return largest, worst
 
@@ -213,7 +213,7 @@ def begin_step(system, scheme, given):
     for i in range(len(state.du)):
         jump = max(jump, scheme.h * scheme.h * abs(state.pseudo[i] - state.du0[i]) / tree.scale[i])
     if jump > generalized_alpha.START_ROUNDING:
-        copy(ties.multiplier, ties.kept)
+        copy(ties.multiplier, ties.saved_multiplier)
         copy(state.du0, state.du)
         passes.fill_independent_variations(tree, system.frames, scheme.cv, scheme.ca)
         for _ in range(PASSES):
@@ -227,7 +227,7 @@ def begin_step(system, scheme, given):
         if generalized_alpha.is_sudden(scheme, tree.scale, state.pseudo, state.du):
             begin_from_state(state)
             return True
-        copy(ties.kept, ties.multiplier)
+        copy(ties.saved_multiplier, ties.multiplier)
     copy(state.pseudo, state.du)
     begin_from_state(state)
     return False
@@ -280,18 +280,18 @@ def integrate_planar_motion(system, step, start_at, still, given, row, out):
             passes.fill_independent_variations(tree, frames, scheme.cv, scheme.ca)
         if moves:
             prepare_step(step, state)
-        copy(ties.multiplier, ties.kept)
+        copy(ties.multiplier, ties.saved_multiplier)
         status, count, size = run_newton(system, scheme, given[n], SLOW, MANY)
         if status != CONVERGED and moves:  # where something has just let go, the past says little about what comes
             state.order[0] = 0
             prepare_step(step, state)
-            copy(ties.kept, ties.multiplier)
+            copy(ties.saved_multiplier, ties.multiplier)
             status, count, size = run_newton(system, step, given[n], 0.0, MOST_ITERATIONS)
         if status != CONVERGED:
             return status, n, count, size
         projects = not moves or (acts and row[n] >= 0)
         if projects:
-            copy(ties.multiplier, ties.kept)
+            copy(ties.multiplier, ties.saved_multiplier)
             update_accelerations(system)
         if row[n] >= 0:
             write_sample(row[n], system, out)
@@ -303,7 +303,7 @@ def integrate_planar_motion(system, step, start_at, still, given, row, out):
                 return stepper.SUDDEN_START, n + 1, count, size
             continue
         if projects:
-            copy(ties.kept, ties.multiplier)
+            copy(ties.saved_multiplier, ties.multiplier)
         generalized_alpha.update_unknowns(step, state, tree.scale)
     return CONVERGED, given.shape[0], count, size
 
@@ -335,7 +335,7 @@ def write_sample(sample, system, out):
     power = 0.0
     for n in range(len(elements.order)):
         for i in range(elements.order[n] + 1):
-            power += dot(vec(work.felt[n, i]), vec(frames.rate[elements.nodes[n, i]]))
+            power += dot(vec(work.node_forces[n, i]), vec(frames.rate[elements.nodes[n, i]]))
         side = space.side[n]
         axle = space.axle[elements.nodes[n, 0]]
         for g in range(elements.order[n]):  # in the section frame: n_1 e_1 + n_2 side, m normal

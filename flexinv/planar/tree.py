@@ -35,7 +35,8 @@ class PlanarTree(NamedTuple):
 
     parent, block : (nodes,); independent : (nodes,) bool; size, offset, part : (blocks,); span : (parts + 1,)
     scale : (unknowns,) [m] or 1; first_element : (parts + 1,) of each part in ``element``, from its root to its leaves
-    given : (nodes,) column of the prescribed joint coordinate, -1 without; column : (nodes,) of the passive one in its block
+    prescribed_column : (nodes,) column of the prescribed joint coordinate, -1 without;
+    column : (nodes,) of the passive one in its block
     turn : (nodes,) +-1 of revolute joints, 0 else; slide : (nodes, 2) direction of prismatic ones in the parent's frame
     offset_p : (nodes, 2) p_0 [m]; shifted : (nodes,) whether p may differ from zero
     mass, inertia : (nodes,) [kg], [kg m^2] about the normal; gravity : (2,) [m/s^2]
@@ -52,7 +53,7 @@ class PlanarTree(NamedTuple):
     first_element: NDArray[np.int64]
     element: NDArray[np.int64]
     scale: Array
-    given: NDArray[np.int64]
+    prescribed_column: NDArray[np.int64]
     column: NDArray[np.int64]
     turn: Array
     slide: Array
@@ -96,8 +97,8 @@ def run_forward_pass(tree, state, given, frames):
             put(frames.rate[n], 0, vec_at(state.u, o))
             put(frames.acceleration[n], 0, vec_at(state.du, o))
             continue
-        if tree.given[n] >= 0:
-            put(frames.joint[n], 0, vec(given[tree.given[n]]))
+        if tree.prescribed_column[n] >= 0:
+            put(frames.joint[n], 0, vec(given[tree.prescribed_column[n]]))
         elif own >= 0:
             k = o + own
             put(frames.joint[n], 0, (state.place[k] + state.d[k], state.u[k], state.du[k]))

@@ -30,7 +30,7 @@ class PlanarFactors(NamedTuple):
     """The linearisation of a planar mechanism on its tree, eliminated.
 
     rows : (elements,) number of own unknowns; row : (elements, count, columns) where those of each node stand among them
-    own : (elements, rows) number of the unknown
+    unknowns : (elements, rows) number of the unknown
     inverse : (elements, rows, wide) S^-T; to_root : (elements, 3, rows) own rows by the root's pose; b, x : (elements, columns,
         rows) B^T and (S^-1 B)^T; root : (parts, columns, wide) inverses of the blocks on the world
     diagonal : (blocks, columns, columns); line (2, wide), found (elements, wide) : scratch
@@ -38,7 +38,7 @@ class PlanarFactors(NamedTuple):
 
     rows: NDArray[np.int64]
     row: NDArray[np.int64]
-    own: NDArray[np.int64]
+    unknowns: NDArray[np.int64]
     inverse: Array
     to_root: Array
     b: Array
@@ -46,7 +46,7 @@ class PlanarFactors(NamedTuple):
     root: Array
     diagonal: Array
     line: Array
-    found: Array
+    scratch: Array
 
 
 @jit_inner
@@ -191,11 +191,11 @@ def solve_part(tree, elements, factors, part, residual, y):
         k = tree.element[n]
         first = tree.offset[tree.block[elements.nodes[k, 0]]]
         if _is_small(k, tree, elements, factors):
-            own = tapply(mat(factors.inverse[k]), vec_at(residual, factors.own[k, 0]))
-            put(y, factors.own[k, 0], scale(-1.0, own))
+            own = tapply(mat(factors.inverse[k]), vec_at(residual, factors.unknowns[k, 0]))
+            put(y, factors.unknowns[k, 0], scale(-1.0, own))
             add_to(residual, first, scale(-1.0, apply(mat(factors.b[k]), own)))
         else:
-            _solve_own(k, tree, elements, factors, residual, factors.found[k], first)
+            _solve_own(k, tree, elements, factors, residual, factors.scratch[k], first)
     # the block on the world
     size = tree.size[part]
     start = tree.offset[part]
@@ -211,20 +211,20 @@ def solve_part(tree, elements, factors, part, residual, y):
         k = tree.element[n]
         first = tree.offset[tree.block[elements.nodes[k, 0]]]
         if _is_small(k, tree, elements, factors):
-            add_to(y, factors.own[k, 0], scale(-1.0, tapply(mat(factors.x[k]), vec_at(y, first))))
+            add_to(y, factors.unknowns[k, 0], scale(-1.0, tapply(mat(factors.x[k]), vec_at(y, first))))
         else:
-            found = factors.found[k]
+            found = factors.scratch[k]
             for c in range(tree.size[tree.block[elements.nodes[k, 0]]]):
                 subtract(found, -y[first + c], factors.x[k, c], 0, factors.rows[k])
             for r in range(factors.rows[k]):
-                y[factors.own[k, r]] = -found[r]
+                y[factors.unknowns[k, r]] = -found[r]
 
 
 @jit_inner
 def _solve_own(k, tree, elements, factors, residual, found, first):
     """S^-1 r of an element, and what its own unknowns do to the residual of its first block while that stands still."""
     rows = factors.rows[k]
-    own = factors.own[k]
+    own = factors.unknowns[k]
     line = factors.line[0]
     for r in range(rows):
         line[r] = residual[own[r]]

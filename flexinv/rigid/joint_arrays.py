@@ -66,7 +66,7 @@ def convert_to_arrays(mechanism: Mechanism, arrays: Sequence[ArrayLike], order: 
     if not isinstance(order, str) or order not in ("samples", "coordinates"):
         raise InputError(f"joint_torques: order = {shown(order)}, expected 'samples' or 'coordinates'")
     axis = 0 if order == "coordinates" else -1  # of the columns; -1 - axis is that of the samples
-    found = []
+    result = []
     for label, width, given in zip(LABELS, (mechanism.nq, mechanism.nv, mechanism.nv), arrays, strict=True):
         own = type(given) is ARRAY_TYPE and given.dtype is FLOAT_TYPE and given.flags.aligned
         a: Array = given if own else convert_to_floats(f"joint_torques: {label}", given)  # type: ignore[assignment]
@@ -75,11 +75,11 @@ def convert_to_arrays(mechanism: Mechanism, arrays: Sequence[ArrayLike], order: 
             shape = f"({width}, samples)" if order == "coordinates" else f"(samples, {width})"
             needs = f"mechanism '{mechanism.name}' needs {shape}: {', '.join(names)}"
             raise InputError(f"joint_torques: {label} has shape {a.shape}, {needs}")
-        found.append(a)
-    counts = [a.shape[-1 - axis] if a.ndim == 2 else 1 for a in found]
+        result.append(a)
+    counts = [a.shape[-1 - axis] if a.ndim == 2 else 1 for a in result]
     if len(set(counts)) > 1:
         raise InputError(f"joint_torques: q, qd, qdd have {counts} samples, expected the same number")
-    return found
+    return result
 
 
 def make_output_array(out: Array | None, like: Array) -> Array:

@@ -13,7 +13,7 @@ import numpy as np
 from numba import types
 from numpy.typing import ArrayLike, NDArray
 
-from flexinv.constraints.allocation import OPEN, OPEN_ACCELERATION, OPEN_RATE, GivenLoops
+from flexinv.constraints.allocation import OPEN, OPEN_ACCELERATION, OPEN_RATE, PrescribedLoops
 from flexinv.constraints.closures import build_constraint_rows
 from flexinv.constraints.reactions import compute_closure_wrenches
 from flexinv.inverse import inverse_dynamics as nodal_dynamics
@@ -51,7 +51,7 @@ _NOBODY = np.zeros((0, CELLS), dtype=np.uint64)
 _COMPILING = Lock()
 
 
-class _Own(local):
+class _ThreadData(local):
     """Data of one thread: a work space for itself and for each helper, and a counter of blocks.
 
     Rows of the work space begin with a line of the cache: else every vector of eight numbers meets two of them.
@@ -63,7 +63,7 @@ class _Own(local):
         # What `sample` needs, looked up at once: the data of a thread are slow to come by.
         self.of_sample = self.work, self.counter, memoryview(self.counter)  # type: ignore[arg-type]
 
-    def cells(self, samples: int) -> NDArray[np.uint64]:
+    def prepare_cells(self, samples: int) -> NDArray[np.uint64]:
         """The counter, with a cell for every block."""
         if len(self.counter) < CALL_CELLS + samples // BLOCK + 1:
             self.counter = np.zeros(CALL_CELLS + samples // BLOCK + 1, dtype=np.uint64)
@@ -104,9 +104,9 @@ class TorqueFunction(ByValue):
     threads: int
     mesh: Mesh = field(repr=False, compare=False)
     bodies: Bodies = field(repr=False, compare=False)
-    _own: _Own = field(repr=False, compare=False)
+    _own: _ThreadData = field(repr=False, compare=False)
     plan: LoopPlan = field(default=NO_LOOPS, repr=False, compare=False)
-    loops: GivenLoops | None = field(default=None, repr=False, compare=False)
+    loops: PrescribedLoops | None = field(default=None, repr=False, compare=False)
     loaded: bool = field(default=False, compare=False)
     _widths: tuple[int, int] = field(
         default=(0, 0), repr=False, compare=False
@@ -125,7 +125,9 @@ class TorqueFunction(ByValue):
             copied before.
         Raises InputError: wrong shape, value that is not finite, a motion that the closures do not allow (see `allocation`).
         """
-        mails = self._mails(getattr(qdd, "size", 0))  # first of all: what follows takes as long as waking somebody
+        mails = self._prepare_helpers(
+            getattr(qdd, "size", 0)
+        )  # first of all: what follows takes as long as waking somebody
         given = joint_arrays.convert_to_arrays(self.mechanism, (q, qd, qdd), order)
         tau = joint_arrays.make_output_array(out, given[1])
         if self.loaded and any(np.may_share_memory(a, tau) for a in given):
@@ -181,7 +183,7 @@ class TorqueFunction(ByValue):
         torque = second.torque + compute_spring_efforts(m, q, history=False) if self.passive else second.torque
         reaction: dict[str, Array] = {}
         if self.loops is not None:
-            shares = self.loops.shares(q, qd, qdd, torque)
+            shares = self.loops.compute_shares(q, qd, qdd, torque)
             pushed, reaction = compute_closure_wrenches(mesh, motion, build_constraint_rows(mesh), shares.multipliers)
             second = nodal_dynamics.compute_inverse_dynamics(mesh, motion, qd, qdd, pushed + acting, self.passive)
             torque = shares.tau
@@ -233,10 +235,10 @@ class TorqueFunction(ByValue):
         """Prepared anew where it is sent: to another process [-]."""
         return prepare, (self.mechanism, self.passive, self.threads)
 
-    def _split_loop_efforts(self, loops: GivenLoops, counter: NDArray[np.uint64], rows: Sequence[Array]) -> None:
+    def _split_loop_efforts(self, loops: PrescribedLoops, counter: NDArray[np.uint64], rows: Sequence[Array]) -> None:
         """Share out what the kernel has left, and look at a motion that it finds in doubt."""
         if not len(self.plan.sizes):
-            rows[3][:] = loops.shares(*rows).tau
+            rows[3][:] = loops.compute_shares(*rows).tau
             return
         if counter[3]:
             loops.check(*rows[:3])
@@ -244,7 +246,7 @@ class TorqueFunction(ByValue):
             blocks = CALL_CELLS + (len(rows[0]) + BLOCK - 1) // BLOCK
             loops.apply_shares(np.repeat(counter[CALL_CELLS:blocks] > 0, BLOCK)[: len(rows[0])], *rows)
 
-    def _mails(self, size: int) -> NDArray[np.uint64]:
+    def _prepare_helpers(self, size: int) -> NDArray[np.uint64]:
         """Mails of those who help with a call of so many efforts."""
         if self.threads == 1 or size < WORTH_HELP or not COMPILED:
             return _NOBODY
@@ -295,12 +297,12 @@ def _build_torque_function(mechanism: Mechanism, passive: bool, threads: int | N
     check_constant(mechanism)
     mesh = build(mechanism)
     prepare_array_kernels()
-    loops = GivenLoops(mesh) if mechanism.closures else None
+    loops = PrescribedLoops(mesh) if mechanism.closures else None
     table, plan = make_read_only(_build_loop_plan(mesh, passive))
-    own = _Own(most, max(table.size, plan.size))
+    thread_data = _ThreadData(most, max(table.size, plan.size))
     loaded = bool(plan.plan[layout.APPLIED])
     widths = mechanism.nq, mechanism.nv
-    return TorqueFunction(mechanism, bool(passive), most, mesh, table, own, plan, loops, loaded, widths)
+    return TorqueFunction(mechanism, bool(passive), most, mesh, table, thread_data, plan, loops, loaded, widths)
 
 
 def _build_loop_plan(mesh: Mesh, passive: bool) -> tuple[Bodies, LoopPlan]:

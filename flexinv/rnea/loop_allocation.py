@@ -124,7 +124,7 @@ def update_largest_squares(plan, fixed, work, lanes, closure, sums, in_space):
     Of three positions in space the square of phi' is that of d'.
     """
     limits = work[plan[layout.LIMITS] :]
-    own = work[closure.own :]
+    own = work[closure.offset :]
     together = in_space and closure.kind == layout.WHOLE
     for k in range(lanes):
         a, b, c = vec_of(own, layout.SQUARES, k)
@@ -145,7 +145,7 @@ def update_largest_squares(plan, fixed, work, lanes, closure, sums, in_space):
         for j in range(of_rows + closure.directions):
             scale = length if j < of_rows and closure.kind != layout.COUPLED else 1.0
             if together:
-                e = closure.own + layout.VECTORS + (j - _ONE) * layout.VECTOR if j > _ZERO else _ZERO
+                e = closure.offset + layout.VECTORS + (j - _ONE) * layout.VECTOR if j > _ZERO else _ZERO
                 speed, size = _compute_position_sums(plan, work, k, closure, e)
             else:
                 speed, size = _compute_row_sums(plan, work, k, closure, j)

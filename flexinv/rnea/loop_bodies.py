@@ -160,13 +160,13 @@ def _fill_floating(own, above, parent, rows, lanes, c):
     p = vec_at(c, 9)
     for k in range(lanes):
         axes = read_body_axes(parent, k)
-        seat = _compute_zero_axes(axes, c)
+        zero_axes = _compute_zero_axes(axes, c)
         x, y, z = read_orientation(rows, k)
-        put_vec(own, layout.AXES, k, into(seat, (x[0], y[0], z[0])))
-        put_vec(own, layout.AXIS_Y, k, into(seat, (x[1], y[1], z[1])))
-        put_vec(own, layout.AXIS_Z, k, into(seat, (x[2], y[2], z[2])))
+        put_vec(own, layout.AXES, k, into(zero_axes, (x[0], y[0], z[0])))
+        put_vec(own, layout.AXIS_Y, k, into(zero_axes, (x[1], y[1], z[1])))
+        put_vec(own, layout.AXIS_Z, k, into(zero_axes, (x[2], y[2], z[2])))
         at = plus(vec_of(above, _VEC, k), into(axes, p))
-        put_vec(own, layout.AT, k, plus(at, into(seat, vec_of(rows, SHIFT, k))))
+        put_vec(own, layout.AT, k, plus(at, into(zero_axes, vec_of(rows, SHIFT, k))))
 
 
 @jit_lanes

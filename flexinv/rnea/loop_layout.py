@@ -112,7 +112,7 @@ class BodyRecord(NamedTuple):
     """Body of a loop in the plan: its kind, and where its rows, those above, those of the recursion and its constants begin."""
 
     kind: int
-    own: int
+    offset: int
     above: int
     rows: int
     constants: int
@@ -128,7 +128,7 @@ class ClosureRecord(NamedTuple):
     """
 
     kind: int
-    own: int
+    offset: int
     axes_a: int
     axes_b: int
     place_a: int
@@ -206,7 +206,9 @@ class LoopPlan:
         closures = [ClosureKind(closure.kind).name.lower() for closure in self.closures]
         head = f"{'plane' if self.plan[PLANE] else 'space'}, work space of {self.size // BLOCK} rows"
         parts = f"bodies: {', '.join(bodies) or 'none'}", f"closures: {', '.join(closures) or 'none'}"
-        return "\n".join([head, *parts, *(f"{k:3d}  {names.line(step)}" for k, step in enumerate(self.steps, 1))])
+        return "\n".join(
+            [head, *parts, *(f"{k:3d}  {names.format_step(step)}" for k, step in enumerate(self.steps, 1))]
+        )
 
 
 class _Names:
@@ -222,15 +224,15 @@ class _Names:
                     self.of[at] = f"G[{plan.rows[r]}, {plan.coordinates[v]}]"
         self.others = 0
 
-    def name(self, place: int) -> str:
+    def resolve_name(self, place: int) -> str:
         if place not in self.of:
             self.others += 1
             self.of[place] = f"w{self.others}"
         return self.of[place]
 
-    def line(self, step: Step) -> str:
+    def format_step(self, step: Step) -> str:
         """One step as a line: its operation, and what it does."""
-        name = self.name
+        name = self.resolve_name
         pairs = step.pairs
         match step.operation:
             case Operation.PAIR:

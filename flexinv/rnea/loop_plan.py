@@ -142,7 +142,7 @@ def _is_plane(plan: LoopPlan, most: float) -> bool:
         off = abs(r[2, 2]) if body.kind == layout.SLIDE else np.abs(r[2] - [0, 0, 1]).max()  # out of the plane
         if off > ZERO_ENTRY:
             return False
-        height[body.own] = height[body.above] + p[2]
+        height[body.offset] = height[body.above] + p[2]
     for c in plan.closures:
         if c.kind == layout.COUPLED:
             continue
@@ -206,7 +206,7 @@ class Elimination:
             two = self.rows[other]
             for row, missing, there in ((pivot, one, two), (other, two, one)):
                 for c in there.keys() - missing.keys():
-                    missing[c] = int(self.places[row, c]) or self.empty()
+                    missing[c] = int(self.places[row, c]) or self.add_zero_entry()
             pairs = [(one[c], two[c]) for c in sorted(one, key=lambda c: one[c]) if c != column]
             self.steps.append(Step(Operation.PAIR, one[column], two.pop(column), pairs=pairs))
             if abs(n[other, column]) > abs(n[pivot, column]):
@@ -218,7 +218,7 @@ class Elimination:
             self.steps.append(Step(Operation.CHECK_PIVOT, one[column], size))
         return pivot
 
-    def empty(self) -> int:
+    def add_zero_entry(self) -> int:
         """Return room for an entry that is zero at first [-]."""
         self.fills.append(self.take(1))
         return self.fills[-1]
@@ -297,7 +297,7 @@ def _plan_projection(
     e = elimination
     rows = [elimination.rows[r] for r in against]
     for row in rows:
-        row.update({c: e.empty() for c in drives if c not in row})
+        row.update({c: e.add_zero_entry() for c in drives if c not in row})
     targets = [[row[c] for c in drives] for row in rows]
     for i, own in enumerate(targets):
         e.steps.append(Step(Operation.NORM, second=weights, pairs=[(at, at) for at in own]))

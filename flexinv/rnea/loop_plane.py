@@ -154,7 +154,7 @@ def fill_planar_closures(plan, fixed, work, lanes, sums):
             _turn(own, parent, rows, lanes, c)
     for i in range(plan[layout.CLOSURE_RECORDS + 1]):
         closure = layout.closure_at(plan, i)
-        own = work[closure.own :]
+        own = work[closure.offset :]
         c = fixed[closure.numbers :]
         if closure.kind == layout.COUPLED:
             fill_coupling_columns(plan, fixed, work, own, lanes, closure, c[0])

@@ -406,7 +406,7 @@ def fill_spatial_closures(plan, fixed, work, lanes, sums):
     for i in range(plan[layout.CLOSURE_RECORDS + 1]):
         closure = layout.closure_at(plan, i)
         c = fixed[closure.numbers :]
-        own = work[closure.own :]
+        own = work[closure.offset :]
         move(plan, fixed, work, closure.first_body, closure.body_count, lanes)
         if closure.kind == layout.COUPLED:
             fill_coupling_columns(plan, fixed, work, own, lanes, closure, c[0])

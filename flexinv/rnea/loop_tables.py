@@ -72,7 +72,7 @@ class _Tables:
         most = len(self.bodies.node) * layout.BODY_ROWS + layout.CLOSURE_ROWS + 3 * layout.MOST_ROWS
         self.size = self.bodies.size + (0 if self.plane else most * BLOCK)
 
-    def rows(self, count: int, passing: bool = False) -> int:
+    def add_rows(self, count: int, passing: bool = False) -> int:
         """Room for so many rows; in space, of what is ``passing``, the next closure uses it again."""
         if passing and not self.plane:
             self.used += count * BLOCK
@@ -80,7 +80,7 @@ class _Tables:
         self.size += count * BLOCK
         return self.size - count * BLOCK
 
-    def numbers(self, *parts: Array | float) -> int:
+    def add_constants(self, *parts: Array | float) -> int:
         """Append constants; return the offset of the first."""
         at = len(self.fixed)
         for part in parts:
@@ -89,8 +89,8 @@ class _Tables:
 
     def add_constant_rows(self, count: int, *parts: Array) -> int:
         """Rows that keep twelve numbers, made once for every call."""
-        at = self.rows(count)
-        self.roots.append((at, self.numbers(*parts)))
+        at = self.add_rows(count)
+        self.roots.append((at, self.add_constants(*parts)))
         return at
 
     def list_spans(self, columns: int, bodies: int) -> tuple[int, int, int, int]:
@@ -119,11 +119,11 @@ def build_loop_tables(
     bodies: Bodies,
     rows: Rows,
     limits: tuple[float, float, float],
-    kept: NDArray[np.bool_],
+    mask: NDArray[np.bool_],
     plane: bool = False,
     pairs: dict[int, tuple[int, int]] | None = None,
 ) -> LoopPlan:
-    """Return the tables [any unit] without steps: with the rows ``kept`` (rows,) only, positions always.
+    """Return the tables [any unit] without steps: with the rows ``mask`` (rows,) only, positions always.
 
     limits : (3,) of `allocation` [-], on phi, phi', phi''; plane : by the formulas of the plane
     pairs : closure -> velocity coordinates of two passive joints that no other closure moves, see `loop_space`
@@ -132,9 +132,9 @@ def build_loop_tables(
     matrix = np.zeros((len(rows.closure), mesh.mechanism.nv), dtype=np.int64)
     t = _Tables(mesh, bodies, plane, pairs or {}, matrix)
     words = [0] * layout.HEADER
-    t.numbers(CLEARLY * limits[0], *(CLEARLY / axes * limit for limit in limits[1:]), mesh.length)
-    words[layout.LIMITS] = t.rows(layout.LIMIT_ROWS)
-    words[layout.SCRATCH] = t.rows(layout.SCRATCH_ROWS)
+    t.add_constants(CLEARLY * limits[0], *(CLEARLY / axes * limit for limit in limits[1:]), mesh.length)
+    words[layout.LIMITS] = t.add_rows(layout.LIMIT_ROWS)
+    words[layout.SCRATCH] = t.add_rows(layout.SCRATCH_ROWS)
     words[layout.PLANE] = int(plane)
     own_rows = [np.flatnonzero(rows.closure == closure) for closure in np.unique(rows.closure)]
     loops = [None if rows.gear[own].any() else _find_loop(mesh, bodies, rows, int(own[0])) for own in own_rows]
@@ -145,7 +145,7 @@ def build_loop_tables(
         if loop is None:
             _add_coupling(t, rows, int(own[0]))
         elif any(loop.ways):  # else both ends are on one body: nothing moves
-            _add_closure(t, rows, own[kept[own] | ~rows.direction[own]], loop)
+            _add_closure(t, rows, own[mask[own] | ~rows.direction[own]], loop)
     lists: dict[int, Sequence[Sequence[int]]] = {
         layout.KEEPS: t.keeps, layout.SUMMED: t.summed, layout.ROOTS: t.roots,
         layout.BODIES: t.moved, layout.COLUMNS: t.columns, layout.CLOSURE_RECORDS: t.closures,
@@ -219,16 +219,16 @@ def _make_frame(tables: _Tables, root: int, body: int) -> _Frame:
     goes_on = turn == layout.TILT and kind in TURNING_KINDS and (root, parent) not in tables.shared
     before = tables.moved[-1].kind if goes_on else None  # of the parent, made just now
     if before == layout.ROOT_TURN and not p.any():
-        return _make_universal_frame(tables, root, body, tables.rows(layout.BODY_ROWS, alone))
+        return _make_universal_frame(tables, root, body, tables.add_rows(layout.BODY_ROWS, alone))
     if before in (layout.ROOT_TURN, layout.CHAIN) and alone:
         turn = layout.CHAIN
         own = above.axes + int(layout.CHAINED)
-        tables.rows(int(layout.CHAINED) // BLOCK, True)
+        tables.add_rows(int(layout.CHAINED) // BLOCK, True)
     else:
-        own = tables.rows(layout.PLANE_ROWS if tables.plane else layout.BODY_ROWS, alone)
+        own = tables.add_rows(layout.PLANE_ROWS if tables.plane else layout.BODY_ROWS, alone)
     known = {PRISMATIC: layout.SLIDE, HELICAL: layout.SCREW, SPHERICAL: layout.FLOAT, FREE: layout.FLOAT}
     how = turn if kind in TURNING_KINDS else known[kind]
-    numbers = tables.numbers(r.T, p, tables.bodies.numbers[body, BODY_LEAD])
+    numbers = tables.add_constants(r.T, p, tables.bodies.numbers[body, BODY_LEAD])
     tables.moved.append(BodyRecord(how, own, above.axes, rows, numbers, 0 if tables.plane else above.place))
     slides = how == layout.SLIDE
     axes = above.axes if slides and not tables.plane else own
@@ -242,7 +242,7 @@ def _make_universal_frame(tables: _Tables, root: int, body: int, own: int) -> _F
     parent, rows = (int(cell) for cell in tables.bodies.tree[body, [TREE_PARENT, TREE_ROWS]])
     seat, place = (tables.frames[root, root].turned @ x for x in _compute_zero_placement(tables.bodies, parent))
     first = tables.add_constant_rows(layout.BODY_ROWS, seat.T[2], place, seat.T[:2])
-    numbers = tables.numbers(seat.T, place, _compute_zero_placement(tables.bodies, body)[0][1:, 1])
+    numbers = tables.add_constants(seat.T, place, _compute_zero_placement(tables.bodies, body)[0][1:, 1])
     above = int(tables.bodies.tree[parent, TREE_ROWS])
     tables.moved[-1] = BodyRecord(layout.TWO_TURNS, own, above, rows, numbers, 0)
     tables.frames[root, parent] = _Frame(first, first + int(layout.AT), 0, np.eye(3))
@@ -290,10 +290,10 @@ def _add_closure(tables: _Tables, rows: Rows, own: NDArray[np.int64], loop: _Loo
     arms = xa + ra @ rows.place_a[k], xb + rb @ rows.place_b[k]
     scale = 1.0 / tables.mesh.length ** (2 if whole else 1)
     turned = (one.turned.T, other.turned.T)
-    fixed = tables.numbers(one.turned @ arms[0], other.turned @ arms[1], scale, *arms, *turned, *vectors)
+    fixed = tables.add_constants(one.turned @ arms[0], other.turned @ arms[1], scale, *arms, *turned, *vectors)
     if whole and not tables.plane and 0 in (a, b):
         ground, fixed = _resolve_ground_end(tables, (a, b).index(0), (one, other), arms, vectors, fixed)
-    first = tables.rows(layout.CLOSURE_ROWS + 3 * (len(directions) + (0 if whole else len(positions))), True)
+    first = tables.add_rows(layout.CLOSURE_ROWS + 3 * (len(directions) + (0 if whole else len(positions))), True)
     if pair is None:
         stride = _add_all_rows(tables, columns, whole, [*positions, *directions])
     else:
@@ -314,7 +314,7 @@ def _resolve_ground_end(
     sign = 1.0 if moves else -1.0
     pairs = [v for i in range(0, len(vectors), 2) for v in (sign * vectors[i + moves], vectors[i + stands])]
     rest, there = (ends[stands].turned @ x for x in (-tables.mesh.mechanism.gravity, arms[stands]))
-    at = tables.numbers(arms[moves], there, 1.0 / tables.mesh.length**2, rest, float(moves), *pairs)
+    at = tables.add_constants(arms[moves], there, 1.0 / tables.mesh.length**2, rest, float(moves), *pairs)
     return layout.B_STANDS if stands else layout.A_STANDS, at
 
 
@@ -333,9 +333,9 @@ def _list_joint_columns(tables: _Tables, root: int, body: int, sign: float) -> l
     first = int(tables.mesh.v_index[tables.bodies.node[body]])
     for v, (how, axis) in enumerate(several.get(kind, turns[2:]), start=first):
         lead, about = (1.0, 0.0) if how == layout.SLIDING else (tables.bodies.numbers[body, BODY_LEAD], 1.0)
-        signs = tables.numbers(sign * lead / length, sign * about / length, sign * about, length)
+        signs = tables.add_constants(sign * lead / length, sign * about / length, sign * about, length)
         rate, effort = (int(tables.bodies.columns[i + v]) for i in (m.nq, m.nq + m.nv))
-        kept = own.place - int(layout.AT) + int(layout.KEPT_ACCELERATION) if tables.plane else tables.rows(1)
+        kept = own.place - int(layout.AT) + int(layout.KEPT_ACCELERATION) if tables.plane else tables.add_rows(1)
         (tables.keeps if tables.plane else tables.summed).append((effort, kept))
         out.append(_Column(v, body, ColumnRecord(how, axis, own.place, 0, rate, kept, signs, effort, 0)))
     return out
@@ -356,10 +356,10 @@ def _add_all_rows(tables: _Tables, columns: list[_Column], whole: bool, rows: li
     In the plane a column's entries are behind its size; in space columns stand side by side, of three positions their sizes, too.
     """
     stride = BLOCK if tables.plane else BLOCK * (layout.MOST_COLUMNS if whole else len(columns))
-    base = 0 if tables.plane else tables.rows((1 + len(rows)) * stride // BLOCK)
+    base = 0 if tables.plane else tables.add_rows((1 + len(rows)) * stride // BLOCK)
     for i, column in enumerate(columns):
-        first = tables.rows(4) if tables.plane else base + i * BLOCK
-        _add_column(tables, column, rows, stride, to=first if whole else tables.rows(4), entry=first + stride)
+        first = tables.add_rows(4) if tables.plane else base + i * BLOCK
+        _add_column(tables, column, rows, stride, to=first if whole else tables.add_rows(4), entry=first + stride)
     return stride
 
 
@@ -373,10 +373,10 @@ def _add_remaining_row(
     body, (x, y, z) = end
     free = [c for c in columns if c.body == body] if int(tables.bodies.tree[body, TREE_KIND]) == FREE else []
     for column in (c for c in columns if c.v not in pair and c not in free):
-        _add_column(tables, column, [row], to=tables.rows(1), entry=tables.rows(1))
+        _add_column(tables, column, [row], to=tables.add_rows(1), entry=tables.add_rows(1))
     if free:
         if body not in tables.held:
-            tables.held[body] = tables.rows(6 * len(tables.pairs))
+            tables.held[body] = tables.add_rows(6 * len(tables.pairs))
         entry = tables.held[body]
         scale = 1.0 / tables.mesh.length**2
         tables.held[body] += 6 * BLOCK
@@ -385,7 +385,7 @@ def _add_remaining_row(
         sizes = [int(known) + i * BLOCK for i in range(6)]
         tables.known.update(zip(sizes, squares, strict=True))
         record = free[0].record
-        signs = tables.numbers(*tables.fixed[record.signs : record.signs + 4], end[1])
+        signs = tables.add_constants(*tables.fixed[record.signs : record.signs + 4], end[1])
         axes = record.axis - int(layout.AXES)
         joint = int(tables.bodies.tree[body, TREE_ROWS])
         free[0] = free[0]._replace(record=record._replace(kind=layout.FLOATING, axis=axes, joint=joint, signs=signs))
@@ -398,16 +398,16 @@ def _add_coupling(tables: _Tables, rows: Rows, row: int) -> None:
     """A coupling: its record, a column for each coordinate."""
     m = tables.mesh.mechanism
     before = len(tables.columns)
-    first = tables.rows(layout.CLOSURE_ROWS, True)
+    first = tables.add_rows(layout.CLOSURE_ROWS, True)
     for v in np.flatnonzero(rows.gear[row]).tolist():
         place, rate, second = (int(tables.bodies.columns[i]) for i in (rows.place[v], m.nq + v, m.nq + m.nv + v))
-        to = tables.rows(2)
-        kept = tables.rows(1)
-        gear = tables.numbers(rows.gear[row, v])
+        to = tables.add_rows(2)
+        kept = tables.add_rows(1)
+        gear = tables.add_constants(rows.gear[row, v])
         tables.keeps.append((second, kept))
         record = ColumnRecord(layout.TURNING, place, 0, to, rate, kept, gear, second, to + BLOCK)
         _add_column(tables, _Column(v, 0, record), [row])
-    places = layout.COUPLED, first, 0, 0, 0, 0, 0, 0, tables.numbers(rows.offset[row]), 1, 0
+    places = layout.COUPLED, first, 0, 0, 0, 0, 0, 0, tables.add_constants(rows.offset[row]), 1, 0
     tables.closures.append(
         ClosureRecord(*places, *tables.list_spans(before, len(tables.moved)), 0, 0, layout.NO_GROUND)
     )

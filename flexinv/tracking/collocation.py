@@ -37,7 +37,7 @@ from flexinv.kinematics.tree import Joints
 from flexinv.model.owned_cache import make_read_only
 from flexinv.planar.detection import Plane, find_plane
 from flexinv.tracking.frame_path import Poses
-from flexinv.tracking.inverse_kinematics import Reach, RigidWay
+from flexinv.tracking.inverse_kinematics import PathMotion, RigidPath
 from flexinv.typing import Array
 
 # Instants that are linearised at once: their matrices stay in a few megabytes.
@@ -60,7 +60,7 @@ class FreeMotion(NamedTuple):
 
 
 @send_by_address
-class Evaluated(NamedTuple):
+class SampleEquations(NamedTuple):
     """Residuals (samples, unknowns) [N], [N m], derivatives (samples, 3, unknowns, unknowns) K, C, M, and histories.
 
     reach : (samples, 6, unknowns) of a frame's displacement (world), rotation (own frame)
@@ -75,7 +75,7 @@ class Evaluated(NamedTuple):
 
 @jit
 def evaluate_instants(system, joints, motion, frame, out):
-    """Fill ``out`` (`Evaluated`) [N, m], ``frame`` the node of its reach; return -1, -1 or the instant and its bad element."""
+    """Fill ``out`` (`SampleEquations`) [N, m], ``frame`` the node of its reach; return -1, -1 or instant and bad element."""
     state = system.state
     want = out.tangent.shape[0] > 0
     still = Scheme(DYNAMIC, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
@@ -122,7 +122,7 @@ def compute_inverse_tangents(psi: Array) -> Array:
 
 
 @dataclass(frozen=True)
-class Placed:
+class NodePoses:
     """Poses at all instants in the march's unknowns.
 
     flat : (samples, unknowns) positions and scalar coordinates [m], [rad], zero where a rotation is meant
@@ -148,7 +148,7 @@ class FreeLayout:
         """Lay out the unknowns of a mesh with every joint free [m], [rad]."""
         m = mesh.mechanism
         zero = np.zeros(mesh.mechanism.nv)
-        self.solver = Solver.of(mesh, {joint.name for joint in m.joints if joint.nv})
+        self.solver = Solver.build_for(mesh, {joint.name for joint in m.joints if joint.nv})
         self.joints, t = compute_joint_motion(mesh, m.neutral, zero, zero), self.solver.topology
         first = t.offset[t.block] + np.where(t.independent, 3, t.column + t.triple)
         self.node = np.flatnonzero(t.independent | (t.triple >= 0))
@@ -161,7 +161,7 @@ class FreeLayout:
         self.pick = _build_planar_rows(mesh, self.solver, plane) if isinstance(plane, Plane) else np.eye(len(t.scale))
         self.drives = build_coordinate_map(mesh, t)[m.actuated]
 
-    def compute_undeformed_poses(self, q: Array) -> Placed:
+    def compute_undeformed_poses(self, q: Array) -> NodePoses:
         """Return the poses of the stress-free mechanism at q (samples, nq) [rad], [m]."""
         mesh = self.solver.mesh
         t = self.solver.topology
@@ -179,9 +179,9 @@ class FreeLayout:
                 angle = log_so3(self.joints.r[n].T @ rel.r[:, n]) @ turn.T  # (sample, freedom)
                 flat[:, own] += np.unwrap(angle, axis=0) if len(q) > 1 else angle
         turned = [motion.rotation[:, n] if t.independent[n] else rel.r[:, n] for n in self.node]
-        return Placed(flat, np.stack(turned, axis=1) if turned else np.zeros((len(q), 0, 3, 3)))
+        return NodePoses(flat, np.stack(turned, axis=1) if turned else np.zeros((len(q), 0, 3, 3)))
 
-    def nodes(self, at: Placed) -> tuple[Array, Array]:
+    def list_node_poses(self, at: NodePoses) -> tuple[Array, Array]:
         """Return x (samples, nodes, 3) [m], r (samples, nodes, 3, 3) as the march's state has them."""
         t = self.solver.topology
         size = len(at.flat)
@@ -197,13 +197,13 @@ class FreeLayout:
         r[:, self.node] = at.turn
         return x, r
 
-    def moved(self, at: Placed, y: Array) -> Placed:
+    def apply_increments(self, at: NodePoses, y: Array) -> NodePoses:
         """Return the poses after increments y (samples, unknowns) [m], [rad], rotations in the node's own frame."""
         flat = at.flat + y
         flat[:, self.triple] = 0.0
-        return Placed(flat, at.turn @ exp_so3(y[:, self.triple]), at.last)
+        return NodePoses(flat, at.turn @ exp_so3(y[:, self.triple]), at.last)
 
-    def differences(self, at: Placed, h: float) -> tuple[Array, Array, Array]:
+    def compute_differences(self, at: NodePoses, h: float) -> tuple[Array, Array, Array]:
         """Return u, u' (samples, unknowns) [m, rad, s], at rest at the ends, and delta+ (samples - 1, rotations, 3)."""
         ahead = np.diff(at.flat, axis=0)
         delta = log_so3(np.swapaxes(at.turn[:-1], 2, 3) @ at.turn[1:])
@@ -234,7 +234,7 @@ def _build_planar_rows(mesh: Mesh, solver: Solver, plane: Plane) -> Array:
 
 
 @dataclass(frozen=True)
-class Linearised:
+class LinearisedEquations:
     """The equations at all instants: residuals and derivatives in the unknowns that are picked; trajectory as evaluated.
 
     residual : (samples, rows); tangent : (3, samples, rows, rows) K, C, M; missed, by : (samples, tasks), (samples, tasks, rows)
@@ -247,7 +247,7 @@ class Linearised:
     trajectory: Trajectory
 
 
-class TurnedTooMuch(Exception):
+class RotationTooLarge(Exception):
     """An element turned too much at an instant while Newton was on its way."""
 
 
@@ -259,8 +259,8 @@ class Horizon:
     """
 
     layout: FreeLayout
-    way: RigidWay
-    reach: Reach
+    way: RigidPath
+    reach: PathMotion
     time: Array
     h: float
 
@@ -270,20 +270,20 @@ class Horizon:
         return self.way.path.evaluate(self.time)
 
     @cached_property
-    def rigid(self) -> Placed:
+    def rigid(self) -> NodePoses:
         """Return the poses of the rigid mechanism on the path [m], [rad]."""
         return self.layout.compute_undeformed_poses(self.reach.q)
 
-    def evaluate(self, at: Placed, stiffness: float = 1.0, want: bool = True) -> Linearised:
+    def evaluate(self, at: NodePoses, stiffness: float = 1.0, want: bool = True) -> LinearisedEquations:
         """Return residuals and derivatives at ``at`` [m, rad], beams ``stiffness`` times as stiff [-].  Raises TurnedTooMuch."""
-        u, du, _ = self.layout.differences(at, self.h)
+        u, du, _ = self.layout.compute_differences(at, self.h)
         rows = len(self.layout.pick)
         mesh = self.layout.solver.mesh
         size = len(self.time)
         tasks = self.reach.within.shape[2] + self.reach.idle.shape[2]
         shapes = (size, rows), (3, size if want else 0, rows, rows), (size, tasks), (size, tasks, rows)
         residual, tangents, missed, derivatives = (np.zeros(shape) for shape in shapes)
-        out = Linearised(residual, tangents, missed, derivatives, Trajectory.empty(size, mesh))
+        out = LinearisedEquations(residual, tangents, missed, derivatives, Trajectory.make_zero(size, mesh))
         solver = self.layout.solver
         pick = self.layout.pick
         beams = solver.elements._replace(stiffness=make_read_only(stiffness * solver.elements.stiffness))
@@ -291,32 +291,32 @@ class Horizon:
         unknowns = u.shape[1]
         for first in range(0, size, CHUNK):
             part = slice(first, min(first + CHUNK, size))
-            x, r = self.layout.nodes(Placed(at.flat[part], at.turn[part]))
-            own = out.trajectory.rows(part.start, part.stop)
+            x, r = self.layout.list_node_poses(NodePoses(at.flat[part], at.turn[part]))
+            samples = out.trajectory.take_samples(part.start, part.stop)
             wanted = len(x) if want else 0
             tangent = np.zeros((wanted, 3, unknowns, unknowns))
             reach = np.zeros((wanted, 6, unknowns))
-            now = Evaluated(np.zeros((len(x), unknowns)), tangent, reach, own)
+            now = SampleEquations(np.zeros((len(x), unknowns)), tangent, reach, samples)
             free = Joints(*(given.copy() for given in self.layout.joints))  # they are overwritten
             motion = FreeMotion(x, r, at.flat[part], u[part], du[part], build_load_table(mesh, self.time[part]))
             instant_, element = evaluate_instants(system, free, motion, self.way.frame.node, now)
             if instant_ >= 0:
-                raise TurnedTooMuch(f"t = {self.time[first + instant_]:g} s, element {element}")
+                raise RotationTooLarge(f"t = {self.time[first + instant_]:g} s, element {element}")
             out.residual[part] = now.residual @ pick.T
-            out.missed[part], by = self._compute_task_errors(part, at, own, reach)
+            out.missed[part], by = self._compute_task_errors(part, at, samples, reach)
             if want:
                 for which in range(3):
                     out.tangent[which, part] = pick @ tangent[:, which] @ pick.T
                 out.by[part] = by @ pick.T
         return out
 
-    def _compute_task_errors(self, part: slice, at: Placed, own: Trajectory, reach: Array) -> tuple[Array, Array]:
+    def _compute_task_errors(self, part: slice, at: NodePoses, own: Trajectory, reach: Array) -> tuple[Array, Array]:
         """c(y) (samples, tasks) [m], [rad] and its derivative (samples, tasks, unknowns)."""
         wanted = self.wanted
         frame = self.way.frame
         drives = self.layout.drives
         length = self.way.mesh.length
-        now = frame.poses(own.motion)
+        now = frame.compute_poses(own.motion)
         node = own.motion.rotation[:, frame.node]
         off = now.x - wanted.x[part]
         by = np.zeros((len(reach), 3, reach.shape[2]))
@@ -335,11 +335,11 @@ class Horizon:
         missed = np.hstack([np.einsum("str,sr->st", across, off), np.einsum("std,sd->st", idle, away)])
         return missed, np.concatenate([across @ by, idle @ drives], axis=1) if len(reach) else by
 
-    def step(self, at: Placed, now: Linearised) -> Array:
+    def solve_increments(self, at: NodePoses, now: LinearisedEquations) -> Array:
         """Return Newton's increments y (samples, unknowns) [m], [rad]."""
         return np.asarray(self.build_linear_solver(at, now)(now.residual, now.missed) @ self.layout.pick)
 
-    def build_linear_solver(self, at: Placed, now: Linearised) -> Callable[[Array, Array], Array]:
+    def build_linear_solver(self, at: NodePoses, now: LinearisedEquations) -> Callable[[Array, Array], Array]:
         """Return the function of residual (samples, rows) and missed (samples, tasks) that gives y (samples, rows) [m], [rad]."""
         below, own, above = self._compute_blocks(at, now)
         efforts = -self.layout.pick @ self.layout.drives.T  # (row, drive)
@@ -361,7 +361,7 @@ class Horizon:
 
         return solve
 
-    def _compute_blocks(self, at: Placed, now: Linearised) -> tuple[Array, Array, Array]:
+    def _compute_blocks(self, at: NodePoses, now: LinearisedEquations) -> tuple[Array, Array, Array]:
         """Derivatives of each instant's equations of motion by the poses before, at and after it."""
         h = self.h
         k, c, m = now.tangent
@@ -372,7 +372,7 @@ class Horizon:
             back[ends] = 0.0
         if self.layout.planar or not len(self.layout.triple):
             return back, k - ahead - back, ahead
-        delta = self.layout.differences(at, h)[2]
+        delta = self.layout.compute_differences(at, h)[2]
         none = np.zeros((1, len(self.layout.triple), 3))
         after = np.concatenate([delta, none])
         before = np.concatenate([none, -delta])
@@ -388,7 +388,7 @@ class Horizon:
             out[:, :, own] = block[:, :, own] @ (np.swapaxes(inverse[:, k], 1, 2) if transposed else inverse[:, k])
         return out
 
-    def at(self, sample: int) -> Horizon:
+    def take_instant(self, sample: int) -> Horizon:
         """Return the equations of one instant alone, at rest, number ``sample`` [-]."""
-        reach = Reach(*(part[[sample]] for part in vars(self.reach).values()))
+        reach = PathMotion(*(part[[sample]] for part in vars(self.reach).values()))
         return Horizon(self.layout, self.way, reach, self.time[[sample]], self.h)

@@ -34,10 +34,10 @@ from flexinv.kinematics.nodal_motion import fill_passive
 from flexinv.model.by_value import ByValue
 from flexinv.model.mechanism import Attachment, Mechanism
 from flexinv.model.motion import Motion
-from flexinv.tracking.collocation import FreeLayout, Horizon, Placed, TurnedTooMuch
+from flexinv.tracking.collocation import FreeLayout, Horizon, NodePoses, RotationTooLarge
 from flexinv.tracking.frame_path import Path
 from flexinv.tracking.internal_motion import SWINGING, describe_zeros, find_internal_rates, find_swings, take_step
-from flexinv.tracking.inverse_kinematics import Frame, Reach, RigidWay, list_drive_columns, resolve_frame
+from flexinv.tracking.inverse_kinematics import Frame, PathMotion, RigidPath, list_drive_columns, resolve_frame
 from flexinv.typing import Array
 from flexinv.validation import check_choice, check_flag, check_kind, check_seconds
 
@@ -75,7 +75,7 @@ class Following(ByValue):
     wanted: Array
     solution: Solution
     rigid: Solution
-    reach: Reach
+    reach: PathMotion
     unrest: tuple[float, float]
 
     @cached_property
@@ -104,7 +104,7 @@ class Following(ByValue):
         """Return the distance of a solution's frame from its prescribed position, (samples,) [m]."""
         if len(check_kind("solution", solution, Solution).time) != len(self.time):
             raise InputError(f"solution has {len(solution.time)} samples, expected the {len(self.time)} of this path")
-        return np.asarray(np.linalg.norm(self.frame.poses(solution.nodes).x - self.wanted, axis=1))
+        return np.asarray(np.linalg.norm(self.frame.compute_poses(solution.nodes).x - self.wanted, axis=1))
 
     def replay(self, name: str, spectral_radius: float = 0.8) -> Solution:
         """Return the motion that a feed-forward's torques give the flexible mechanism, by `simulate` [m, rad, s]."""
@@ -159,12 +159,12 @@ def follow(
     # Of the last run: its equations, and what moves at both ends of the window.
     runs: list[tuple[Horizon, tuple[float, float]]] = []
 
-    def make_way(meshed: Mechanism) -> RigidWay:
-        return RigidWay(mesh := build(meshed), resolve_frame(mesh, frame), path, start)
+    def make_way(meshed: Mechanism) -> RigidPath:
+        return RigidPath(mesh := build(meshed), resolve_frame(mesh, frame), path, start)
 
-    def run(meshed: Mechanism, steps: Array, _: tuple[int, ...], own: Settings) -> tuple[Mesh, FirstStep]:
+    def run(meshed: Mechanism, steps: Array, _: tuple[int, ...], settings: Settings) -> tuple[Mesh, FirstStep]:
         way = make_way(meshed)
-        horizon = Horizon(FreeLayout(way.mesh), way, way.reach(steps), steps, own.step)
+        horizon = Horizon(FreeLayout(way.mesh), way, way.solve_joint_motion(steps), steps, settings.step)
         first, left = _solve_inversion(horizon)
         runs[:] = [(horizon, left)]
         if asked is None:
@@ -174,7 +174,7 @@ def follow(
     way = make_way(mechanism)
     time = _build_window(way, settings.step, before, after)
     if mechanism.is_rigid and all(j.actuated for j in mechanism.joints if j.nv):
-        return _build_rigid_following(way, way.reach(time), time)
+        return _build_rigid_following(way, way.solve_joint_motion(time), time)
     if asked is None:
         mesh, first = run(mechanism, time, (), settings)
         solution = assemble_solution(mesh, first, settings)
@@ -188,7 +188,9 @@ def follow(
     _check_rest(*runs[-1])
     way = make_way(solution.mechanism)
     return replace(
-        _build_rigid_following(way, way.reach(solution.time), solution.time), solution=solution, unrest=runs[-1][1]
+        _build_rigid_following(way, way.solve_joint_motion(solution.time), solution.time),
+        solution=solution,
+        unrest=runs[-1][1],
     )
 
 
@@ -205,14 +207,14 @@ def _solve_inversion(horizon: Horizon) -> tuple[FirstStep, tuple[float, float]]:
     return FirstStep(trajectory, time, (q, qd, qdd), applied, smooth=moves), compute_end_speeds(trajectory)
 
 
-def _build_rigid_following(way: RigidWay, reach: Reach, time: Array) -> Following:
+def _build_rigid_following(way: RigidPath, reach: PathMotion, time: Array) -> Following:
     """A path as if nothing bent: the answer of a rigid mechanism whose joints are all driven, and the guess of all others."""
     first = build_rigid_first_step(way.mesh, time, (reach.q, reach.qd, reach.qdd))
     rigid = assemble_solution(way.mesh, first, _make_settings(float(time[1] - time[0])))
     return Following(way.path, way.frame, time, way.path.evaluate(time).x, rigid, rigid, reach, (0.0, 0.0))
 
 
-def _build_window(way: RigidWay, step: float, before: float | None, after: float | None) -> Array:
+def _build_window(way: RigidPath, step: float, before: float | None, after: float | None) -> Array:
     """Instants (samples,) [s], 0 among them."""
     path = way.path
     for name, value in (("before", before), ("after", after)):
@@ -224,7 +226,7 @@ def _build_window(way: RigidWay, step: float, before: float | None, after: float
     if step > move / 4:
         raise InputError(f"step = {step:g} s is too long for a path of {move:g} s: write step = {move / 200:g}")
     if before is None or after is None:
-        horizon = Horizon(FreeLayout(way.mesh), way, way.reach(ends), ends, step)
+        horizon = Horizon(FreeLayout(way.mesh), way, way.solve_joint_motion(ends), ends, step)
         waits = [_compute_fading_time(find_internal_rates(horizon, k)) for k in (0, -1)]
     first, last = (given if given is not None else waits[k] for k, given in enumerate((before, after)))
     count = np.ceil(np.array([first, move + last]) / step * (1 - 1e-9))
@@ -320,7 +322,7 @@ def _find_by_continuation(horizon: Horizon, swing: bool) -> tuple[Trajectory | N
     return (found[1], 1.0) if found is not None and stiffness == 1.0 else (None, stiffness)
 
 
-def _run_newton(horizon: Horizon, at: Placed, stiffness: float, swing: bool) -> tuple[Placed, Trajectory] | None:
+def _run_newton(horizon: Horizon, at: NodePoses, stiffness: float, swing: bool) -> tuple[NodePoses, Trajectory] | None:
     """Newton's method on all instants; None where it does not converge."""
     swings = find_swings(horizon, stiffness) if swing else None
     for iteration in range(1, MOST_ITERATIONS + 1):
@@ -329,13 +331,13 @@ def _run_newton(horizon: Horizon, at: Placed, stiffness: float, swing: bool) -> 
             if swings is not None and swings.count:
                 at, y = take_step(horizon, at, now, swings)
             else:
-                y = horizon.step(at, now)
-        except (TurnedTooMuch, np.linalg.LinAlgError):
+                y = horizon.solve_increments(at, now)
+        except (RotationTooLarge, np.linalg.LinAlgError):
             return None
         size = float(np.abs(y / horizon.layout.solver.topology.scale).max(initial=0.0))
         if not size < LOST:
             return None
-        at = horizon.layout.moved(at, y)
+        at = horizon.layout.apply_increments(at, y)
         if size < INCREMENT:
             trajectory = horizon.evaluate(at, stiffness, want=False).trajectory
             trajectory.iterations[:] = iteration

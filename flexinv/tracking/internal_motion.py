@@ -23,7 +23,7 @@ from flexinv.errors import InputError
 from flexinv.typing import Array
 
 if TYPE_CHECKING:
-    from flexinv.tracking.collocation import Horizon, Linearised, Placed
+    from flexinv.tracking.collocation import Horizon, LinearisedEquations, NodePoses
 
 # A rate whose real part is a smaller part of it swings: it has no end to wait for.
 SWINGING = 1e-3
@@ -71,9 +71,9 @@ class Swings:
 
 def find_internal_motions(horizon: Horizon, sample: int, stiffness: float = 1.0) -> InternalMotions:
     """Return the internal motions while the frame rests [1/s], at one instant, beams ``stiffness`` times as stiff [-]."""
-    own = horizon.at(sample)
+    instant = horizon.take_instant(sample)
     pick = horizon.layout.pick
-    one = own.evaluate(own.rigid, stiffness)
+    one = instant.evaluate(instant.rigid, stiffness)
     sizes = np.sqrt(pick**2 @ horizon.layout.solver.topology.scale**2)  # lengths over that of the mechanism
     by = one.by[0] * sizes
     efforts = sizes[:, None] * (pick @ horizon.layout.drives.T)
@@ -121,7 +121,7 @@ def find_swings(horizon: Horizon, stiffness: float) -> Swings:
     return Swings(ends[0].inertia.T @ first, ends[1].inertia @ last, last.T @ horizon.layout.pick)
 
 
-def take_step(horizon: Horizon, at: Placed, now: Linearised, swings: Swings) -> tuple[Placed, Array]:
+def take_step(horizon: Horizon, at: NodePoses, now: LinearisedEquations, swings: Swings) -> tuple[NodePoses, Array]:
     """Return poses with another acceleration at the last instant, and Newton's increments y (samples, unknowns) [m], [rad].
 
     What swings inside has no conditions at the end: its acceleration there is an unknown beside the others,
@@ -129,7 +129,7 @@ def take_step(horizon: Horizon, at: Placed, now: Linearised, swings: Swings) -> 
     """
     pick = horizon.layout.pick
     h = horizon.h
-    u, du, _ = horizon.layout.differences(at, h)
+    u, du, _ = horizon.layout.compute_differences(at, h)
     first = (h * u[1] - 0.5 * h**2 * du[1]) @ pick.T  # y_1 - y_0
     solve = horizon.build_linear_solver(at, now)
     plain = solve(now.residual, now.missed)

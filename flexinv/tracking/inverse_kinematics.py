@@ -56,7 +56,7 @@ class Frame:
     point: Array
     turn: Array
 
-    def poses(self, motion: NodalMotion) -> Poses:
+    def compute_poses(self, motion: NodalMotion) -> Poses:
         """Return the motion of the frame [m, rad, s]."""
         r = motion.rotation[:, self.node]
         w = motion.omega[:, self.node]
@@ -72,7 +72,7 @@ class Frame:
 
 
 @dataclass(frozen=True)
-class Reach:
+class PathMotion:
     """The joint motion of the rigid mechanism on a path.
 
     q : (samples, nq), qd, qdd : (samples, nv) [rad], [m], [1/s]
@@ -122,7 +122,7 @@ def list_drive_columns(mechanism: Mechanism) -> NDArray[np.int64]:
 
 
 @dataclass(frozen=True)
-class RigidWay:
+class RigidPath:
     """The way of the undeformed mechanism along a path, for several sets of times.
 
     Angles are (samples, nv), a continuous joint's too; mesh, frame, path : what follows what
@@ -135,7 +135,7 @@ class RigidWay:
     path: Path
     start: Mapping[str, ArrayLike] | None = None
 
-    def reach(self, time: Array) -> Reach:
+    def solve_joint_motion(self, time: Array) -> PathMotion:
         """Return the joint motion with which the frame follows the path at ``time`` (samples,) [s].
         Raises InputError where the path cannot be reached, leads past a limit or through a singular position.
         """
@@ -156,7 +156,7 @@ class RigidWay:
 
     def _find_angles(self, time: Array) -> Array:
         """Angles (samples, nv) at times of the path, by Newton from the spline."""
-        return self._settled(self._knots(time), self.path.evaluate(time), time)
+        return self._find_path_angles(self._knots(time), self.path.evaluate(time), time)
 
     def _check_limits(self) -> None:
         """Raise InputError with joint and instant where a drive passes a limit, at any time of the path."""
@@ -170,10 +170,10 @@ class RigidWay:
         opposite = replace(pieces, coefficients=-pieces.coefficients)
         for column, drive in enumerate(own.tolist()):
             for side, level, part in (("upper", upper[drive], pieces), ("lower", -lower[drive], opposite)):
-                if not np.isfinite(level) or part.largest(column)[0] <= level + AT_LIMIT:
+                if not np.isfinite(level) or part.find_largest(column)[0] <= level + AT_LIMIT:
                     continue
                 m = self.mesh.mechanism
-                instant = part.reach(column, level + AT_LIMIT)
+                instant = part.find_crossing(column, level + AT_LIMIT)
                 raise InputError(
                     f"mechanism '{m.name}': at t = {instant:.10g} s of the path joint {m.velocity_names[self._drives[drive]]!r} "
                     f"passes its {side} limit of {level if side == 'upper' else -level:g}; move the path, or give another "
@@ -259,7 +259,7 @@ class RigidWay:
 
     def _compute_poses(self, angles: Array, rates: Array) -> Poses:
         q = self._convert_angles(angles)
-        return self.frame.poses(compute_rigid_motion(self.mesh, q, rates, np.zeros_like(rates)))
+        return self.frame.compute_poses(compute_rigid_motion(self.mesh, q, rates, np.zeros_like(rates)))
 
     def _assemble_rows(self, linear: Array, angular: Array | None) -> Array:
         """(samples, 3 or 6): a vector and, where orientation is asked for, a rotation times the mechanism's length."""
@@ -267,13 +267,13 @@ class RigidWay:
             return linear
         return np.hstack([linear, self.mesh.length * angular])
 
-    def _compute_deviation(self, angles: Array, wanted: Poses) -> Array:
+    def _compute_deviation(self, angles: Array, target_poses: Poses) -> Array:
         """Return the deviation from the path, (samples, rows) [m]."""
         now = self._compute_poses(angles, np.zeros_like(angles))
         turn = None
-        if self.path.turn is not None and now.rotation is not None and wanted.rotation is not None:
-            turn = log_so3(np.einsum("sji,sjk->sik", now.rotation, wanted.rotation))
-        return self._assemble_rows(wanted.x - now.x, turn)
+        if self.path.turn is not None and now.rotation is not None and target_poses.rotation is not None:
+            turn = log_so3(np.einsum("sji,sjk->sik", now.rotation, target_poses.rotation))
+        return self._assemble_rows(target_poses.x - now.x, turn)
 
     def _compute_jacobian(self, angles: Array) -> Array:
         """(samples, rows, drives) [m]."""
@@ -283,13 +283,13 @@ class RigidWay:
             columns.append(self._assemble_rows(moving.v, moving.omega))
         return np.stack(columns, axis=2)  # (sample, row, drive)
 
-    def _find_angles_near(self, angles: Array, wanted: Poses, at: float) -> Array:
+    def _find_angles_near(self, angles: Array, target_poses: Poses, at: float) -> Array:
         """Angles (nv,) at one place of the path, by damped least squares within the limits."""
         angles = angles.copy()
         length = self.mesh.length
         before = np.inf
         for _ in range(ITERATIONS):
-            missing = self._compute_deviation(angles[None], wanted)[0]
+            missing = self._compute_deviation(angles[None], target_poses)[0]
             if (distance := float(np.linalg.norm(missing))) < REACHED * length:
                 break
             jacobian = self._compute_jacobian(angles[None])[0]
@@ -333,11 +333,11 @@ class RigidWay:
             "(a stretched arm does not find by itself to which side to bend)"
         )
 
-    def _settled(self, angles: Array, wanted: Poses, time: Array) -> Array:
+    def _find_path_angles(self, angles: Array, target_poses: Poses, time: Array) -> Array:
         """Angles (samples, nv) on the path, by Newton at all samples at once."""
         drives = self._drives
         for _ in range(ITERATIONS):
-            if np.abs(missing := self._compute_deviation(angles, wanted)).max() < REACHED * self.mesh.length:
+            if np.abs(missing := self._compute_deviation(angles, target_poses)).max() < REACHED * self.mesh.length:
                 return angles
             angles[:, drives] += _apply_matrices(
                 np.linalg.pinv(self._compute_jacobian(angles), rcond=NEGLIGIBLE), missing
@@ -352,9 +352,9 @@ class RigidWay:
             "{...} of the joints"
         )
 
-    def _solve_path_motion(self, guess: list[Array], wanted: Poses, time: Array) -> Reach:
+    def _solve_path_motion(self, guess: list[Array], target_poses: Poses, time: Array) -> PathMotion:
         """Newton at all samples at once from the spline, and the rates that belong to it."""
-        angles = self._settled(guess[0], wanted, time)
+        angles = self._find_path_angles(guess[0], target_poses, time)
         drives = self._drives
         jacobian = self._compute_jacobian(angles)
         u, s, vt = np.linalg.svd(jacobian)
@@ -370,13 +370,13 @@ class RigidWay:
         qd = np.zeros_like(angles)
         qdd = np.zeros_like(angles)
         stay = idle @ np.swapaxes(idle, 1, 2)  # (sample, drive, drive)
-        qd[:, drives] = _apply_matrices(inverse, self._assemble_rows(wanted.v, wanted.omega)) + _apply_matrices(
-            stay, guess[1][:, drives]
-        )
+        qd[:, drives] = _apply_matrices(
+            inverse, self._assemble_rows(target_poses.v, target_poses.omega)
+        ) + _apply_matrices(stay, guess[1][:, drives])
         bent = self._compute_poses(angles, qd)
-        fall = self._assemble_rows(wanted.a, wanted.alpha) - self._assemble_rows(bent.a, bent.alpha)
+        fall = self._assemble_rows(target_poses.a, target_poses.alpha) - self._assemble_rows(bent.a, bent.alpha)
         qdd[:, drives] = _apply_matrices(inverse, fall) + _apply_matrices(stay, guess[2][:, drives])
-        return Reach(self._convert_angles(angles), qd, qdd, u[:, :, :rank], idle)
+        return PathMotion(self._convert_angles(angles), qd, qdd, u[:, :, :rank], idle)
 
 
 def _apply_matrices(matrices: NDArray[np.floating], vectors: Array) -> Array:

@@ -116,14 +116,16 @@ def _read_task(data: Any, name: str, mechanism: Mechanism, where: Location) -> P
         near = find_nearest_word(table.frame, list(mechanism.link_of))
         expected = f"a link of {mechanism.name}: {', '.join(list(mechanism.link_of)[:20])}"
         write = f'frame = "{near or next(iter(mechanism.link_of))}"'
-        raise where.wrong("frame", f'frame = "{table.frame}"', expected, write)
+        raise where.make_error("frame", f'frame = "{table.frame}"', expected, write)
     if mechanism.closures:
         expected = "an open mechanism: a path of a frame is not followed by closed loops so far"
-        raise where.wrong("", "a task of a mechanism with closures", expected, "a case")
-    start = read_places(table.start, mechanism, [j.name for j in mechanism.joints if j.nv], where.inner("start"))
+        raise where.make_error("", "a task of a mechanism with closures", expected, "a case")
+    start = read_places(
+        table.start, mechanism, [j.name for j in mechanism.joints if j.nv], where.make_inner_location("start")
+    )
     mesh = (table.mesh.elements, table.mesh.order) if table.mesh is not None else None
     if table.station is not None and mechanism.link_of[table.frame].beam is None:
-        raise where.wrong("station", f"station = {table.station:g}", f"no station: {table.frame} is rigid", "at_m")
+        raise where.make_error("station", f"station = {table.station:g}", f"no station: {table.frame} is rigid", "at_m")
     frame: str | Attachment = table.frame
     if table.station is not None or table.at_m is not None:
         point = np.zeros(3) if table.at_m is None else np.array(table.at_m, dtype=float)
@@ -137,7 +139,7 @@ def _read_path(table: TaskTable, where: Location) -> Path:
     shape = stated[0] if len(stated) == 1 else "line"
     write = str((TaskTable.model_fields[shape].examples or [""])[0])
     if len(stated) != 1:
-        raise where.wrong("", " and ".join(stated) or "no path", f"one of {', '.join(PATH_SHAPES)}", write)
+        raise where.make_error("", " and ".join(stated) or "no path", f"one of {', '.join(PATH_SHAPES)}", write)
     time: dict[str, Any] = {"duration": table.duration_s, "law": table.law}
     try:
         if table.line is not None:
@@ -148,7 +150,7 @@ def _read_path(table: TaskTable, where: Location) -> Path:
         else:
             path = Path.points(table.points_m or [], **time)
     except InputError as error:
-        raise where.wrong(shape, shape, str(error), write) from None
+        raise where.make_error(shape, shape, str(error), write) from None
     if table.turn_rpy_deg is None:
         return path
     rotations = scipy.spatial.transform.Rotation.from_euler("xyz", table.turn_rpy_deg, degrees=True)

@@ -50,7 +50,7 @@ dynamics = beside("crosscheck_dart_dynamics", "dynamics")
 
 
 @dataclass(frozen=True)
-class Built:
+class BuiltSkeleton:
     """A skeleton and its bodies by link; order: the index of every velocity of the mechanism among DART's."""
 
     skeleton: Any
@@ -129,7 +129,7 @@ def certify(mechanism: Mechanism, case: Case, engine: str) -> Certificate:
     )
 
 
-def build(mechanism: Mechanism) -> Built:
+def build(mechanism: Mechanism) -> BuiltSkeleton:
     """Return DART's model of a rigid tree [m, kg, kg m^2]."""
     skeleton = dart.dynamics.Skeleton(mechanism.name)
     skeleton.setGravity(np.asarray(mechanism.gravity))
@@ -138,7 +138,7 @@ def build(mechanism: Mechanism) -> Built:
         bodies[joint.child] = hung(skeleton, bodies.get(joint.parent), joint)
         weigh(bodies[joint.child], mechanism.link_of[joint.child].bodies)
     names = [skeleton.getDof(k).getName() for k in range(skeleton.getNumDofs())]
-    return Built(skeleton, bodies, [names.index(joint.name) for joint in mechanism.joints if joint.nv])
+    return BuiltSkeleton(skeleton, bodies, [names.index(joint.name) for joint in mechanism.joints if joint.nv])
 
 
 def hung(skeleton: Any, parent: Any, joint: Joint) -> Any:
@@ -170,23 +170,23 @@ def isometry(placement: Placement) -> Any:
     return dart.math.Isometry3(made)
 
 
-def place(built: Built, q: Array, v: Array) -> None:
+def place(built_skeleton: BuiltSkeleton, q: Array, v: Array) -> None:
     """Put the skeleton where its coordinates are q [rad], [m] and their rates v, in the mechanism's order."""
-    size = built.skeleton.getNumDofs()
-    for put, values in ((built.skeleton.setPositions, q), (built.skeleton.setVelocities, v)):
+    size = built_skeleton.skeleton.getNumDofs()
+    for put, values in ((built_skeleton.skeleton.setPositions, q), (built_skeleton.skeleton.setVelocities, v)):
         ordered = np.empty(size)
-        ordered[built.order] = values
+        ordered[built_skeleton.order] = values
         put(ordered)
 
 
-def inverse_dynamics(built: Built, q: Array, v: Array, a: Array) -> Array:
+def inverse_dynamics(built_skeleton: BuiltSkeleton, q: Array, v: Array, a: Array) -> Array:
     """Return M a + bias of one state (nv,) [N m], [N]."""
-    place(built, q, v)
-    ordered = np.empty(len(built.order))
-    ordered[built.order] = a
-    built.skeleton.setAccelerations(ordered)
-    built.skeleton.computeInverseDynamics(False, False, False)
-    return np.asarray(built.skeleton.getForces())[built.order]
+    place(built_skeleton, q, v)
+    ordered = np.empty(len(built_skeleton.order))
+    ordered[built_skeleton.order] = a
+    built_skeleton.skeleton.setAccelerations(ordered)
+    built_skeleton.skeleton.computeInverseDynamics(False, False, False)
+    return np.asarray(built_skeleton.skeleton.getForces())[built_skeleton.order]
 
 
 def moved(mechanism: Mechanism) -> list[str]:

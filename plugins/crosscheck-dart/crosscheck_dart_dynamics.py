@@ -103,11 +103,11 @@ class OwnDynamics:
 
     @property
     def _friction(self) -> Array:
-        found = np.zeros(self.mechanism.nv)
+        result = np.zeros(self.mechanism.nv)
         for name, joint in self.joints.items():
             own = self.mechanism.v_slices[name]
-            found[own] = [joint.getCoulombFriction(k) for k in range(joint.getNumDofs())]
-        return found
+            result[own] = [joint.getCoulombFriction(k) for k in range(joint.getNumDofs())]
+        return result
 
 
 def _position(joint: Joint, q: Array) -> Array:
@@ -132,8 +132,8 @@ def _drift(joint: Any, rate: Array) -> Array:
     """X dJ/dt v (nv,) [rad/s^2], [m/s^2]."""
     if joint.getType() not in TWISTS:
         return np.zeros(joint.getNumDofs())
-    found: Array = _into_frame(joint) @ np.array(joint.getRelativeJacobianTimeDeriv()) @ rate
-    return found
+    result: Array = _into_frame(joint) @ np.array(joint.getRelativeJacobianTimeDeriv()) @ rate
+    return result
 
 
 def _into_frame(joint: Any) -> Array:

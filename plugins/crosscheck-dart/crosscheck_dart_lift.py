@@ -22,9 +22,9 @@ import dartpy as dart
 import numpy as np
 from crosscheck_dart_dynamics import dynamics_of
 
-from crosscheck.lifting.assembly import Between, assembled
+from crosscheck.lifting.assembly import BodyJoint, assembled
 from crosscheck.lifting.description import Description
-from crosscheck.lifting.sdf import Stated, features_of, read_stated
+from crosscheck.lifting.sdf import SdfStatements, features_of, read_stated
 from crosscheck.lifting.urdf import mimics
 from flexinv.errors import InputError
 from flexinv.files.from_urdf import read_xml
@@ -92,16 +92,16 @@ def _described(skeleton: Any, label: str, kind: str, dropped: tuple[str, ...], p
     made = assembled(label, bodies, joints, gravity, {})
     couplings, lost = _couplings([node.getParentJoint() for node in nodes], made, path)
     mechanism = replace(made, closures=(*made.closures, *couplings))
-    stated = read_stated(path) if kind == "sdf" and path is not None else Stated()
+    stated = read_stated(path) if kind == "sdf" and path is not None else SdfStatements()
     links = {scoped: scoped.rpartition("::")[2] for scoped in (*stated.added, *stated.floating)}
-    found = Description(
+    description = Description(
         label, mechanism, kind, "dart", {}, (*dropped, *lost), file=path, root_stated=kind != "urdf",
         gravity_stated=kind == "live", features=features_of(stated, links),
     )  # fmt: skip
     try:
-        return replace(found, dynamics=dynamics_of(skeleton, mechanism, label))
+        return replace(description, dynamics=dynamics_of(skeleton, mechanism, label))
     except InputError as error:
-        return replace(found, unproven=str(error))
+        return replace(description, unproven=str(error))
 
 
 def _name(name: str) -> str:
@@ -116,7 +116,7 @@ def _inertia(node: Any) -> Inertia:
     return Inertia(mass, np.ravel(node.getLocalCOM()), np.array(found.getMoment(), dtype=float))
 
 
-def _joint(node: Any, names: dict[str, str]) -> Between:
+def _joint(node: Any, names: dict[str, str]) -> BodyJoint:
     joint, carrier = node.getParentJoint(), node.getParentBodyNode()
     kind = KINDS.get(joint.getType())
     if kind is None:
@@ -129,7 +129,9 @@ def _joint(node: Any, names: dict[str, str]) -> Between:
         axes = {"axis": np.ravel(joint.getAxis())}
     parent = names[carrier.getName()] if carrier is not None else WORLD
     own = dict(_own(joint, kind))
-    return Between(joint.getName(), kind, parent, names[node.getName()], frames[0], frames[1], **axes, own=own)
+    return BodyJoint(
+        joint.getName(), kind, parent, names[node.getName()], frames[0], frames[1], **axes, joint_fields=own
+    )
 
 
 def _own(joint: Any, kind: str) -> Iterator[tuple[str, Any]]:

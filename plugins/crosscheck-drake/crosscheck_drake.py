@@ -48,7 +48,7 @@ dynamics = beside("crosscheck_drake_dynamics", "dynamics")
 
 
 @dataclass(frozen=True)
-class Built:
+class BuiltPlant:
     """A plant with its context, its bodies by link, and the index of every velocity of the mechanism among Drake's."""
 
     plant: Any
@@ -127,7 +127,7 @@ def certify(mechanism: Mechanism, case: Case, engine: str) -> Certificate:
     )
 
 
-def build(mechanism: Mechanism) -> Built:
+def build(mechanism: Mechanism) -> BuiltPlant:
     """Return Drake's model of a rigid tree [m, kg, kg m^2]."""
     plant = multibody.MultibodyPlant(0.0)
     plant.mutable_gravity_field().set_gravity_vector(np.asarray(mechanism.gravity))
@@ -140,7 +140,7 @@ def build(mechanism: Mechanism) -> Built:
         made.append(hung(plant, parent, bodies[joint.child], joint))
     plant.Finalize()
     order = [one.velocity_start() for one, joint in zip(made, mechanism.joints, strict=True) if joint.nv]
-    return Built(plant, plant.CreateDefaultContext(), bodies, order)
+    return BuiltPlant(plant, plant.CreateDefaultContext(), bodies, order)
 
 
 def hung(plant: Any, parent: Any, child: Any, joint: Joint) -> Any:
@@ -168,22 +168,22 @@ def _moving(mechanism: Mechanism) -> list[Joint]:
     return [joint for joint in mechanism.joints if joint.nv]
 
 
-def put(built: Built, q: Array, v: Array) -> None:
+def put(built_plant: BuiltPlant, q: Array, v: Array) -> None:
     """Put the plant where its coordinates are q [rad], [m] and their rates v, in the mechanism's order."""
-    for send, values in ((built.plant.SetPositions, q), (built.plant.SetVelocities, v)):
-        ordered = np.empty(len(built.order))
-        ordered[built.order] = values
-        send(built.context, ordered)
+    for send, values in ((built_plant.plant.SetPositions, q), (built_plant.plant.SetVelocities, v)):
+        ordered = np.empty(len(built_plant.order))
+        ordered[built_plant.order] = values
+        send(built_plant.context, ordered)
 
 
-def inverse_dynamics(built: Built, q: Array, v: Array, a: Array) -> Array:
+def inverse_dynamics(built_plant: BuiltPlant, q: Array, v: Array, a: Array) -> Array:
     """Return M a + bias of one state (nv,) [N m], [N]."""
-    put(built, q, v)
-    ordered = np.empty(len(built.order))
-    ordered[built.order] = a
-    forces = tree.MultibodyForces(built.plant)
-    forces.mutable_generalized_forces()[:] = built.plant.CalcGravityGeneralizedForces(built.context)
-    return np.asarray(built.plant.CalcInverseDynamics(built.context, ordered, forces))[built.order]
+    put(built_plant, q, v)
+    ordered = np.empty(len(built_plant.order))
+    ordered[built_plant.order] = a
+    forces = tree.MultibodyForces(built_plant.plant)
+    forces.mutable_generalized_forces()[:] = built_plant.plant.CalcGravityGeneralizedForces(built_plant.context)
+    return np.asarray(built_plant.plant.CalcInverseDynamics(built_plant.context, ordered, forces))[built_plant.order]
 
 
 def moved(mechanism: Mechanism) -> set[str]:

@@ -24,11 +24,11 @@ from crosscheck_drake_dynamics import dynamics_of
 from pydrake.multibody import parsing, tree
 from pydrake.multibody import plant as multibody
 
-from crosscheck.lifting.assembly import Between, assembled
+from crosscheck.lifting.assembly import BodyJoint, assembled
 from crosscheck.lifting.description import Description
 from crosscheck.lifting.names import name_words, unique_names
 from crosscheck.lifting.printed import printed_of_sdf
-from crosscheck.lifting.sdf import Stated, features_of, read_stated, with_stated
+from crosscheck.lifting.sdf import SdfStatements, features_of, read_stated, with_stated
 from crosscheck.lifting.urdf import mimics
 from flexinv.errors import InputError
 from flexinv.files.from_urdf import read_xml
@@ -58,20 +58,20 @@ def lift(source: Any) -> Description:
     return _described(plant, path.name, _format(path), told, path)
 
 
-def read_plant(path: Path, told: list[str]) -> Any:
-    """Return the finalized plant of a file as Drake's parser reads it; told : takes what it logs.  Raises InputError."""
+def read_plant(path: Path, messages: list[str]) -> Any:
+    """Return the finalized plant of a file as Drake's parser reads it; messages : takes what it logs.  Raises InputError."""
     kind = _format(path)
     plant = multibody.MultibodyPlant(0.0)
-    heard = _Told(told)
+    log_lines = _LogLines(messages)
     logger = logging.getLogger("drake")
-    logger.addHandler(heard)
+    logger.addHandler(log_lines)
     passed_on, logger.propagate = logger.propagate, False
     try:
         parsing.Parser(plant).AddModels(str(path.resolve()))
         pull = read_stated(path).gravity if kind == "sdf" else None
         if pull is not None:
             plant.mutable_gravity_field().set_gravity_vector(pull)
-            told.append(
+            messages.append(
                 f"gravity: Drake leaves out what an SDF says of it; taken as the file states it, {pull.tolist()} m/s^2"
             )
         if kind == "urdf":
@@ -80,12 +80,12 @@ def read_plant(path: Path, told: list[str]) -> Any:
     except (RuntimeError, ValueError, SystemExit) as error:
         raise InputError(f"{path}: Drake refuses it: {' '.join(str(error).split())[:400]}") from None
     finally:
-        logger.removeHandler(heard)
+        logger.removeHandler(log_lines)
         logger.propagate = passed_on
     return plant
 
 
-class _Told(logging.Handler):
+class _LogLines(logging.Handler):
     """Lines that Drake logs, each once."""
 
     def __init__(self, lines: list[str]) -> None:
@@ -117,10 +117,10 @@ def _hold(plant: Any, free: set[str]) -> None:
             plant.WeldFrames(plant.world_frame(), body.body_frame())
 
 
-def _described(plant: Any, label: str, kind: str, told: list[str], path: Path | None = None) -> Description:
-    names = _names(plant, told)
+def _described(plant: Any, label: str, kind: str, messages: list[str], path: Path | None = None) -> Description:
+    names = _names(plant, messages)
     bodies = {names[k]: _inertia(plant.get_body(tree.BodyIndex(k))) for k in range(1, plant.num_bodies())}
-    called = joint_names(plant, told)
+    called = joint_names(plant, messages)
     rotors, gears, efforts = _actuators(plant, called)
     joints = [
         _begun(plant, _joint(plant.get_joint(tree.JointIndex(k)), called[k], names, rotors, efforts), k)
@@ -129,27 +129,27 @@ def _described(plant: Any, label: str, kind: str, told: list[str], path: Path | 
     gravity = np.array(plant.gravity_field().gravity_vector())
     mechanism = assembled(label, bodies, joints, gravity, {})
     mechanism = _sprung(plant, mechanism, called)
-    stated = read_stated(path) if kind == "sdf" and path is not None else Stated()
+    stated = read_stated(path) if kind == "sdf" and path is not None else SdfStatements()
     scopes = _scoped(plant, called)
     mechanism, lost = with_stated(mechanism, stated, lambda name: scopes.get(name, ""))
     if kind != "sdf":
-        mechanism = replace(mechanism, closures=(*mechanism.closures, *_couplings(plant, mechanism, path, told)))
+        mechanism = replace(mechanism, closures=(*mechanism.closures, *_couplings(plant, mechanism, path, messages)))
     if stated.friction:
         lost = [*lost, "dry friction: Drake's plant has none; taken as the file states it"]
     printed = printed_of_sdf(read_xml(path)) if kind == "sdf" and path is not None else {}
-    found = Description(
-        label, mechanism, kind, "drake", gears, (*told, *lost), printed, file=path, root_stated=kind != "urdf",
+    description = Description(
+        label, mechanism, kind, "drake", gears, (*messages, *lost), printed, file=path, root_stated=kind != "urdf",
         gravity_stated=kind in ("mjcf", "live") or stated.gravity is not None,
         features=features_of(stated, dict(zip(_paths(plant), names[1:], strict=True))),
     )  # fmt: skip
     by_name = {name: plant.get_joint(tree.JointIndex(k)) for k, name in enumerate(called)}
     try:
-        return replace(found, dynamics=dynamics_of(plant, mechanism, by_name, label))
+        return replace(description, dynamics=dynamics_of(plant, mechanism, by_name, label))
     except InputError as error:
-        return replace(found, unproven=str(error))
+        return replace(description, unproven=str(error))
 
 
-def _begun(plant: Any, joint: Between, number: int) -> Between:
+def _begun(plant: Any, joint: BodyJoint, number: int) -> BodyJoint:
     """A joint; a floating one counts from where its body is at the beginning, a screw has the axis that it turns about."""
     theirs = plant.get_joint(tree.JointIndex(number))
     context = plant.CreateDefaultContext()
@@ -212,22 +212,22 @@ def _scoped(plant: Any, called: list[str]) -> dict[str, str]:
     return dict(zip(paths, called, strict=True))
 
 
-def _names(plant: Any, told: list[str]) -> list[str]:
+def _names(plant: Any, messages: list[str]) -> list[str]:
     """Names of bodies by number, with that of their model where two are called the same; what is, is told."""
     bodies = [plant.get_body(tree.BodyIndex(k)) for k in range(1, plant.num_bodies())]
-    return [WORLD, *_named("links", plant, bodies, told)]
+    return [WORLD, *_named("links", plant, bodies, messages)]
 
 
-def joint_names(plant: Any, told: list[str]) -> list[str]:
-    """Return the names of joints by number [-], with that of their model where two are called the same; told : takes that."""
-    return _named("joints", plant, [plant.get_joint(tree.JointIndex(k)) for k in range(plant.num_joints())], told)
+def joint_names(plant: Any, messages: list[str]) -> list[str]:
+    """Return the names of joints by number [-], with that of their model where two are called the same; messages : takes that."""
+    return _named("joints", plant, [plant.get_joint(tree.JointIndex(k)) for k in range(plant.num_joints())], messages)
 
 
-def _named(kind: str, plant: Any, parts: list[Any], told: list[str]) -> list[str]:
+def _named(kind: str, plant: Any, parts: list[Any], messages: list[str]) -> list[str]:
     plain = [part.name() for part in parts]
     paths = [f"{plant.GetModelInstanceName(part.model_instance())}::{part.name()}" for part in parts]
     names = unique_names(plain, paths, (WORLD,))
-    told += name_words(kind, plain, names)
+    messages += name_words(kind, plain, names)
     return names
 
 
@@ -255,7 +255,7 @@ def _actuators(plant: Any, called: list[str]) -> tuple[dict[str, float], dict[st
 
 def _joint(
     joint: Any, name: str, names: list[str], rotors: dict[str, float], efforts: dict[str, float]
-) -> Between:  # fmt: skip
+) -> BodyJoint:  # fmt: skip
     word = joint.type_name()
     if word not in KINDS:
         raise InputError(f"joint {name!r} is {word}: expected one of {', '.join(KINDS)}")
@@ -272,7 +272,7 @@ def _joint(
         axes = {"axis": np.array(getattr(joint, get)())}
     ends = names[int(joint.parent_body().index())], names[int(joint.child_body().index())]
     own = dict(_own(joint, kind, rotors.get(name, 0.0), efforts.get(name, np.inf)))
-    return Between(name, kind, *ends, _placement(on_parent), _placement(on_child), **axes, own=own)
+    return BodyJoint(name, kind, *ends, _placement(on_parent), _placement(on_child), **axes, joint_fields=own)
 
 
 def _own(joint: Any, kind: str, rotor: float, effort: float) -> Iterator[tuple[str, Any]]:
@@ -295,7 +295,7 @@ def _placement(pose: Any) -> Placement:
     return Placement(np.array(pose.translation()), np.array(pose.rotation().matrix()))
 
 
-def _couplings(plant: Any, mechanism: Mechanism, path: Path | None, told: list[str]) -> tuple[Closure, ...]:
+def _couplings(plant: Any, mechanism: Mechanism, path: Path | None, messages: list[str]) -> tuple[Closure, ...]:
     """Couplers of joints: Drake's Python does not tell them, so those of a URDF are what it mimics, if they are as many."""
     count = plant.num_constraints()
     if not count:
@@ -304,5 +304,5 @@ def _couplings(plant: Any, mechanism: Mechanism, path: Path | None, told: list[s
     made = mimics(robot, mechanism, path)[0] if robot is not None and path is not None and robot.tag == "robot" else ()
     if len(made) == count:
         return made
-    told.append(f"{count} constraints: Drake's Python interface does not tell which joints they couple")
+    messages.append(f"{count} constraints: Drake's Python interface does not tell which joints they couple")
     return ()

@@ -47,7 +47,7 @@ CLOSING = {"revolute": (1, 2), "spherical": (1, 0), "coupling": (0, 0)}  # equat
 Rows = list[dict[str, str]]
 
 
-class Refused(ValueError):
+class UnsupportedKit(ValueError):
     """A kit that this generator cannot make an FMU of."""
 
 
@@ -78,24 +78,24 @@ def read(folder: Path) -> Kit:
     mechanism, name = said["mechanism"], said["mechanism"]["name"]
     for part in ("springs", "forces"):
         if mechanism[part]:
-            raise Refused(f"{name} has {part}, which are not compiled here")
+            raise UnsupportedKit(f"{name} has {part}, which are not compiled here")
     if not (folder / "tree.csv").is_file():
-        raise Refused(f"rigid links alone are compiled here; {name} bends")
+        raise UnsupportedKit(f"rigid links alone are compiled here; {name} bends")
     with (folder / "tree.csv").open(encoding="utf-8", newline="") as stream:
         rows = [{column.partition(" [")[0]: cell for column, cell in row.items()} for row in csv.DictReader(stream)]
     if others := sorted({row["kind"] for row in rows} - set(UNITS)):
-        raise Refused(f"revolute and prismatic joints alone are compiled here; {name} has {', '.join(others)}")
+        raise UnsupportedKit(f"revolute and prismatic joints alone are compiled here; {name} has {', '.join(others)}")
     if not rows:
-        raise Refused(f"{name} has no joint that moves")
+        raise UnsupportedKit(f"{name} has no joint that moves")
     if others := sorted({one["kind"] for one in mechanism["closures"]} - set(CLOSING)):
-        raise Refused(
+        raise UnsupportedKit(
             f"closures that are {' or '.join(CLOSING)} alone are compiled here; {name} has {', '.join(others)}"
         )
     if any(one["active"] or one["capture"] for one in mechanism["closures"]):
-        raise Refused(f"{name} has closures that act for a while, which are not compiled here")
+        raise UnsupportedKit(f"{name} has closures that act for a while, which are not compiled here")
     kit = Kit(rows, mechanism, said["case"])
     if not mechanism["closures"] and not all(kit.given):
-        raise Refused(f"{name} has joints without a motion: an FMU of inverse dynamics integrates nothing")
+        raise UnsupportedKit(f"{name} has joints without a motion: an FMU of inverse dynamics integrates nothing")
     return kit
 
 
@@ -147,13 +147,13 @@ def ties(kit: Kit) -> str:
 def seats(kit: Kit) -> dict[str, tuple[int, Any, Any]]:
     """Return by link the moving joint that carries it (-1: none), and its frame there: position [m], rotation."""
     names = [row["joint"] for row in kit.rows]
-    found = {"world": (-1, np.zeros(3), np.eye(3))}
+    result = {"world": (-1, np.zeros(3), np.eye(3))}
     for joint in kit.mechanism["joints"]:
         if joint["name"] in names:
-            found[joint["child"]] = (names.index(joint["name"]), np.zeros(3), np.eye(3))
+            result[joint["child"]] = (names.index(joint["name"]), np.zeros(3), np.eye(3))
         else:
-            found[joint["child"]] = end({"link": joint["parent"], "frame": joint["frame"]}, found)
-    return found
+            result[joint["child"]] = end({"link": joint["parent"], "frame": joint["frame"]}, result)
+    return result
 
 
 def end(stated: Mapping[str, Any], places: Mapping[str, tuple[int, Any, Any]]) -> tuple[int, Any, Any]:
@@ -226,10 +226,12 @@ def make(
     """Compile the FMU of a kit.  Raises Refused, and CalledProcessError where the compiler does not like it."""
     said = read(kit)
     if forward and said.mechanism["closures"]:
-        raise Refused(f"forward dynamics of trees alone are compiled here; {said.mechanism['name']} has closures")
+        raise UnsupportedKit(
+            f"forward dynamics of trees alone are compiled here; {said.mechanism['name']} has closures"
+        )
     spec = importlib.util.find_spec("fmpy")
     if spec is None or spec.origin is None:
-        raise Refused('FMPy is not installed, whose headers are needed; python -m pip install "flexinv[fmu]"')
+        raise UnsupportedKit('FMPy is not installed, whose headers are needed; python -m pip install "flexinv[fmu]"')
     with tempfile.TemporaryDirectory() as folder:
         (Path(folder) / "tree.h").write_text(header(said), encoding="utf-8")
         (Path(folder) / "ties.h").write_text(ties(said) if said.mechanism["closures"] else "", encoding="utf-8")
@@ -255,7 +257,7 @@ def make_every(models: Path, out: Path, forward: bool = False) -> dict[str, str]
             write(task.mechanism, task.case, Path(kit))
             try:
                 make(Path(kit), out / f"{task.folder.name}.fmu", forward)
-            except Refused as why:
+            except UnsupportedKit as why:
                 refused[task.folder.name] = str(why)
     return refused
 
@@ -275,5 +277,5 @@ if __name__ == "__main__":
         words.error("expected a kit, or --models")
     try:
         make(asked.kit, asked.fmu, asked.forward)
-    except Refused as why:
+    except UnsupportedKit as why:
         sys.exit(str(why))

@@ -59,7 +59,7 @@ forkable = False  # Warp starts threads when it is imported
 
 
 @dataclass(frozen=True)
-class Built:
+class BuiltModel:
     """A finished model of so many equal worlds; links : index of each link's body in its world."""
 
     model: Any
@@ -131,7 +131,7 @@ def certify(mechanism: Mechanism, case: Case, engine: str) -> Certificate:
     return Certificate(order=tuple(name for name in names if name in moving), given=given)
 
 
-def build(mechanism: Mechanism, worlds: int) -> Built:
+def build(mechanism: Mechanism, worlds: int) -> BuiltModel:
     """Return Newton's model of a rigid tree [m, kg, kg m^2], so many times."""
     one = newton.ModelBuilder(gravity=tuple(float(g) for g in mechanism.gravity))
     links: dict[str, int] = {}
@@ -149,7 +149,7 @@ def build(mechanism: Mechanism, worlds: int) -> Built:
     all_of_them = newton.ModelBuilder(gravity=tuple(float(g) for g in mechanism.gravity))
     all_of_them.replicate(one, worlds)
     with contextlib.redirect_stdout(io.StringIO()):
-        return Built(all_of_them.finalize(device="cpu", skip_validation_inertia=True), links, worlds)
+        return BuiltModel(all_of_them.finalize(device="cpu", skip_validation_inertia=True), links, worlds)
 
 
 def weight(parts: tuple[Body, ...]) -> tuple[float, Any, Any]:
@@ -169,9 +169,9 @@ def transform(placement: Placement) -> Any:
     return warp.transform(warp.vec3(*placement.position), warp.quat_from_matrix(matrix))
 
 
-def inverse_dynamics(built: Built, q: Array, v: Array, a: Array) -> tuple[Array, Array, Array]:
+def inverse_dynamics(built_model: BuiltModel, q: Array, v: Array, a: Array) -> tuple[Array, Array, Array]:
     """Return M a + c + g (samples, nv) [N m], [N], the bars of single precision, and all bodies' frames (samples, bodies, 7)."""
-    model, (samples, nv) = built.model, v.shape
+    model, (samples, nv) = built_model.model, v.shape
     state = model.state()
     state.joint_q.assign(q.ravel().astype(np.float32))
     state.joint_qd.assign(v.ravel().astype(np.float32))
@@ -198,7 +198,7 @@ def inverse_dynamics(built: Built, q: Array, v: Array, a: Array) -> tuple[Array,
     return found, LOST * UNIT * np.broadcast_to(added.max(axis=0), found.shape), frames
 
 
-def carried(mechanism: Mechanism, built: Built, frames: Array, time: Array) -> Array:
+def carried(mechanism: Mechanism, built_model: BuiltModel, frames: Array, time: Array) -> Array:
     """Return the largest moment about the world's origin [N m] of weight and inertia of what each coordinate moves, (nv,).
 
     For a slide it is their force [N].  frames : (samples, bodies, 7) [m], over time (samples,) [s], which gives accelerations
@@ -209,14 +209,14 @@ def carried(mechanism: Mechanism, built: Built, frames: Array, time: Array) -> A
         faster = np.gradient(np.gradient(place, time, axis=0), time, axis=0)
     pull = np.linalg.norm(mechanism.gravity) + np.linalg.norm(faster, axis=2)
     weighs = {
-        link.name: sum(part.inertia.mass for part in link.bodies) * pull[:, built.links[link.name]]
+        link.name: sum(part.inertia.mass for part in link.bodies) * pull[:, built_model.links[link.name]]
         for link in mechanism.links
     }
     for joint in reversed(mechanism.joints):  # parents stand before children
         weighs[joint.parent] = weighs.get(joint.parent, 0.0) + weighs[joint.child]
     out = []
     for joint in mechanism.joints:
-        arm = 1.0 if joint.kind == "prismatic" else np.linalg.norm(place[:, built.links[joint.child]], axis=1)
+        arm = 1.0 if joint.kind == "prismatic" else np.linalg.norm(place[:, built_model.links[joint.child]], axis=1)
         out += [float((weighs[joint.child] * arm).max())] * joint.nv
     return np.array(out)
 

@@ -241,7 +241,7 @@ def built(hub: Hub, gravity: Array, motion: tuple[Array, Array], h: float) -> tu
     spin = hub.directors(q[0]) @ hub.axis  # the same at every angle
     swing = tuple(half * np.cross(hub.axis, part[2]) for part in hub.rows)  # rate of node 1 by that of the hub
 
-    class Turned(elastica.ConstraintBase):  # type: ignore[misc]
+    class HubRotation(elastica.ConstraintBase):  # type: ignore[misc]
         """Nodes 0 and 1 and element 0 turn with the hub."""
 
         def __init__(self, **words: Any) -> None:
@@ -262,7 +262,7 @@ def built(hub: Hub, gravity: Array, motion: tuple[Array, Array], h: float) -> tu
 
     system = System()
     system.append(rod)
-    system.constrain(rod).using(Turned)
+    system.constrain(rod).using(HubRotation)
     if np.any(gravity):
         system.add_forcing_to(rod).using(elastica.GravityForces, acc_gravity=np.asarray(gravity, dtype=float))
     system.finalize()

@@ -62,14 +62,14 @@ def test_repetitions_that_were_interrupted_do_not_count() -> None:
     clean = np.arange(10) >= 5
     all_of_them = np.full(10, True)
     slow, fast = Times(long, long, clean, all_of_them), Times(short, short, all_of_them, all_of_them)
-    assert slow.spread().median == 4.0
+    assert slow.compute_quartiles().median == 4.0
     assert compute_time_ratio(slow, fast).median == 2.0
     assert compute_time_ratio(replace(slow, clean=all_of_them), fast).median > 2.0
 
 
 def test_on_a_busy_machine_the_processors_time_counts_and_several_threads_are_not_judged() -> None:
-    assert times([3.0] * 9, clean=False).spread().median == 1.5  # the processor's
-    assert times([3.0] * 9, clean=True).spread().median == 3.0
+    assert times([3.0] * 9, clean=False).compute_quartiles().median == 1.5  # the processor's
+    assert times([3.0] * 9, clean=True).compute_quartiles().median == 3.0
     assert describe_disturbance(times([3.0] * 9, clean=False, threads=2)) == BUSY
     assert not describe_disturbance(times([3.0] * 9, clean=True, threads=2), times([3.0] * 9, clean=False))
 
@@ -77,7 +77,7 @@ def test_on_a_busy_machine_the_processors_time_counts_and_several_threads_are_no
 def test_threads_that_interrupt_each_other_are_judged_where_others_hardly_use_the_machine() -> None:
     mine = replace(times([3.0] * 9, clean=False, threads=2), others=0.01)
     assert not describe_disturbance(mine)
-    assert mine.spread().median == 3.0
+    assert mine.compute_quartiles().median == 3.0
     assert compute_time_ratio(times([6.0] * 9, clean=True), mine).median == 2.0
     assert describe_disturbance(replace(mine, others=0.5)) == BUSY
 
@@ -88,7 +88,7 @@ def test_repetitions_on_halves_of_cores_do_not_count() -> None:
     halves = np.arange(20) >= 12
     assert compute_time_ratio(slow, fast).low == 5.0
     fast = replace(fast, whole=~halves)
-    assert (compute_time_ratio(slow, fast).low, fast.spread().high) == (10.0, 1.0)
+    assert (compute_time_ratio(slow, fast).low, fast.compute_quartiles().high) == (10.0, 1.0)
     assert not describe_disturbance(slow, fast)
     assert describe_disturbance(slow, replace(fast, whole=np.arange(20) < 3)) == HALVES
     assert not describe_disturbance(replace(slow, threads=1), replace(fast, whole=np.arange(20) < 3, threads=1))
@@ -98,9 +98,9 @@ def test_repetitions_on_halves_of_cores_do_not_count() -> None:
 
 def test_a_core_is_whole_where_a_loop_takes_hardly_longer_than_ever() -> None:
     with Cores() as cores:
-        found = [cores.run_loop(threads) for threads in (1, 2, 1)]
-    assert 0.0 < Cores.least <= min(found[0], found[2])
-    assert max(found) < np.inf
+        result = [cores.run_loop(threads) for threads in (1, 2, 1)]
+    assert 0.0 < Cores.least <= min(result[0], result[2])
+    assert max(result) < np.inf
     loops = Cores.least * np.array([[1.0, 1.0], [1.0, SHARED + 0.1], [SHARED + 0.1, 1.0], [np.inf, 1.0]])
     assert find_undisturbed_repetitions(loops).tolist() == [True, False, False, False]
 
@@ -110,7 +110,7 @@ def test_a_long_look_sees_episodes_and_what_is_next_to_the_call(monkeypatch: pyt
     for slow, seen in ((range(20, 21), 1.0), (range(20, 25), 1.5), (range(1), 1.5), (range(39, 40), 1.5)):
         taken = iter([1.5 if k in slow else 1.0 for k in range(40)])
         monkeypatch.setattr(Cores, "run_loop", lambda self, threads, taken=taken: next(taken))
-        assert Cores().look(2, 40) == seen
+        assert Cores().compute_loop_time(2, 40) == seen
 
 
 def test_a_long_call_that_takes_more_of_the_processor_than_before_had_no_whole_cores() -> None:
@@ -122,17 +122,17 @@ def test_a_long_call_that_takes_more_of_the_processor_than_before_had_no_whole_c
         while time.process_time() < end:
             pass
 
-    found = run_calls_in_turns({"long": Call(work)}, SHORT)["long"]
-    assert not found.whole[found.processor > 1.2 * found.processor.min()].any()
-    assert (found.processor > 1.2 * found.processor.min()).sum() >= 2
+    result = run_calls_in_turns({"long": Call(work)}, SHORT)["long"]
+    assert not result.whole[result.processor > 1.2 * result.processor.min()].any()
+    assert (result.processor > 1.2 * result.processor.min()).sum() >= 2
 
 
 def test_calls_take_turns() -> None:
     order: list[str] = []
-    found = run_calls_in_turns({name: Call(lambda name=name: order.append(name)) for name in "ab"}, SHORT)  # type: ignore[misc]
+    result = run_calls_in_turns({name: Call(lambda name=name: order.append(name)) for name in "ab"}, SHORT)  # type: ignore[misc]
     turns = [name for k, name in enumerate(order) if k == 0 or order[k - 1] != name]
     assert turns[-8:] == list("abababab")
-    assert len(found["a"].wall) == len(found["b"].wall) >= 5
+    assert len(result["a"].wall) == len(result["b"].wall) >= 5
 
 
 def test_a_turn_begins_with_a_run_that_is_not_timed() -> None:
@@ -148,20 +148,20 @@ def test_a_turn_begins_with_a_run_that_is_not_timed() -> None:
         "short": Call(lambda: run("short", 40e-3, 1e-3)),
         "long": Call(lambda: run("long", 2 * LONG, 2 * LONG)),
     }
-    found = run_calls_in_turns(calls, SHORT)
+    result = run_calls_in_turns(calls, SHORT)
     assert (
-        np.median(found["short"].wall) < 20e-3
+        np.median(result["short"].wall) < 20e-3
     )  # 1 ms and what a busy system adds, not the 40 ms of a turn's first run
-    assert np.median(found["long"].wall) > LONG
+    assert np.median(result["long"].wall) > LONG
 
 
 def test_a_call_that_fills_its_caches_first_is_not_long() -> None:
     """Its turns begin with runs that are not timed, like those of every short call."""
     runs = itertools.count()
-    found = run_calls_in_turns({"filling": Call(lambda: time.sleep(2 * LONG if next(runs) == 0 else 1e-3))}, SHORT)[
+    result = run_calls_in_turns({"filling": Call(lambda: time.sleep(2 * LONG if next(runs) == 0 else 1e-3))}, SHORT)[
         "filling"
     ]
-    assert next(runs) > 2 * len(found.wall)
+    assert next(runs) > 2 * len(result.wall)
 
 
 def test_a_ratio_beyond_its_limit_is_a_deviation() -> None:
@@ -205,15 +205,15 @@ def test_chains_are_the_same_in_both_engines() -> None:
     mechanism = single.build_rod_chain(5)
     state = sample_states(mechanism, 7, np.random.default_rng(1))
     run, said = pinocchio_bench.prepare_parallel(mechanism, *state, 1)
-    ours = joint_torques(mechanism, *state)
-    assert np.abs(said(run()) - ours).max() < rigid.LARGEST_ERROR * np.abs(ours).max()
+    torques = joint_torques(mechanism, *state)
+    assert np.abs(said(run()) - torques).max() < rigid.LARGEST_ERROR * np.abs(torques).max()
     rows = single.run_chain_study(joints=[1, 3], seconds=SHORT)["rows"]
     assert [row["joints"] for row in rows] == [1, 1, 3, 3]
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("arm", [flexible.ARMS[0], flexible.ARMS[2]], ids=["plane", "space"])
-def test_flexible_arms_have_error_beside_time(arm: flexible.Arm) -> None:
+def test_flexible_arms_have_error_beside_time(arm: flexible.FlexibleCase) -> None:
     # A twentieth of a second and a mesh of each kind: small, but the reference still has to be one.
     small = replace(arm, end=0.05, reference=(1, 2.5e-4), finest=(16, 2.5e-4))
     grid = flexible.Grid(exudyn=(4,), linear=(4,), spectral=(1,), steps=(1e-3,), finer=(2.5e-4,))
@@ -223,7 +223,7 @@ def test_flexible_arms_have_error_beside_time(arm: flexible.Arm) -> None:
     assert all(row["error"] > 0.0 and row["time"] > 0.0 for row in rows)
     theirs = next(row for row in rows if row["method"].startswith("Exudyn"))
     assert theirs["faster"] > 0.0
-    assert theirs["metric"]["lower"] == arm.asked
+    assert theirs["metric"]["lower"] == arm.target
     (alone,) = flexible.list_arm_rows(replace(small, agreement=1e-12), MODELS, grid, SHORT)
     assert alone["verdict"] == "deviation"
     assert "no reference" in alone["by"]
@@ -275,9 +275,9 @@ def test_the_command_leaves_a_page_and_ratios(tiny: None, tmp_path: Path) -> Non
     page = (tmp_path / "out" / "studies" / "bench.html").read_text()
     assert targets.find_vector_width() in page
     assert "ur5: times as fast as rneaInParallel, 1000 samples by coordinate, 1 thread" in page
-    kept = history.open_database(url)
-    (night,) = history.list_nights(kept, "bench")
-    rows = {row["name"]: row for row in history.read_rows(kept, history.METRIC, night.id)}
+    database = history.open_database(url)
+    (night,) = history.list_nights(database, "bench")
+    rows = {row["name"]: row for row in history.read_rows(database, history.METRIC, night.id)}
     assert rows["ur5: times as fast as rneaInParallel, 1000 samples by sample, 1 thread"]["lower"] in (10.0, 5.0)
     assert build_study_plot(results.studies[1])["log"]
 
@@ -297,9 +297,9 @@ def test_a_night_may_measure_speed_at_its_end(tiny: None, monkeypatch: pytest.Mo
     monkeypatch.setattr("crosscheck.commands.nightly._list_speed_studies", lambda models: quick)
     where = ["--models", str(tmp_path / "models"), "--reports", str(tmp_path / "reports"), "--jobs", "1"]
     CliRunner().invoke(main, ["nightly", *where, "--engines", "flexinv,pinocchio", "--studies", "", "--bench"])
-    kept = history.open_database(f"sqlite:///{tmp_path / 'reports' / 'history.sqlite'}")
-    (night,) = history.list_nights(kept)
-    assert {row["unit"] for row in history.read_rows(kept, history.METRIC, night.id)} == {"-"}
+    database = history.open_database(f"sqlite:///{tmp_path / 'reports' / 'history.sqlite'}")
+    (night,) = history.list_nights(database)
+    assert {row["unit"] for row in history.read_rows(database, history.METRIC, night.id)} == {"-"}
     results = read(tmp_path / "reports" / "latest" / "results.json")
     assert {table.name for table in results.studies} == {"bench", "bench rigid"}
     assert "times as fast as rneaInParallel" in (tmp_path / "reports" / "latest" / "trends" / "index.html").read_text()
@@ -390,4 +390,4 @@ def test_steps_that_are_all_equal_meet_the_breaks_of_a_motion() -> None:
     assert len(problem.grid.counts) == 2  # steps of two lengths
     even = torque_errors.make_equal_steps(problem).grid
     assert even.counts == (42,)
-    assert np.abs(even.steps(1) - 1.0).min() < 1e-12
+    assert np.abs(even.list_steps(1) - 1.0).min() < 1e-12

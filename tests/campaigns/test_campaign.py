@@ -14,9 +14,9 @@ import pytest
 from click.testing import CliRunner
 
 from campaigns.beyond import judge
-from campaigns.beyond.campaign import CAMPAIGNS, OWN, Bench, Campaign, Wanted, make_results, run
+from campaigns.beyond.campaign import CAMPAIGNS, OWN, Bench, Campaign, CampaignRequest, make_results, run
 from campaigns.beyond.catalogue import RECIPES, draw, make_fault
-from campaigns.beyond.fault import ALL, Fault, Scene, Truth, join_faults
+from campaigns.beyond.fault import ALL, CorrectAnswer, Fault, FaultScenario, join_faults
 from campaigns.beyond.planting import RUNS, apply_fault
 from campaigns.beyond.shown import describe_campaign
 from campaigns.beyond.trial import _judge_trial, compute_effect
@@ -30,21 +30,23 @@ from flexinv.files.load_cases import load_cases
 MODELS = Path(__file__).resolve().parents[2] / "models"
 
 
-def scene(name: str, case: str, engine: str, models: Path = MODELS) -> Scene:
+def scene(name: str, case: str, engine: str, models: Path = MODELS) -> FaultScenario:
     """A scene with an effort of 1 everywhere: enough to draw from."""
     mechanism = read_mechanism(models / name)
     known = load_cases(models / name, mechanism)[case]
     time = make_task(models / name, mechanism, known).time
     effort = torque_series(mechanism, np.ones((time.size, mechanism.nv)))
-    return Scene(mechanism, known, engine, Record("flexinv", time=time, series=effort))
+    return FaultScenario(mechanism, known, engine, Record("flexinv", time=time, series=effort))
 
 
 def answer(cause: str, target: str = "", words: str = "") -> dict[str, str]:
     return {"cause": cause, "target": target, "words": words}
 
 
-HEAVY = Fault("mass of link2", ((Truth(("mass",), ("link2", "joint2")),),), (Truth(("com",), ("link2",)),))
-ROTOR = Fault("rotor of joint1", ((Truth(("rotor",), ("joint1",)),),))
+HEAVY = Fault(
+    "mass of link2", ((CorrectAnswer(("mass",), ("link2", "joint2")),),), (CorrectAnswer(("com",), ("link2",)),)
+)
+ROTOR = Fault("rotor of joint1", ((CorrectAnswer(("rotor",), ("joint1",)),),))
 MASS2, COM2, MASS1 = (
     answer(c, t) for c, t in (("body mass", "link2"), ("centre of mass shifted", "link2"), ("body mass", "link1"))
 )
@@ -92,21 +94,21 @@ def test_a_name_below_the_bars_has_to_be_true_as_well() -> None:
 
 
 def test_a_fault_of_all_places_is_not_named_by_one() -> None:
-    lost = Fault("rotors", ((Truth(("rotor",), (ALL,)),),))
+    lost = Fault("rotors", ((CorrectAnswer(("rotor",), (ALL,)),),))
     assert judge.judge_answer(answer("rotor inertia dropped"), lost) == "right"
     assert judge.judge_answer(answer("rotor inertia", "joint1"), lost) == "wrong"
 
 
 def test_what_is_said_of_all_efforts_is_said_of_all_places() -> None:
-    tared = Fault("means taken off", ((Truth(("effort offset",), (ALL, "joint1")),),))
+    tared = Fault("means taken off", ((CorrectAnswer(("effort offset",), (ALL, "joint1")),),))
     said = answer("effort offset taken off", "the mean", "of all efforts the mean is taken off")
     assert judge.judge_answer(said, tared) == "right"
     assert judge.judge_answer({**said, "words": "of one effort the mean is taken off"}, tared) == "wrong"
-    assert judge.judge_answer(said, Fault("offset", ((Truth(("effort offset",), ("joint1",)),),))) == "wrong"
+    assert judge.judge_answer(said, Fault("offset", ((CorrectAnswer(("effort offset",), ("joint1",)),),))) == "wrong"
 
 
 def test_which_stiffness_is_read_from_the_target() -> None:
-    softer = Fault("EI_z", ((Truth(("EI_z",), ("link",)),),))
+    softer = Fault("EI_z", ((CorrectAnswer(("EI_z",), ("link",)),),))
     assert judge.judge_answer(answer("section stiffness", "link: EI_z"), softer) == "right"
     assert judge.judge_answer(answer("section stiffness", "link: EI_y"), softer) == "wrong"
     assert judge.judge_answer(answer("section stiffness", "other: EI_z"), softer) == "wrong"
@@ -123,7 +125,8 @@ def test_two_faults_want_both_names_in_one_answer() -> None:
 
 def test_what_together_is_the_same_is_right_together_only() -> None:
     wider = replace(
-        HEAVY, same=((Truth(("beam mass",), ("link",)),), (Truth(("EI_z",), ("link",)),)), parts=((Truth(("section size",)),),)
+        HEAVY, same=((CorrectAnswer(("beam mass",), ("link",)),), (CorrectAnswer(("EI_z",), ("link",)),)),
+        parts=((CorrectAnswer(("section size",)),),)
     )  # fmt: skip
     weight, bends = answer("beam mass", "link"), answer("section stiffness", "link: EI_z")
     assert judge.judge_answer(weight, wider) == judge.judge_answer(bends, wider) == "near"
@@ -136,19 +139,19 @@ def test_later_names_are_read_by_their_words() -> None:
     assert judge.find_kinds(answer("zzz", "joint1")) == ()
 
 
-def scenes() -> Iterator[Scene]:
+def scenes() -> Iterator[FaultScenario]:
     for chosen in CAMPAIGNS.values():
         for bench in chosen.benches:
             for engine in bench.engines:
-                yield scene(bench.mechanism, bench.case, engine, OWN if bench.own else MODELS)
+                yield scene(bench.mechanism, bench.case, engine, OWN if bench.in_package else MODELS)
 
 
 @pytest.fixture(scope="module")
-def everywhere() -> list[Scene]:
+def everywhere() -> list[FaultScenario]:
     return list(scenes())
 
 
-def test_every_quantity_that_is_right_can_be_said(everywhere: Sequence[Scene]) -> None:
+def test_every_quantity_that_is_right_can_be_said(everywhere: Sequence[FaultScenario]) -> None:
     """A misspelt kind would make an answer that is right a wrong one."""
     sayable = {k for kinds in judge.KINDS.values() for k in kinds} | {k for _, kinds in judge.WORDS for k in kinds}
     sayable |= {"EA", "GA_y", "GA_z", "GJ", "EI_y", "EI_z"}
@@ -165,7 +168,7 @@ def test_every_quantity_that_is_right_can_be_said(everywhere: Sequence[Scene]) -
     assert {recipe.name for recipe in RECIPES} == seen  # none of them is never possible
 
 
-def test_faults_are_drawn_again_from_their_seed(everywhere: Sequence[Scene]) -> None:
+def test_faults_are_drawn_again_from_their_seed(everywhere: Sequence[FaultScenario]) -> None:
     known = everywhere[:12]
     first, again, other = (draw(known, [1.0] * len(known), 60, seed) for seed in (3, 3, 4))
     assert first == again
@@ -218,7 +221,7 @@ def test_noise_of_every_run_goes_where_an_adapter_makes_its_series(module: str, 
     assert getattr(home, function) is own
 
 
-def _of(name: str, here: Scene) -> Iterator[Fault | None]:
+def _of(name: str, here: FaultScenario) -> Iterator[Fault | None]:
     recipe = next(r for r in RECIPES if r.name == name)
     for size in recipe.sizes:
         yield recipe.draw(here, np.random.default_rng(0), size)
@@ -270,21 +273,21 @@ def test_sums_count_and_judge() -> None:
         {"number": k, "mechanism": "m", "case": "c", "engine": "mujoco", "topic": "t", "outcome": o, "effect": e, "fault": "f"}
         for k, (o, e) in enumerate([("silent", "below"), ("right", "above"), ("unknown", "above"), ("silent", "below")])
     ]  # fmt: skip
-    wanted = Wanted(CAMPAIGNS["first"], MODELS, Path("."))
-    good = make_results(wanted, rows, 1.0)
+    campaign_request = CampaignRequest(CAMPAIGNS["first"], MODELS, Path("."))
+    good = make_results(campaign_request, rows, 1.0)
     assert (good["sums"]["above"], good["sums"]["share"], good["met"], good["unharmed"]["tried"]) == (2, 0.5, True, 1)
     for outcome in judge.BAD:
-        spoilt = make_results(wanted, [*rows, {**rows[1], "number": 9, "outcome": outcome}], 1.0)
+        spoilt = make_results(campaign_request, [*rows, {**rows[1], "number": 9, "outcome": outcome}], 1.0)
         assert not spoilt["met"], outcome
-    assert not make_results(wanted, [{**rows[0], "outcome": "false alarm"}, *rows[1:]], 1.0)["met"]
-    assert "NOT met" in next(describe_campaign(make_results(wanted, [*rows, {**rows[2], "number": 9}], 1.0)))
+    assert not make_results(campaign_request, [{**rows[0], "outcome": "false alarm"}, *rows[1:]], 1.0)["met"]
+    assert "NOT met" in next(describe_campaign(make_results(campaign_request, [*rows, {**rows[2], "number": 9}], 1.0)))
 
 
 @pytest.mark.slow
 def test_a_small_campaign_runs_for_real(tmp_path: Path) -> None:
     chosen = Campaign("small", (Bench("double_pendulum", "swing", ("pinocchio", "mujoco")),), 3, 4)
     told: list[int] = []
-    results = run(Wanted(chosen, MODELS, tmp_path, jobs=2), lambda done, total, row: told.append(done))
+    results = run(CampaignRequest(chosen, MODELS, tmp_path, jobs=2), lambda done, total, row: told.append(done))
     assert told == list(range(1, 6))  # three faults, and both engines unharmed
     assert json.loads((tmp_path / "beyond.json").read_text()) == json.loads(json.dumps(results))
     assert sorted(file.name for file in tmp_path.iterdir()) == ["beyond.json"]  # nothing else is written or removed
@@ -294,7 +297,7 @@ def test_a_small_campaign_runs_for_real(tmp_path: Path) -> None:
         for row in results["rows"]
     )
     assert "failed" not in results["sums"]["counts"], results["rows"]
-    alone = run(replace(Wanted(chosen, MODELS, tmp_path, jobs=1), only=(3,)))["rows"]
+    alone = run(replace(CampaignRequest(chosen, MODELS, tmp_path, jobs=1), only=(3,)))["rows"]
     assert [(r["number"], r["fault"], r["outcome"]) for r in alone] == [
         (r["number"], r["fault"], r["outcome"]) for r in results["rows"] if r["number"] == 3
     ]

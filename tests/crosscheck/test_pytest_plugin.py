@@ -21,7 +21,7 @@ from crosscheck.commands.shared import terminal
 from crosscheck.measures.record import Record
 from crosscheck.report.failure import describe_failure
 from crosscheck.run.isolation import Attempt
-from crosscheck.run.run_cache import Attempts
+from crosscheck.run.run_cache import AttemptFolder
 from crosscheck.verdicts.baseline import Baseline, judge_by_baseline, make_comparison_key
 from crosscheck.verdicts.compare import Comparison
 from crosscheck.verdicts.plan import discover
@@ -153,12 +153,12 @@ def test_every_comparison_is_a_test(root: Path, tmp_path: Path) -> None:
     options = ["models", "-n", "2", "--crosscheck-engines=flexinv,pinocchio,exudyn-dae", f"--junitxml={xml}", "-v"]
     done = pytest_on(tmp_path, *options, "-k", "torque or (tip and pinocchio)")
     assert done.returncode == 1, done.stdout + done.stderr
-    found = {t.get("name"): t for t in ET.parse(xml).iter("testcase")}
-    assert set(found) == {
+    result = {t.get("name"): t for t in ET.parse(xml).iter("testcase")}
+    assert set(result) == {
         f"double_pendulum-swing-{engine}"
         for engine in ("pinocchio-torque", "pinocchio-tip", "exudyn-dae-torque")
     }  # fmt: skip
-    failed = {name: t.find("failure") for name, t in found.items() if t.find("failure") is not None}
+    failed = {name: t.find("failure") for name, t in result.items() if t.find("failure") is not None}
     assert set(failed) == {"double_pendulum-swing-exudyn-dae-torque"}
     text = failed["double_pendulum-swing-exudyn-dae-torque"].text or ""
     assert "double_pendulum/swing, torque: exudyn-dae differs from flexinv by more than its limit" in text
@@ -166,7 +166,7 @@ def test_every_comparison_is_a_test(root: Path, tmp_path: Path) -> None:
     assert "Traceback" not in text
     properties = {
         p.get("name"): float(p.get("value", ""))
-        for p in found["double_pendulum-swing-pinocchio-torque"].iter("property")
+        for p in result["double_pendulum-swing-pinocchio-torque"].iter("property")
     }
     assert properties["limit"] == 1e-12
     assert 0 < properties["fraction"] < 1e-12
@@ -235,31 +235,31 @@ def test_the_plugin_waits_until_it_is_needed() -> None:
 def test_answers_are_kept_and_failures_are_not(root: Path, tmp_path: Path) -> None:
     folder = write_models(tmp_path / "models", root)
     (task,) = discover(folder.parent).tasks
-    kept = Attempts(tmp_path / "kept")
+    attempt_folder = AttemptFolder(tmp_path / "kept")
     skipped = Attempt(Record(engine="x", status="skipped", message="has no beams"), "printed", 1.5)
-    with kept.alone(task, "x"):
-        assert kept.find(task, "x") is None
-        kept.add_answer(task, "x", skipped)
-        kept.add_answer(task, "y", replace(skipped, record=Record(engine="y", status="error")))
-    found = kept.find(task, "x")
-    assert found is not None
-    assert (found.record.message, found.printed, found.elapsed) == ("has no beams", "printed", 1.5)
-    assert kept.find(task, "y") is None
-    assert kept.find(task, "x", {"step": 1.0}) is None
+    with attempt_folder.take_lock(task, "x"):
+        assert attempt_folder.find(task, "x") is None
+        attempt_folder.add_answer(task, "x", skipped)
+        attempt_folder.add_answer(task, "y", replace(skipped, record=Record(engine="y", status="error")))
+    result = attempt_folder.find(task, "x")
+    assert result is not None
+    assert (result.record.message, result.printed, result.elapsed) == ("has no beams", "printed", 1.5)
+    assert attempt_folder.find(task, "y") is None
+    assert attempt_folder.find(task, "x", {"step": 1.0}) is None
     loose = replace(task, case=replace(task.case, limits=()))
-    assert kept.find(loose, "x") is not None  # limits judge, they do not compute
+    assert attempt_folder.find(loose, "x") is not None  # limits judge, they do not compute
     other = replace(task, case=replace(task.case, step=task.case.step / 2))
-    assert kept.find(other, "x") is None
+    assert attempt_folder.find(other, "x") is None
     record = tmp_path / "measured.csv"
     record.write_text("time [s]\n0\n")
     measured = replace(task, case=replace(task.case, measured=record))
-    kept.add_answer(measured, "x", skipped)
-    assert kept.find(measured, "x") is not None
+    attempt_folder.add_answer(measured, "x", skipped)
+    assert attempt_folder.find(measured, "x") is not None
     record.write_text("time [s]\n1\n")  # another measurement
-    assert kept.find(measured, "x") is None
+    assert attempt_folder.find(measured, "x") is None
     for file in (tmp_path / "kept").glob("*.json"):
         file.write_text("{")
-    assert kept.find(task, "x") is None
+    assert attempt_folder.find(task, "x") is None
 
 
 WORKFLOWS = sorted((Path(__file__).resolve().parents[2] / "docs" / "workflows").glob("*.yml"))

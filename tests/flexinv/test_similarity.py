@@ -83,9 +83,9 @@ def solved(name: str, s: float, steps: int = 20) -> flexinv.Solution:
 
 
 def solve(name: str, s: float) -> Answers:
-    found, m = solved(name, s), model(name)[0]
-    out = {"torque": efforts(m, found.torque_all, 1 / s), "q": coordinates(m, found.q, 1 / s)}
-    return out | {f"deflection of {link}": bend / s for link, bend in found.deflection.items()}
+    result, m = solved(name, s), model(name)[0]
+    out = {"torque": efforts(m, result.torque_all, 1 / s), "q": coordinates(m, result.q, 1 / s)}
+    return out | {f"deflection of {link}": bend / s for link, bend in result.deflection.items()}
 
 
 def simulate(name: str, s: float) -> Answers:
@@ -93,8 +93,8 @@ def simulate(name: str, s: float) -> Answers:
     one = solved(name, 1.0)
     begin = table(m, coordinates(m, one.q[0], s)), table(m, coordinates(m, one.qd[0], s) / s, rates=True)
     torque = efforts(m, one.torque_all, s)[:, m.actuated]
-    found = flexinv.simulate(similar(m, s), s * one.time, torque, s * case.step, 0.8, case.initial, *begin)
-    return {"q": coordinates(m, found.q, 1 / s)}
+    solution = flexinv.simulate(similar(m, s), s * one.time, torque, s * case.step, 0.8, case.initial, *begin)
+    return {"q": coordinates(m, solution.q, 1 / s)}
 
 
 def statics(name: str, s: float) -> Answers:
@@ -102,44 +102,44 @@ def statics(name: str, s: float) -> Answers:
     load = flexinv.Load(
         m.beams[-1].name, force=s**2 * np.array([0.1, 0.2, 0.05]), moment=s**3 * np.array([1, 2, 1]) / 100
     )
-    found = flexinv.statics(similar(m, s), [load], q=coordinates(m, resolve_start_configuration(m, case), s))
-    out = {"torque": efforts(m, found.torque_all, 1 / s), "q": coordinates(m, found.q, 1 / s)}
-    return out | {f"deflection of {link}": bend / s for link, bend in found.deflection.items()}
+    solution = flexinv.statics(similar(m, s), [load], q=coordinates(m, resolve_start_configuration(m, case), s))
+    out = {"torque": efforts(m, solution.torque_all, 1 / s), "q": coordinates(m, solution.q, 1 / s)}
+    return out | {f"deflection of {link}": bend / s for link, bend in solution.deflection.items()}
 
 
 def natural_modes(name: str, s: float) -> Answers:
     m, case = model(name)
-    found = flexinv.natural_modes(similar(m, s), coordinates(m, resolve_start_configuration(m, case), s))
-    return {"frequency": s * found.frequency[:12], "fast": s * found.frequency, "q": coordinates(m, found.q, 1 / s)}
+    modes = flexinv.natural_modes(similar(m, s), coordinates(m, resolve_start_configuration(m, case), s))
+    return {"frequency": s * modes.frequency[:12], "fast": s * modes.frequency, "q": coordinates(m, modes.q, 1 / s)}
 
 
 def free_modes(name: str, s: float) -> Answers:
     m, _ = model(name)
-    found = flexinv.natural_modes(similar(m, s), free=[joint.name for joint in m.joints])
-    return {"frequency": s * found.frequency[:12]}
+    modes = flexinv.natural_modes(similar(m, s), free=[joint.name for joint in m.joints])
+    return {"frequency": s * modes.frequency[:12]}
 
 
 def steady_modes(name: str, s: float) -> Answers:
     m, case = model(name)
-    found = flexinv.steady_modes(similar(m, s), coordinates(m, resolve_start_configuration(m, case), s))
-    return {"frequency": s * found.frequency[:12]}
+    modes = flexinv.steady_modes(similar(m, s), coordinates(m, resolve_start_configuration(m, case), s))
+    return {"frequency": s * modes.frequency[:12]}
 
 
 def blade(name: str, s: float) -> Answers:
     """Swept, and so bent and twisted by its rotation; as a linear model with its hub's acceleration as the input, too."""
     m, rates = swept(float(name), Mounting()), {"hub": 78.5 / s}
-    found = flexinv.steady_modes(similar(m, s), rates=rates, count=6)
+    modes = flexinv.steady_modes(similar(m, s), rates=rates, count=6)
     model = flexinv.linear_model(similar(m, s), rates=rates, free=[], accelerated=["hub"], modes=4)
     roots = np.sort(np.abs(np.linalg.eigvals(model.A)))[2:]  # without the hub's own place and rate
-    return {"frequency": s * found.frequency, "place": found.position / s, "roots": s * roots}
+    return {"frequency": s * modes.frequency, "place": modes.position / s, "roots": s * roots}
 
 
 def follow(name: str, s: float) -> Answers:
     m, _ = model(name)
     arc = flexinv.Path.arc([0.3 * s, 0, 0], centre=[0.2 * s, 0, 0], angle=np.pi / 2, duration=0.2 * s)
-    found = flexinv.follow(similar(m, s), arc, "link2", step=4e-3 * s, start={"joint1": -0.5, "joint2": 1.0})
-    ways = {way: efforts(m, one.torque_all, 1 / s) for way, one in found.feed_forwards.items()}
-    return {"q": found.solution.q, **ways}
+    following = flexinv.follow(similar(m, s), arc, "link2", step=4e-3 * s, start={"joint1": -0.5, "joint2": 1.0})
+    ways = {way: efforts(m, one.torque_all, 1 / s) for way, one in following.feed_forwards.items()}
+    return {"q": following.solution.q, **ways}
 
 
 def rigid(name: str, s: float) -> Answers:
@@ -154,8 +154,8 @@ def rigid(name: str, s: float) -> Answers:
     out = {"sample": efforts(m, now, 1 / s), "cycle": efforts(m, cycle, 1 / s)}
     out["torque"] = efforts(m, flexinv.joint_torques(small, q, qd, qdd), 1 / s)
     if m.closures:
-        found = compute_mobility(build(small), q[0])
-        out["mobility"] = np.array([found.freedoms, found.redundant])
+        mobility = compute_mobility(build(small), q[0])
+        out["mobility"] = np.array([mobility.freedoms, mobility.redundant])
         loops = solved(name, s).loops
         assert loops is not None
         out["reaction"] = np.stack([w / s ** np.repeat([2.0, 3.0], 3) for w in loops.reaction.values()])
@@ -192,13 +192,13 @@ ENTRANCES: list[tuple[Callable[[str, float], Answers], str]] = [
 def test_similar_machines_have_similar_answers(entrance: Callable[[str, float], Answers], name: str) -> None:
     original = entrance(name, 1.0)
     for size in SIZES:
-        for what, found in entrance(name, size).items():
+        for what, result in entrance(name, size).items():
             largest = np.abs(original[what]).max(initial=np.finfo(float).tiny)
-            assert np.abs(found - original[what]).max(initial=0.0) <= ALIKE * largest, (what, size)
+            assert np.abs(result - original[what]).max(initial=0.0) <= ALIKE * largest, (what, size)
 
 
 def test_a_small_blade_turns_like_a_large_one() -> None:
     original = blade("45", 1.0)
-    found = blade("45", 5e-6)
+    result = blade("45", 5e-6)
     for what, values in original.items():
-        np.testing.assert_allclose(found[what], values, rtol=ALIKE, atol=ALIKE * np.abs(values).max())
+        np.testing.assert_allclose(result[what], values, rtol=ALIKE, atol=ALIKE * np.abs(values).max())

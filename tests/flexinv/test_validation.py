@@ -308,10 +308,10 @@ def test_what_does_all_that_is_asked_of_a_motion_is_one() -> None:
 
 
 def test_a_replay_and_a_distance_are_of_their_path() -> None:
-    found: Any = flexinv.follow(TWO, UP, "link2", 1e-2, start={"joint1": -0.5, "joint2": 1.0})
+    following: Any = flexinv.follow(TWO, UP, "link2", 1e-2, start={"joint1": -0.5, "joint2": 1.0})
     with pytest.raises(InputError, match=r"name = 'elastic': expected 'rigid' .*'joint space' .*'stable inversion'"):
-        found.replay("elastic")
+        following.replay("elastic")
     with pytest.raises(InputError, match="solution = 3: expected a Solution"):
-        found.distance(3)
+        following.distance(3)
     with pytest.raises(InputError, match=r"solution has 3 samples, expected the \d+ of this path"):
-        found.distance(RIGID)
+        following.distance(RIGID)

@@ -99,8 +99,8 @@ BY_DRAKE = (
 def said(one: Case) -> tuple[int, str]:
     """Return exit code [-] and what a case's command prints, in one line."""
     words = [_placed(word) for word in one.command]
-    found = CliRunner().invoke(main, words, env={"COLUMNS": "1000"})
-    return found.exit_code, " ".join(found.output.split())
+    result = CliRunner().invoke(main, words, env={"COLUMNS": "1000"})
+    return result.exit_code, " ".join(result.output.split())
 
 
 def _placed(word: str) -> str:

@@ -121,16 +121,16 @@ class Browser:
 
     def complaints(self) -> list[str]:
         """Return exceptions, console errors and warnings since the page was opened."""
-        found = []
+        result = []
         for event in self.events:
             params = event.get("params", {})
             if event["method"] == "Runtime.exceptionThrown":
-                found.append(json.dumps(params["exceptionDetails"])[:500])
+                result.append(json.dumps(params["exceptionDetails"])[:500])
             elif event["method"] == "Runtime.consoleAPICalled" and params["type"] in ("error", "warning", "assert"):
-                found.append(json.dumps(params["args"])[:500])
+                result.append(json.dumps(params["args"])[:500])
             elif event["method"] == "Log.entryAdded" and params["entry"]["level"] in ("error", "warning"):
-                found.append(params["entry"]["text"])
-        return found
+                result.append(params["entry"]["text"])
+        return result
 
 
 @contextlib.contextmanager

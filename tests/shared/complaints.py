@@ -14,10 +14,10 @@ def planted(name: str) -> dict[str, Planted]:
     return {title: (*case["edit"], *case["place"], *case["says"]) for title, case in data.items()}
 
 
-def check_complaint(said: str, file: Path, case: Planted) -> None:
+def check_complaint(text: str, file: Path, case: Planted) -> None:
     """Check that a message names file, table and key, and tells what was given, expected, and what to write."""
     _, _, table, key, given, expected, advice = case
-    first, *rest = said.splitlines()
+    first, *rest = text.splitlines()
     assert str(file) in first
     assert (f"[{table}" if table else "the top of the file") in first
     assert not key or first.endswith(f"key {key}")

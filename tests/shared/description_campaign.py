@@ -49,31 +49,31 @@ class Trial:
         return all(self.named)
 
 
-def fits(fault: Fault, found: Difference) -> bool:
+def fits(fault: Fault, difference: Difference) -> bool:
     """Return True if a difference names the fault: quantity, element, size."""
     places = {fault.element, *fault.also}
-    words = set(found.place.replace(",", " ").split())
-    same = found.cause == fault.quantity or found.cause in fault.also
-    return same and bool(places & words) and abs(found.size - fault.size) <= SIZE * fault.size + 1e-12
+    words = set(difference.place.replace(",", " ").split())
+    same = difference.cause == fault.quantity or difference.cause in fault.also
+    return same and bool(places & words) and abs(difference.size - fault.size) <= SIZE * fault.size + 1e-12
 
 
 def tried(file: Path, original: Path, faults: list[Fault]) -> Trial:
     """Compare an original with its faulty copy."""
     try:
-        found = compare(original, file)
+        comparison = compare(original, file)
     except InputError as error:
         return Trial(original.name, faults, [False] * len(faults), [], str(error))
-    return judged(original.name, found, faults)
+    return judged(original.name, comparison, faults)
 
 
-def judged(robot: str, found: Comparison, faults: list[Fault]) -> Trial:
+def judged(robot: str, comparison: Comparison, faults: list[Fault]) -> Trial:
     """Return which faults are among the first differences named, and what else is named."""
-    every = [*found.judged.causes, *found.judged.conventions, *found.judged.limits]
-    unseen = [*found.judged.unseen]
+    every = [*comparison.judged.causes, *comparison.judged.conventions, *comparison.judged.limits]
+    unseen = [*comparison.judged.unseen]
     first = [*every[: len(faults)], *([] if len(every) >= len(faults) else unseen)]
     named = [any(fits(fault, d) for d in first) for fault in faults]
     others = [d.words for d in every if not any(fits(fault, d) for fault in faults)]
-    return Trial(robot, faults, named, others, found.sentence)
+    return Trial(robot, faults, named, others, comparison.sentence)
 
 
 def campaign(count: int, seed: int, at_once: int = 1, robots: tuple[str, ...] = ROBOTS) -> Iterator[Trial]:

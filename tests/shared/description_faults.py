@@ -107,8 +107,8 @@ class Urdf:
 
     @staticmethod
     def origin(element: ET.Element, key: str) -> Vector:
-        found = element.find("origin")
-        return numbers(None if found is None else found.get(key))
+        result = element.find("origin")
+        return numbers(None if result is None else result.get(key))
 
     def link(self) -> ET.Element:
         return self.dice.choice(self.links)
@@ -117,8 +117,8 @@ class Urdf:
         return self.dice.choice(self.joints)
 
     def part(self, element: ET.Element, tag: str) -> ET.Element:
-        found = element.find(tag)
-        return ET.SubElement(element, tag) if found is None else found
+        result = element.find(tag)
+        return ET.SubElement(element, tag) if result is None else result
 
     def factor(self) -> float:
         return self.dice.choice([0.5, 0.8, 1.1, 1.25, 2.0, 10.0])

@@ -48,7 +48,7 @@ def example(order: int) -> Example:
 def evaluated(case: Example) -> tuple[float, Array, Array]:
     """Energy, nodal forces (6 count,) and tangent (6 count, 6 count)."""
     count = len(case.x)
-    scratch, tangent = Scratch.of(count), np.zeros((6 * count, 6 * count))
+    scratch, tangent = Scratch.build_for(count), np.zeros((6 * count, 6 * count))
     scratch.x[:], scratch.r[:] = case.x, case.r
     energy = element(0, count, case.arrays, scratch, np.zeros((count - 1, 6)), tangent)
     return energy, scratch.forces.ravel(), tangent

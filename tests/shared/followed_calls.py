@@ -38,7 +38,7 @@ def name_of(frame: FrameType) -> str | None:
 
 def paths(task: Callable[[], object], begin: str) -> set[Calls]:
     """Return the paths of calls, each from the function ``begin`` on, that a task goes; a generator is called by who asks it."""
-    found: set[Calls] = set()
+    result: set[Calls] = set()
     open_calls: dict[int, Calls] = {}
 
     def entered(frame: FrameType, event: str, _: Any) -> None:
@@ -52,14 +52,14 @@ def paths(task: Callable[[], object], begin: str) -> set[Calls]:
         before = open_calls[id(above)] if above is not None else ()
         if before or name == begin:
             open_calls[id(frame)] = (*before, name)
-            found.add(open_calls[id(frame)])
+            result.add(open_calls[id(frame)])
 
     sys.setprofile(entered)
     try:
         task()
     finally:
         sys.setprofile(None)
-    return found
+    return result
 
 
 def coarse(mechanism: Mechanism) -> Mechanism:

@@ -176,29 +176,29 @@ def _controller(m: flexinv.Mechanism, task: flexinv.Case, call: dict[str, Any]) 
     rows += [
         controller.step(*(np.ascontiguousarray(part[k]) for part in (q, qd, qdd))).copy() for k in range(1, len(q))
     ]
-    found = np.array(rows)
-    _finite("controller", found)
+    result = np.array(rows)
+    _finite("controller", result)
     # where the samples are too far apart for what rings, the motion between two calls is not known by its ends
     if not task.motion.jumps and account(s)[1] <= LARGEST * s.energy_exchanged:
-        _same("controller and solve", found[:, m.actuated], s.torque, BETWEEN)
+        _same("controller and solve", result[:, m.actuated], s.torque, BETWEEN)
     return closes(s)
 
 
 def _natural(m: flexinv.Mechanism, task: flexinv.Case, call: dict[str, Any]) -> None:
-    found = flexinv.natural_modes(m, q=_place_of(m, task), count=6)
-    _finite("natural modes", found.squared, found.displacement)
+    modes = flexinv.natural_modes(m, q=_place_of(m, task), count=6)
+    _finite("natural modes", modes.squared, modes.displacement)
     rest = flexinv.steady_modes(m, q=_place_of(m, task), count=6)
     _finite("steady modes", rest.frequency)
 
 
 def _steady(m: flexinv.Mechanism, task: flexinv.Case, call: dict[str, Any]) -> None:
-    found = flexinv.steady_modes(m, q=_place_of(m, task), rates=_rates(m, call), count=6)
-    _finite("steady modes", found.frequency, found.damping if hasattr(found, "damping") else np.zeros(1))
+    modes = flexinv.steady_modes(m, q=_place_of(m, task), rates=_rates(m, call), count=6)
+    _finite("steady modes", modes.frequency, modes.damping if hasattr(modes, "damping") else np.zeros(1))
 
 
 def _linear(m: flexinv.Mechanism, task: flexinv.Case, call: dict[str, Any]) -> None:
-    found = flexinv.linear_model(m, q=_place_of(m, task), rates=_rates(m, call), modes=4)
-    _finite("linear model", *found.matrices, found.bias)
+    model = flexinv.linear_model(m, q=_place_of(m, task), rates=_rates(m, call), modes=4)
+    _finite("linear model", *model.matrices, model.bias)
 
 
 def _torques(m: flexinv.Mechanism, task: flexinv.Case, call: dict[str, Any]) -> float:

@@ -176,7 +176,7 @@ def machine_paths(text: str) -> list[str]:
     """No file names a folder of somebody's machine."""
     folders = re.compile(r"(?<![\w./$-])/(?:work|root|home|Users)/\w+")
     lines = enumerate(text.splitlines(), 1)
-    return [f"line {k}: {found.group()}" for k, line in lines for found in folders.finditer(line)]
+    return [f"line {k}: {result.group()}" for k, line in lines for result in folders.finditer(line)]
 
 
 @cache
@@ -200,13 +200,13 @@ def _imports(node: ast.AST, waits: bool) -> Iterator[tuple[int, str, bool]]:
 
 def importers(sources: Mapping[str, str]) -> dict[str, list[str]]:
     """Modules by which each one is imported, also in functions (dotted module -> source)."""
-    found: dict[str, list[str]] = {}
+    result: dict[str, list[str]] = {}
     for module, source in sources.items():
         for _, name, _ in imports(source):
             known = next((one for one in (name, name.rpartition(".")[0]) if one in sources), module)
             if known != module:
-                found.setdefault(known, []).append(module)
-    return found
+                result.setdefault(known, []).append(module)
+    return result
 
 
 def _misplaced(module: str, name: str, inside_function: bool) -> str:

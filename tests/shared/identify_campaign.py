@@ -26,7 +26,7 @@ from crosscheck.identification.logs.log import Log
 from crosscheck.identification.parameters import KINDS, MASS
 from crosscheck.identification.pseudo_inertia import NAMES, QUANTITIES, convert_to_com, move_mass_properties
 from crosscheck.identification.readings import Machine, compute_raw_signals, make_run
-from crosscheck.identification.response import Measured, build_response
+from crosscheck.identification.response import MeasuredMotion, build_response
 from crosscheck.identification.table import list_parameter_rows
 
 Array = NDArray[np.float64]
@@ -37,7 +37,7 @@ RATE, SECONDS = 125.0, 6.0
 
 
 @dataclass(frozen=True)
-class Told:
+class ParameterOutcome:
     """An identifiable parameter: its class, whether its interval holds the truth, and interval over prior width [-]."""
 
     mechanism: str
@@ -139,7 +139,7 @@ def _loop(random: np.random.Generator) -> tuple[str, str]:
     )
 
 
-def moving(machine: Machine, random: np.random.Generator, kind: str) -> Measured:
+def moving(machine: Machine, random: np.random.Generator, kind: str) -> MeasuredMotion:
     """Return a motion of five harmonics from rest to rest [s, rad]: what bends rings on from anything else."""
     names = tuple(machine.settings.joints)
     time = np.arange(0.0, SECONDS, 1.0 / RATE)
@@ -153,11 +153,15 @@ def moving(machine: Machine, random: np.random.Generator, kind: str) -> Measured
             q[:, k] += window * size * (0.3 if kind == "loop" else 1.0) * np.sin(w * time + phase)
         q[:, k] += middle.get(name, 0.0)
     spline = CubicSpline(time, q)
-    return Measured(time, names, q, spline(time, 1), spline(time, 2))
+    return MeasuredMotion(time, names, q, spline(time, 1), spline(time, 2))
 
 
 def logged(
-    machine: Machine, motion: Measured, z: Array, random: np.random.Generator, sizes: dict[str, float] | None = None
+    machine: Machine,
+    motion: MeasuredMotion,
+    z: Array,
+    random: np.random.Generator,
+    sizes: dict[str, float] | None = None,
 ) -> Log:
     """Return what a true machine at z (parameters,) [-] would have logged, with noise [s, rad, N m].
 
@@ -165,12 +169,12 @@ def logged(
     """
     sizes = {} if sizes is None else sizes
     tell = build_response(machine.mechanism, machine.space, machine.settings, motion, once=True)
-    told = compute_raw_signals(machine, motion, tell, machine.space.values(z))
+    raw_signals = compute_raw_signals(machine, motion, tell, machine.space.compute_values(z))
     columns = {
         t.angle.column: motion.q[:, k] + ENCODER * random.normal(size=len(motion.time))
         for k, t in enumerate(machine.settings.joints.values())
     }
-    for channel, values in zip(machine.channels, told.T, strict=True):
+    for channel, values in zip(machine.channels, raw_signals.T, strict=True):
         white, lasts = random.normal(size=(2, len(values)))
         keep = float(np.exp(-1.0 / (RATE * MEMORY)))
         for k in range(1, len(lasts)):
@@ -180,7 +184,7 @@ def logged(
     return Log("made", motion.time, columns)
 
 
-def trial(kind: str, seed: int, off: bool = False) -> tuple[list[Told], list[float], str]:
+def trial(kind: str, seed: int, off: bool = False) -> tuple[list[ParameterOutcome], list[float], str]:
     """Identify a random mechanism; return what it tells, coverage on another motion [-], and words.
 
     off : one parameter of the truth is two prior widths off
@@ -199,28 +203,28 @@ def trial(kind: str, seed: int, off: bool = False) -> tuple[list[Told], list[flo
     logs = [logged(machine, moving(machine, random, kind), z, random, sizes) for _ in range(2)]
     runs = [make_run(machine, log) for log in logs]
     task = build_problem(machine, (runs[0],))
-    found = fit(task)
-    told = predict(machine, found, compute_margins(task, found), runs[1])
-    return list(_told(machine, found, z, f"{kind}{seed}")), [r.coverage for r in judge(machine, runs[1], told)], ""
+    result = fit(task)
+    told = predict(machine, result, compute_margins(task, result), runs[1])
+    return list(_told(machine, result, z, f"{kind}{seed}")), [r.coverage for r in judge(machine, runs[1], told)], ""
 
 
-def _told(machine: Machine, found: object, z: Array, name: str) -> Iterator[Told]:
-    truth = machine.space.values(z)
+def _told(machine: Machine, found: object, z: Array, name: str) -> Iterator[ParameterOutcome]:
+    truth = machine.space.compute_values(z)
     table = {(r.parameter, r.place): r for r in list_parameter_rows(machine.space, found)}  # type: ignore[arg-type]
     for link, factor in machine.space.factors.items():
-        own = convert_to_com(move_mass_properties(factor, np.array([truth[MASS, f"{link}.{n}"] for n in NAMES])))
-        truth |= {(q, link): float(v) for q, v in zip(QUANTITIES, own, strict=True)}
+        com = convert_to_com(move_mass_properties(factor, np.array([truth[MASS, f"{link}.{n}"] for n in NAMES])))
+        truth |= {(q, link): float(v) for q, v in zip(QUANTITIES, com, strict=True)}
     for (kind, place), row in table.items():
         if row.identifiable:
             class_ = KINDS[kind].class_ if kind in KINDS else "mass properties"
             ratio = (row.high - row.low) / (row.before_high - row.before_low)
-            yield Told(name, class_, kind, place, row.low <= truth[kind, place] <= row.high, ratio)
+            yield ParameterOutcome(name, class_, kind, place, row.low <= truth[kind, place] <= row.high, ratio)
 
 
-def summary(told: list[Told]) -> dict[str, tuple[int, float, float]]:
+def summary(outcomes: list[ParameterOutcome]) -> dict[str, tuple[int, float, float]]:
     """Return number, part that holds [-] and median of interval over prior width [-], by class."""
-    classes = dict.fromkeys(one.class_ for one in told)
-    some = {c: [one for one in told if one.class_ == c] for c in classes} | {"all": told}
+    classes = dict.fromkeys(one.class_ for one in outcomes)
+    some = {c: [one for one in outcomes if one.class_ == c] for c in classes} | {"all": outcomes}
     return {
         c: (len(own), float(np.mean([o.holds for o in own])), float(np.median([o.ratio for o in own])))
         for c, own in some.items()
@@ -234,7 +238,7 @@ def summary(told: list[Told]) -> dict[str, tuple[int, float, float]]:
 @click.option("--off", is_flag=True, help="One parameter of each truth is two prior widths off.")
 def main(count: int, first: int, off: bool) -> None:
     """Identify random mechanisms of known truth, and count how often 90 % intervals hold it."""
-    told: list[Told] = []
+    told: list[ParameterOutcome] = []
     covered: list[float] = []
     for k in range(count):
         kind = CLASSES[k % len(CLASSES)]

@@ -31,7 +31,7 @@ def reference(f: TorqueFunction, state: tuple[Array, Array, Array]) -> Array:
     """Efforts of the cut tree, shared out by `shares`."""
     assert f.loops is not None
     tau = prepare(replace(f.mechanism, closures=()), f.passive, threads=1).torques(*state)
-    return f.loops.shares(*state, tau).tau
+    return f.loops.compute_shares(*state, tau).tau
 
 
 def doubts(f: TorqueFunction, samples: int) -> list[int]:

@@ -12,12 +12,12 @@ from collections import Counter
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 
-from crosscheck.linting.lint import Linted, lint
+from crosscheck.linting.lint import LintReport, lint
 from flexinv.errors import InputError
 from flexinv.files.from_urdf import find_robots_folder
 
 
-def linted(files: Iterable[Path]) -> Iterator[tuple[Path, Linted | str]]:
+def linted(files: Iterable[Path]) -> Iterator[tuple[Path, LintReport | str]]:
     """Yield findings by file, or the reason why one is not read."""
     for file in files:
         try:
@@ -31,27 +31,27 @@ def table(files: Iterable[Path], root: Path) -> Iterator[str]:
     counted: Counter[tuple[str, str]] = Counter()
     yield "| file | errors | warnings | checks |"
     yield "|---|--:|--:|---|"
-    for file, found in linted(files):
+    for file, result in linted(files):
         name = file.relative_to(root)
-        if isinstance(found, str):
-            yield f"| {name} | | | {found[:200]} |"
+        if isinstance(result, str):
+            yield f"| {name} | | | {result[:200]} |"
             continue
-        counted.update((one.check, one.level) for one in found.findings)
-        errors = sum(one.level == "error" for one in found.findings)
-        checks = ", ".join(sorted({one.check for one in found.findings}))
-        yield f"| {name} | {errors} | {len(found.findings) - errors} | {checks} |"
+        counted.update((one.check, one.level) for one in result.findings)
+        errors = sum(one.level == "error" for one in result.findings)
+        checks = ", ".join(sorted({one.check for one in result.findings}))
+        yield f"| {name} | {errors} | {len(result.findings) - errors} | {checks} |"
     yield ""
     yield from (f"{check} ({level}): {count}" for (check, level), count in counted.most_common())
 
 
 def listed(files: Iterable[Path]) -> Iterator[str]:
     """Yield every finding in a line."""
-    for file, found in linted(files):
+    for file, result in linted(files):
         yield f"## {file}"
-        if isinstance(found, str):
-            yield found
+        if isinstance(result, str):
+            yield result
         else:
-            yield from (f"{f.level} | {f.check} | {f.place} | {f.given} | {f.why} | {f.write}" for f in found.findings)
+            yield from (f"{f.level} | {f.check} | {f.place} | {f.given} | {f.why} | {f.write}" for f in result.findings)
 
 
 def main() -> None:

@@ -86,9 +86,9 @@ def _line(package: str, module: str, sources: Mapping[str, str]) -> str:
 def _imported(module: str, sources: Mapping[str, str]) -> Iterator[str]:
     """Modules that are imported when this one is."""
     for _, name, waits in house_rules.imports(sources[module]):
-        found = next((known for known in (name, name.rpartition(".")[0]) if known in sources), module)
-        if found != module and not waits:
-            yield found
+        result = next((known for known in (name, name.rpartition(".")[0]) if known in sources), module)
+        if result != module and not waits:
+            yield result
 
 
 def read_sources(root: Path, package: str) -> dict[str, str]:

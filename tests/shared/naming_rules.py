@@ -126,7 +126,7 @@ def homonyms(
             open_ = not name.startswith("_") or name in private
             if open_ and name not in known and form not in places.setdefault(name, []):
                 places[name].append(form)
-    return [f"{word} is defined in {', '.join(found)}" for word, found in sorted(places.items()) if len(found) > 1]
+    return [f"{word} is defined in {', '.join(result)}" for word, result in sorted(places.items()) if len(result) > 1]
 
 
 def lonely(sources: Mapping[str, str], imports: Mapping[str, Iterable[str]], known: Mapping[str, str]) -> list[str]:
@@ -136,7 +136,7 @@ def lonely(sources: Mapping[str, str], imports: Mapping[str, Iterable[str]], kno
     known : modules that stay apart -> the reason; one that is not alone any more, or has no reason, is told, too
     """
     size = {module: len(source.splitlines()) for module, source in sources.items()}
-    found = {
+    result = {
         module: importers[0]
         for module, importers in ((m, sorted(set(imports.get(m, ())))) for m in sources)
         if len(importers) == 1
@@ -144,9 +144,9 @@ def lonely(sources: Mapping[str, str], imports: Mapping[str, Iterable[str]], kno
         and size[module] + size[importers[0]] <= LINES
     }
     broken = [
-        f"{module} is imported by {one} alone: merge them" for module, one in found.items() if not known.get(module)
+        f"{module} is imported by {one} alone: merge them" for module, one in result.items() if not known.get(module)
     ]
-    return broken + [f"{module} needs no reason to stay apart" for module in known if module not in found]
+    return broken + [f"{module} needs no reason to stay apart" for module in known if module not in result]
 
 
 def _defined(source: str) -> set[str]:

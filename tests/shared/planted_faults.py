@@ -17,11 +17,11 @@ from numpy.typing import NDArray
 sys.path.insert(0, str(Path(__file__).parents[2]))
 
 import crosscheck
-from crosscheck.identification.causes.cause import Named
+from crosscheck.identification.causes.cause import NamedCause
 from crosscheck.identification.causes.dictionary import list_possible_causes
 from crosscheck.identification.causes.name_causes import find_causes
 from crosscheck.identification.causes.rounds import update_space
-from crosscheck.identification.identify import Identified, read_of
+from crosscheck.identification.identify import Identification, read_of
 from crosscheck.identification.logs.log import Log
 from crosscheck.identification.readings import (
     Machine,
@@ -43,7 +43,7 @@ SAMPLES, LAG, CONSTANT, TILT, PAYLOAD = 2, 0.005, 0.3, np.radians(3.0), 0.01
 
 
 @dataclass(frozen=True)
-class Planted:
+class PlantedFault:
     """A fault in a log: the cause that has to be named, its place, its size [unit of the cause], and the log that has it."""
 
     name: str
@@ -52,9 +52,9 @@ class Planted:
     log: Log
 
 
-def planted(found: Identified, log: Log) -> Iterator[Planted]:
+def planted(identification: Identification, log: Log) -> Iterator[PlantedFault]:
     """Yield logs with one fault each: delays, lags, constants and signs of every effort, tilts of gravity, a payload."""
-    for channel in found.machine.channels:
+    for channel in identification.machine.channels:
         values, kind = log.columns[channel.column], channel.sense
         delay = SAMPLES * log.spacing
         spoiled = {
@@ -65,31 +65,35 @@ def planted(found: Identified, log: Log) -> Iterator[Planted]:
         if kind == "effort":
             spoiled["torque constant, relative error", CONSTANT] = (1.0 + CONSTANT) * values
         for (name, size), column in spoiled.items():
-            yield Planted(name, channel.place, size, replace(log, columns={**log.columns, channel.column: column}))
-    for cause in list_possible_causes(found.machine):  # no tilt where the mechanism states no gravity
-        mass = sum(b.inertia.mass for link in found.machine.mechanism.links for b in link.bodies if link.beam is None)
+            yield PlantedFault(name, channel.place, size, replace(log, columns={**log.columns, channel.column: column}))
+    for cause in list_possible_causes(identification.machine):  # no tilt where the mechanism states no gravity
+        mass = sum(
+            b.inertia.mass for link in identification.machine.mechanism.links for b in link.bodies if link.beam is None
+        )
         sizes = {"tilt of gravity": TILT, "payload beside what is known": float(f"{PAYLOAD * mass:.1g}")}
         size = sizes.get(cause.name, 0.0)
         if size:
-            mechanism = cause.undone(log, found.machine.mechanism, size)[1]
-            other = replace(found.machine, mechanism=mechanism, space=update_space(found.machine, mechanism))
-            yield Planted(cause.name, cause.place, size, _of_another(found, other, log))
+            mechanism = cause.undone(log, identification.machine.mechanism, size)[1]
+            other = replace(
+                identification.machine, mechanism=mechanism, space=update_space(identification.machine, mechanism)
+            )
+            yield PlantedFault(cause.name, cause.place, size, _of_another(identification, other, log))
 
 
-def _of_another(found: Identified, other: Machine, log: Log) -> Log:
+def _of_another(identification: Identification, other: Machine, log: Log) -> Log:
     """Return the log with efforts of another mechanism: what it would have needed more is added [N m], [N]."""
-    values, columns = found.machine.space.values(found.fit.z), dict(log.columns)
-    run = make_run(found.machine, log, efforts=False)
+    values, columns = identification.machine.space.compute_values(identification.fit.z), dict(log.columns)
+    run = make_run(identification.machine, log, efforts=False)
     changed = make_run(other, log, efforts=False)
     more = compute_raw_signals(other, run.motion, changed.response, values) - compute_raw_signals(
-        found.machine, run.motion, run.response, values
+        identification.machine, run.motion, run.response, values
     )
-    for channel, change in zip(found.machine.channels, more.T, strict=True):
+    for channel, change in zip(identification.machine.channels, more.T, strict=True):
         columns[channel.column] = columns[channel.column] + change / channel.factor
     return replace(log, columns=columns)
 
 
-def verdict(one: Planted, named: list[Named], known: set[tuple[str, str]]) -> tuple[bool, str]:
+def verdict(one: PlantedFault, named: list[NamedCause], known: set[tuple[str, str]]) -> tuple[bool, str]:
     """Return whether the fault is the first that the untouched log does not show, and all that is named in words."""
     news = [n for n in named if (n.name, n.place) not in known]
     first = bool(news) and (news[0].name, news[0].place) == (one.name, one.place)
@@ -104,15 +108,15 @@ def verdict(one: Planted, named: list[Named], known: set[tuple[str, str]]) -> tu
 def main(name: str, only: str, itself: bool) -> None:
     """Plant faults in the log of NAME, one after the other, and print what is named."""
     path = MODELS / name / LOGS[name]
-    found = crosscheck.identify(MODELS / name, [path])
-    log = read_of(found.machine, path)
-    untouched = find_causes(found, log, itself)
+    identification = crosscheck.identify(MODELS / name, [path])
+    log = read_of(identification.machine, path)
+    untouched = find_causes(identification, log, itself)
     click.echo("untouched: " + "; ".join(one.words for one in untouched))
     known = {(one.name, one.place) for one in untouched}
     counts = []
-    for one in planted(found, log):
+    for one in planted(identification, log):
         if only in f"{one.name} of {one.place}":
-            told = crosscheck.identify(MODELS / name, [one.log]) if itself else found
+            told = crosscheck.identify(MODELS / name, [one.log]) if itself else identification
             good, words = verdict(one, find_causes(told, one.log, itself), known)
             counts.append(good)
             click.echo(f"{'ok  ' if good else 'MISS'} {one.name} of {one.place}, {one.size:.4g}: {words}")

@@ -66,7 +66,7 @@ MISTAKES = {
 
 
 @dataclass(frozen=True)
-class Found:
+class FaultOutcome:
     """What crosscheck said of a program with a mistake: causes that it named, and its words."""
 
     named: tuple[str, ...]
@@ -81,7 +81,7 @@ class Found:
         return bool(self.named) and not mistake.causes & set(self.named)
 
 
-def campaign(names: Iterable[str], folder: Path) -> dict[str, Found]:
+def campaign(names: Iterable[str], folder: Path) -> dict[str, FaultOutcome]:
     """What crosscheck says of the programs with these mistakes, which are written into a folder."""
     chosen, rows = list(names), []
     for number, name in enumerate(chosen):
@@ -99,16 +99,16 @@ def campaign(names: Iterable[str], folder: Path) -> dict[str, Found]:
         [sys.executable, "-m", "crosscheck", *words], cwd=folder, capture_output=True, text=True, check=False
     )
     said = json.loads((folder / "report" / "results.json").read_text(encoding="utf-8"))
-    found = {one["engine"]: one for one in said["diagnoses"]}
-    assert len(found) == len(chosen), [run["message"] for run in said["runs"]]
-    return {name: heard(found[f"program{k}"]) for k, name in enumerate(chosen)}
+    result = {one["engine"]: one for one in said["diagnoses"]}
+    assert len(result) == len(chosen), [run["message"] for run in said["runs"]]
+    return {name: heard(result[f"program{k}"]) for k, name in enumerate(chosen)}
 
 
-def heard(diagnosis: dict[str, object]) -> Found:
+def heard(diagnosis: dict[str, object]) -> FaultOutcome:
     """A diagnosis of results.json."""
     named = diagnosis["named"]
     assert isinstance(named, list)
-    return Found(tuple(str(one["cause"]) for one in named), str(diagnosis["words"]))
+    return FaultOutcome(tuple(str(one["cause"]) for one in named), str(diagnosis["words"]))
 
 
 def drawn(count: int, seed: int) -> list[str]:
@@ -119,14 +119,14 @@ def drawn(count: int, seed: int) -> list[str]:
 def main() -> int:
     """Plant all of them, show what was named, and return 0 where enough of them are named and none wrongly."""
     with tempfile.TemporaryDirectory() as folder:
-        found = campaign(MISTAKES, Path(folder))
-    for name, one in found.items():
+        result = campaign(MISTAKES, Path(folder))
+    for name, one in result.items():
         verdict = "right" if one.right(MISTAKES[name]) else "WRONG" if one.wrong(MISTAKES[name]) else "unnamed"
         click.echo(f"{verdict:8} {name:26} {', '.join(one.named) or one.words}")
-    right = sum(one.right(MISTAKES[name]) for name, one in found.items())
-    wrong = sum(one.wrong(MISTAKES[name]) for name, one in found.items())
-    click.echo(f"{right} of {len(found)} named first or in a set of {FEW}, {wrong} wrongly")
-    return int(right < ENOUGH * len(found) or wrong > 0)
+    right = sum(one.right(MISTAKES[name]) for name, one in result.items())
+    wrong = sum(one.wrong(MISTAKES[name]) for name, one in result.items())
+    click.echo(f"{right} of {len(result)} named first or in a set of {FEW}, {wrong} wrongly")
+    return int(right < ENOUGH * len(result) or wrong > 0)
 
 
 if __name__ == "__main__":

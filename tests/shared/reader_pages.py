@@ -18,8 +18,8 @@ PAGES = ("README.md", "NOTATION.md", *SITE)
 
 def blocks(text: str, language: str) -> list[str]:
     """Fenced blocks of one language, padded so that line numbers in tracebacks are the page's."""
-    found = re.finditer(rf"^```{language}\n(.*?)^```$", text, re.M | re.S)
-    return ["\n" * (text[: block.start()].count("\n") + 1) + block.group(1) for block in found]
+    result = re.finditer(rf"^```{language}\n(.*?)^```$", text, re.M | re.S)
+    return ["\n" * (text[: block.start()].count("\n") + 1) + block.group(1) for block in result]
 
 
 def with_blocks(language: str) -> list[str]:

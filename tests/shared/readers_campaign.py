@@ -15,47 +15,51 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
-from crosscheck.equivalence.readers import Loaded, compare_readers
+from crosscheck.equivalence.readers import ReaderRow, compare_readers
 from crosscheck.equivalence.result import REPAIRED
 from flexinv.errors import InputError
 from flexinv.files.from_urdf import find_robots_folder
 
 
 @dataclass(frozen=True)
-class Read:
+class ReaderTrial:
     """A file with the rows of its table, or the words of why there is none."""
 
     file: Path
-    rows: list[Loaded]
+    rows: list[ReaderRow]
     words: str
     seconds: float
 
     @property
     def unexplained(self) -> list[str]:
         """Readers that differ by more than what is named: repaired, more than `REPAIRED` of an effort's range is left."""
-        return [row.reader for row in self.rows if row.found is not None and row.found.judged.after > REPAIRED]
+        return [
+            row.reader for row in self.rows if row.comparison is not None and row.comparison.judged.after > REPAIRED
+        ]
 
 
-def tables(files: Iterable[Path]) -> Iterator[Read]:
+def tables(files: Iterable[Path]) -> Iterator[ReaderTrial]:
     """Yield the table of every file."""
     for file in files:
-        begun, rows, words = time.perf_counter(), list[Loaded](), ""
+        begun, rows, words = time.perf_counter(), list[ReaderRow](), ""
         try:
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore")
                 rows = compare_readers(str(file))
         except InputError as error:
             words = " ".join(str(error).split())[:200]
-        yield Read(file, rows, words, time.perf_counter() - begun)
+        yield ReaderTrial(file, rows, words, time.perf_counter() - begun)
 
 
-def cell(row: Loaded) -> str:
+def cell(row: ReaderRow) -> str:
     """A reader's result in few words: equal, the causes that are named, or why it refuses."""
-    if row.found is None:
-        return f"{row.reader}: cannot ({row.words[:160]})"
-    causes = Counter(d.cause for d in row.found.differences)
+    if row.comparison is None:
+        return f"{row.reader}: cannot ({row.refusal[:160]})"
+    causes = Counter(d.cause for d in row.comparison.differences)
     named = ", ".join(f"{count} x {cause}" for cause, count in causes.items())
-    return f"{row.reader}: {row.result}" + (f" ({named}; repaired to {row.found.judged.after:.1e})" if named else "")
+    return f"{row.reader}: {row.result}" + (
+        f" ({named}; repaired to {row.comparison.judged.after:.1e})" if named else ""
+    )
 
 
 def main() -> None:

@@ -107,7 +107,7 @@ def hanging(kind: str) -> Mechanism:
 
 
 @dataclass
-class Scene:
+class MovingSolver:
     """A solver in a state of motion: increments d, velocities u and accelerations du, loads on all nodes."""
 
     solver: Solver
@@ -143,14 +143,14 @@ class Scene:
         return out
 
 
-def scene(mechanism: Mechanism) -> Scene:
+def scene(mechanism: Mechanism) -> MovingSolver:
     rng = np.random.default_rng(11)
     passive = {joint.name for joint in mechanism.joints if not joint.actuated}
-    solver = Solver.of(build(mechanism), passive)
+    solver = Solver.build_for(build(mechanism), passive)
     qd, qdd = rng.normal(size=(2, mechanism.nv))
     begin_undeformed(solver, mechanism.neutral, qd, qdd)
     solver.update_loads(0.0, mechanism.neutral, qd, qdd)
     solver.border.ties.multiplier[:] = rng.normal(size=len(solver.border.ties.a))
     unknowns = solver.increment.shape[1]
     joints = compute_joint_motion(solver.mesh, mechanism.neutral, qd, qdd)
-    return Scene(solver, joints, *(0.2 * rng.normal(size=(3, unknowns))))
+    return MovingSolver(solver, joints, *(0.2 * rng.normal(size=(3, unknowns))))

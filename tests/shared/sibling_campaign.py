@@ -97,15 +97,15 @@ class Outcome:
 
 def folders(given: Iterable[str]) -> dict[str, Path]:
     """The folder that holds each package: as given, else where it is installed."""
-    found = {DATA: find_robots_folder().parent}
+    result = {DATA: find_robots_folder().parent}
     stated = dict(one.split("=", 1) for one in given)
     for name in ("robosuite", "genesis"):
         spec = importlib.util.find_spec(name) if name not in stated else None
         if name in stated:
-            found[name] = Path(stated[name])
+            result[name] = Path(stated[name])
         elif spec is not None and spec.submodule_search_locations:
-            found[name] = Path(spec.submodule_search_locations[0]).parent
-    return found
+            result[name] = Path(spec.submodule_search_locations[0]).parent
+    return result
 
 
 def located(name: str, known: Mapping[str, Path]) -> Path | None:
@@ -128,11 +128,11 @@ def outcomes(pairs: Iterable[Pair], known: Mapping[str, Path]) -> Iterator[Outco
         try:
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore")
-                found: Comparison | None = compare(paths[0], paths[1], match=pair.stated)
-            words = "equal" if found is not None and found.equal else "different"
+                comparison: Comparison | None = compare(paths[0], paths[1], match=pair.stated)
+            words = "equal" if comparison is not None and comparison.equal else "different"
         except InputError as error:
-            found, words = None, f"cannot: {' '.join(str(error).split())[:400]}"
-        yield Outcome(pair, found, words, time.perf_counter() - begun)
+            comparison, words = None, f"cannot: {' '.join(str(error).split())[:400]}"
+        yield Outcome(pair, comparison, words, time.perf_counter() - begun)
 
 
 def line(one: Outcome) -> str:

@@ -84,11 +84,11 @@ def refined(couple: float, axis: int) -> dict[str, Array]:
 def outcome(couple: float, step: float, axis: int) -> Outcome:
     """March one pair and compare every sample but the first, at which nothing has moved yet."""
     try:
-        found = quantities(held(couple, step, axis))
+        result = quantities(held(couple, step, axis))
     except flexinv.ConvergenceError as error:
         return Outcome(couple, step, str(error), {})
     off, stride = {}, round(step / KEPT)
-    for name, values in found.items():
+    for name, values in result.items():
         exact = refined(couple, axis)[name][::stride]
         span = np.ptp(refined(couple, axis)[name], axis=0).max()
         off[name] = float(np.abs(values - exact).max() / span)
@@ -107,13 +107,13 @@ def silent(found: list[Outcome]) -> list[Outcome]:
 
 def table(axis: int) -> str:
     """The sweep about one axis as text, a line for each pair and one for all."""
-    found, where, lines = sweep(axis), "in the plane" if axis == 2 else "out of it", []
-    for one in found:
+    result, where, lines = sweep(axis), "in the plane" if axis == 2 else "out of it", []
+    for one in result:
         text = one.error or "  ".join(f"{name} {value:.1e}" for name, value in one.off.items())
         word = "right" if one.right else "error" if one.error else "silent"
         lines.append(f"{where}  {one.couple:9.3g} N m  {one.step:7.0e} s  {word:6}  {text[:150]}")
-    counts = sum(one.right for one in found), sum(bool(one.error) for one in found), len(silent(found))
-    return "\n".join([*lines, "{}: {} right, {} errors, {} silent, of {}\n".format(where, *counts, len(found))])
+    counts = sum(one.right for one in result), sum(bool(one.error) for one in result), len(silent(result))
+    return "\n".join([*lines, "{}: {} right, {} errors, {} silent, of {}\n".format(where, *counts, len(result))])
 
 
 if __name__ == "__main__":

@@ -5,13 +5,13 @@ from __future__ import annotations
 import numpy as np
 import pinocchio as pin
 
-from crosscheck.engines.pinocchio.model import Built
+from crosscheck.engines.pinocchio.model import BuiltModel
 
 
-def replace_inertia_order(built: Built, joint: str) -> None:
+def replace_inertia_order(built_model: BuiltModel, joint: str) -> None:
     """Give xx, yy, zz, xy, xz, yz [kg m^2] of what a joint carries where xx, xy, yy, xz, yz, zz are wanted."""
-    index, _ = built.joint[joint]
-    old = built.model.inertias[index]
+    index, _ = built_model.joint[joint]
+    old = built_model.model.inertias[index]
     t = np.array(old.inertia)
     xx = t[0, 0]
     yy = t[1, 1]
@@ -19,16 +19,18 @@ def replace_inertia_order(built: Built, joint: str) -> None:
     xy = t[0, 1]
     xz = t[0, 2]
     yz = t[1, 2]
-    built.model.inertias[index] = pin.Inertia(old.mass, old.lever, np.array([[xx, yy, xy], [yy, zz, xz], [xy, xz, yz]]))
+    built_model.model.inertias[index] = pin.Inertia(
+        old.mass, old.lever, np.array([[xx, yy, xy], [yy, zz, xz], [xy, xz, yz]])
+    )
 
 
-def scale_mass_lever(built: Built, joint: str, factor: float) -> None:
+def scale_mass_lever(built_model: BuiltModel, joint: str, factor: float) -> None:
     """Put the centre of mass of what a joint carries farther out by a factor [-]."""
-    index, _ = built.joint[joint]
-    old = built.model.inertias[index]
-    built.model.inertias[index] = pin.Inertia(old.mass, old.lever * factor, old.inertia)
+    index, _ = built_model.joint[joint]
+    old = built_model.model.inertias[index]
+    built_model.model.inertias[index] = pin.Inertia(old.mass, old.lever * factor, old.inertia)
 
 
-def remove_armature(built: Built) -> None:
+def remove_armature(built_model: BuiltModel) -> None:
     """Forget all rotors."""
-    built.model.armature[:] = 0.0
+    built_model.model.armature[:] = 0.0

@@ -31,7 +31,7 @@ def _make_inertia_change(change: Callable[[Inertia, Array], Inertia]) -> Change:
     """Return the change of one body's inertia."""
 
     def apply_change(subject: Subject, target: str, size: Array) -> Subject:
-        return subject.with_body(target, lambda body: replace(body, inertia=change(body.inertia, size)))
+        return subject.replace_body(target, lambda body: replace(body, inertia=change(body.inertia, size)))
 
     return apply_change
 
@@ -77,7 +77,7 @@ def _remove_body(subject: Subject, target: str, size: Array) -> Subject:
 def _add_payload(subject: Subject, target: str, size: Array) -> Subject:
     link = subject.mechanism.link_of[target]
     at, station = (link.tip, None) if link.beam is None else (np.zeros(3), 1.0)
-    extra = Body("payload", Inertia.stated(float(size[0]), at), station)
+    extra = Body("payload", Inertia.build_unchecked(float(size[0]), at), station)
     return subject.replace_link(target, lambda one: replace(one, bodies=(*one.bodies, extra)))
 
 
@@ -124,19 +124,19 @@ MASSLESS = "massless inertia on "
 
 def _list_fusing_errors(model: Model) -> list[str]:
     """Return the possible errors of fusing links into their parents: fixed joints whose child has inertia."""
-    found = []
+    fusing_errors = []
     for joint in model.base.mechanism.joints:
         link = model.base.mechanism.link_of[joint.child]
         if joint.kind != "fixed" or link.beam is not None or joint.parent == "world":
             continue
         r = joint.placement.rotation
         if any(not np.allclose(r @ b.inertia.tensor @ r.T, b.inertia.tensor, rtol=1e-6) for b in link.bodies):
-            found.append(ROTATION + joint.name)
+            fusing_errors.append(ROTATION + joint.name)
         if any(b.inertia.mass for b in link.bodies) and joint.placement.position.any():
-            found.append(OFFSET + joint.name)
+            fusing_errors.append(OFFSET + joint.name)
         if any(not b.inertia.mass and b.inertia.tensor.any() for b in link.bodies):
-            found.append(MASSLESS + joint.name)
-    return found
+            fusing_errors.append(MASSLESS + joint.name)
+    return fusing_errors
 
 
 def _join_link_to_parent(subject: Subject, target: str, size: Array) -> Subject:

@@ -127,7 +127,7 @@ def _move_body_along_beam(subject: Subject, target: str, size: Array) -> Subject
             raise InputError(f"a body at {station:g} of the length: expected 0 to 1")
         return replace(body, station=station)
 
-    return subject.with_body(target, update_body)
+    return subject.replace_body(target, update_body)
 
 
 ROWS = (

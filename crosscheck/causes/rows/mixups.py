@@ -42,8 +42,8 @@ def _replace_inertia_pair(subject: Subject, target: str, size: Array) -> Subject
     a, b = target.split(ARROW)
     first = subject.find_body(a)[1].inertia
     second = subject.find_body(b)[1].inertia
-    once = subject.with_body(a, lambda one: replace(one, inertia=second))
-    return once.with_body(b, lambda one: replace(one, inertia=first))
+    once = subject.replace_body(a, lambda one: replace(one, inertia=second))
+    return once.replace_body(b, lambda one: replace(one, inertia=first))
 
 
 def _list_bodies_with_products(model: Model) -> list[str]:
@@ -63,7 +63,7 @@ def _turn_product_signs(inertia: Inertia) -> Inertia:
 
 def _apply_product_signs(subject: Subject, target: str, size: Array) -> Subject:
     if target:
-        return subject.with_body(target, lambda b: replace(b, inertia=_turn_product_signs(b.inertia)))
+        return subject.replace_body(target, lambda b: replace(b, inertia=_turn_product_signs(b.inertia)))
     return subject.replace_links(
         lambda link: replace(
             link, bodies=tuple(replace(b, inertia=_turn_product_signs(b.inertia)) for b in link.bodies)
@@ -73,14 +73,14 @@ def _apply_product_signs(subject: Subject, target: str, size: Array) -> Subject:
 
 def _list_unequal_axes(model: Model) -> list[str]:
     """Return "body: xy" for every pair of axes along which a body's moments of inertia differ."""
-    found = []
+    unequal_axes = []
     for name in list_bodies(model):
         moments = np.diag(model.base.bodies[name][1].inertia.tensor)
         pairs = combinations(range(3), 2)
-        found += [
+        unequal_axes += [
             f"{name}: {AXES[i]}{AXES[j]}" for i, j in pairs if abs(moments[i] - moments[j]) > ALIKE * moments.max()
         ]
-    return found
+    return unequal_axes
 
 
 def _replace_axis_order(subject: Subject, target: str, size: Array) -> Subject:
@@ -93,7 +93,7 @@ def _replace_axis_order(subject: Subject, target: str, size: Array) -> Subject:
     def update_inertia(inertia: Inertia) -> Inertia:
         return inertia.replace_unchecked(tensor=inertia.tensor[np.ix_(order, order)])
 
-    return subject.with_body(name, lambda b: replace(b, inertia=update_inertia(b.inertia)))
+    return subject.replace_body(name, lambda b: replace(b, inertia=update_inertia(b.inertia)))
 
 
 def _list_moments(model: Model) -> list[str]:
@@ -111,7 +111,7 @@ def _scale_moment(subject: Subject, target: str, size: Array) -> Subject:
         tensor[k, k] *= factor
         return inertia.replace_unchecked(tensor=tensor)
 
-    return subject.with_body(name, lambda b: replace(b, inertia=update_inertia(b.inertia)))
+    return subject.replace_body(name, lambda b: replace(b, inertia=update_inertia(b.inertia)))
 
 
 def _list_com_coordinates(model: Model) -> list[str]:
@@ -122,7 +122,9 @@ def _list_com_coordinates(model: Model) -> list[str]:
 def _turn_com_sign(subject: Subject, target: str, size: Array) -> Subject:
     name, axis = target.rsplit(": ", 1)
     signs = np.where(np.arange(3) == AXES.index(axis), -1.0, 1.0)
-    return subject.with_body(name, lambda b: replace(b, inertia=b.inertia.replace_unchecked(com=b.inertia.com * signs)))
+    return subject.replace_body(
+        name, lambda b: replace(b, inertia=b.inertia.replace_unchecked(com=b.inertia.com * signs))
+    )
 
 
 def _list_number_orders(model: Model) -> list[str]:
@@ -142,7 +144,7 @@ def _replace_number_order(subject: Subject, target: str, size: Array) -> Subject
             tensor[i, j] = tensor[j, i] = value
         return inertia.replace_unchecked(tensor=tensor)
 
-    return subject.with_body(name, lambda b: replace(b, inertia=update_inertia(b.inertia)))
+    return subject.replace_body(name, lambda b: replace(b, inertia=update_inertia(b.inertia)))
 
 
 ROWS = (

@@ -118,7 +118,7 @@ def _make_inertia_change(change: Callable[[Inertia, float], Inertia]) -> Change:
     def apply_change(subject: Subject, target: str, size: Array) -> Subject:
         factor = 1.0 + check_fraction(size)
         if target:
-            return subject.with_body(target, lambda b: replace(b, inertia=change(b.inertia, factor)))
+            return subject.replace_body(target, lambda b: replace(b, inertia=change(b.inertia, factor)))
 
         def update_link(one: Link) -> Link:
             return replace(one, bodies=tuple(replace(b, inertia=change(b.inertia, factor)) for b in one.bodies))

@@ -20,7 +20,7 @@ from crosscheck.commands.shared.terminal import (
     match_entries,
     plan_of,
 )
-from crosscheck.doors.registry import Doors, add_engine_limits, collect_doors, compute_answer_digest
+from crosscheck.doors.registry import ProjectEngines, add_engine_limits, collect_doors, compute_answer_digest
 from crosscheck.engines import ENGINES, Engine
 from crosscheck.run.work import Options, Work
 from crosscheck.studies import STUDIES, Study
@@ -63,7 +63,7 @@ OPTIONS = (
 
 
 @dataclass(frozen=True)
-class Asked:
+class RunSelection:
     """Selection of mechanisms, engines and studies, in the words of the command line; timeout [s]."""
 
     names: tuple[str, ...]
@@ -78,7 +78,7 @@ class Asked:
     engine: tuple[str, ...]
     trust_commands: bool
 
-    def work(self, say: Callable[[str], None]) -> tuple[Work, bool]:
+    def prepare_work(self, say: Callable[[str], None]) -> tuple[Work, bool]:
         """Return the work, and whether all engines take part; say : is told which programs run.
 
         Raises Failure where a name or a pattern leads to nothing, or a program is not trusted.
@@ -90,11 +90,11 @@ class Asked:
         # a reader who names mechanisms wants those; the studies belong to the whole
         wanted = ("" if self.names else read_study_patterns(self.models)) if self.studies is None else self.studies
         tables = match_entries(STUDIES, wanted, "study")
-        studies = (replace(study, options=self._told(study, engines)) for study in tables.values())
+        studies = (replace(study, options=self._make_study_options(study, engines)) for study in tables.values())
         plan = add_engine_limits(plan_of(self.models, self.names), engines)
         return Work(plan, engines, tuple(studies), options), len(engines) == len(known.engines)
 
-    def _told(self, study: Study, engines: Mapping[str, Engine]) -> dict[str, Any]:
+    def _make_study_options(self, study: Study, engines: Mapping[str, Engine]) -> dict[str, Any]:
         """Return the options of a study: the folder of models, and to one that asks for them the project's engines."""
         models = self.models.resolve()
         strangers = [engine for name, engine in engines.items() if name not in ENGINES]
@@ -104,7 +104,7 @@ class Asked:
         return {"models": str(models), **({"engines": doors} if study.asks and doors else {})}
 
 
-def collect_engines(models: Path, config: Path | None = None, named: Iterable[str] = ()) -> Doors:
+def collect_engines(models: Path, config: Path | None = None, named: Iterable[str] = ()) -> ProjectEngines:
     """Return the engines of a folder of models.  Raises Failure where a file is refused."""
     try:
         return collect_doors(models, config, named)
@@ -112,7 +112,7 @@ def collect_engines(models: Path, config: Path | None = None, named: Iterable[st
         raise Failure(str(error)) from error
 
 
-def check_trust(known: Doors, chosen: Iterable[str], trusting: bool, say: Callable[[str], None]) -> None:
+def check_trust(known: ProjectEngines, chosen: Iterable[str], trusting: bool, say: Callable[[str], None]) -> None:
     """Say which programs run.  Raises Failure where one is not trusted."""
     try:
         known.check_trust(chosen, trusting, say)
@@ -141,12 +141,12 @@ def read_study_patterns(models: Path) -> str:
 
 
 def add_run_options(command: Callable[..., Any]) -> Callable[..., Any]:
-    """Give a command the options of what to run: it is called with them as one ``Asked``, and with its own by name."""
+    """Give a command the options of what to run: it is called with them as one ``RunSelection``, and with its own by name."""
 
     @functools.wraps(command)
     def run_with_options(**words: Any) -> Any:
-        asked = Asked(**{field.name: words.pop(field.name) for field in fields(Asked)})
-        return command(asked, **words)
+        run_selection = RunSelection(**{field.name: words.pop(field.name) for field in fields(RunSelection)})
+        return command(run_selection, **words)
 
     for option in reversed(OPTIONS):
         run_with_options = option(run_with_options)

@@ -21,7 +21,7 @@ from rich.text import Text
 
 from crosscheck.report import render
 from crosscheck.report.words import SIGNS, describe_run, describe_unchanged
-from crosscheck.run.guarded import GIGABYTES, SECONDS
+from crosscheck.run.reading_limits import GIGABYTES, SECONDS
 from crosscheck.run.work import Event
 from crosscheck.secrets import remove_passwords
 from crosscheck.start import convert_to_interrupt

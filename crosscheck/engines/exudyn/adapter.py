@@ -27,7 +27,7 @@ from crosscheck.engines.exudyn import switched as exudyn_switched
 from crosscheck.engines.exudyn.integration import quiet
 from crosscheck.engines.exudyn.models import planar as exudyn_planar
 from crosscheck.engines.exudyn.models import spatial as exudyn_spatial
-from crosscheck.engines.exudyn.run_in_time import ANCF, DAE, EXACT, TREE, Made, build_start_layout, integrate_tree
+from crosscheck.engines.exudyn.run_in_time import ANCF, DAE, EXACT, TREE, TimedRun, build_start_layout, integrate_tree
 from crosscheck.engines.shared.prescribed import describe_nontree_parts, missing_motion, passive_effort, rotor_effort
 from crosscheck.measures.mechanisms import check_resolved
 from crosscheck.measures.record import Record, compute_fingerprint, make_wrench_series, torque_series, vector_series
@@ -102,7 +102,7 @@ def run(mechanism: Mechanism, case: Case, engine: str, options: Options) -> Reco
     )
 
 
-def _run_formulation(mechanism: Mechanism, case: Case, engine: str, options: Options) -> Made:
+def _run_formulation(mechanism: Mechanism, case: Case, engine: str, options: Options) -> TimedRun:
     if engine == TREE:
         return _run_tree(mechanism, case)
     if mechanism.beams and exudyn_phases.has_switched_closures(mechanism):
@@ -114,7 +114,7 @@ def _run_formulation(mechanism: Mechanism, case: Case, engine: str, options: Opt
     return integrate_tree(mechanism, case, engine, options)
 
 
-def _run_tree(mechanism: Mechanism, case: Case) -> Made:
+def _run_tree(mechanism: Mechanism, case: Case) -> TimedRun:
     q, qd, qdd = case.motion.evaluate(mechanism, sample_times(case))
     start = clock.perf_counter()
     result = exudyn_rigid.compute_inverse_dynamics(mechanism, q, qd, qdd, wrench="wrench" in case.quantities)
@@ -125,4 +125,4 @@ def _run_tree(mechanism: Mechanism, case: Case) -> Made:
         made |= vector_series(f"tip/{name}", "m", tip)
     for name, wrench in result.wrench.items():
         made |= make_wrench_series(name, wrench)
-    return Made(made, {"algorithm": "KinematicTree66, M qdd + f"}, wall)
+    return TimedRun(made, {"algorithm": "KinematicTree66, M qdd + f"}, wall)

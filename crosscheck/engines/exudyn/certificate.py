@@ -24,10 +24,12 @@ def certify(mechanism: Mechanism, case: Case, engine: str) -> Certificate:
     mass and stiffness [N], [N m^2].  The models in time have redundant coordinates and no mass matrix of the joints'."""
     if engine in (ANCF, EXACT, DAE):
         with quiet():
-            own = collect_passive_elements(mechanism)
+            passive_elements = collect_passive_elements(mechanism)
             read = read_connector_ends(mechanism, case, engine)
-            own |= read | {"springs": own["springs"] | read.get("springs", {})}  # those in joints are no connectors
-            found = replace(exudyn_weights.build_weight_certificate(mechanism, case, engine), **own)
+            passive_elements |= read | {
+                "springs": passive_elements["springs"] | read.get("springs", {})
+            }  # those in joints are no connectors
+            found = replace(exudyn_weights.build_weight_certificate(mechanism, case, engine), **passive_elements)
             return (
                 found
                 if engine == DAE

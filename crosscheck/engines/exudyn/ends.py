@@ -57,29 +57,35 @@ def _build_model(mechanism: Mechanism, case: Case, engine: str) -> Drawing:
 
 def _read_marker_point(drawing: Drawing, at: Attachment, marker: Any) -> Array:
     """Return the position of a marker in the frame of the link (or section) that carries an attachment, (3,) [m]."""
-    seat = find_attachment_frame(drawing.layout, Attachment(at.link, Placement(), at.station))
+    attachment_frame = find_attachment_frame(drawing.layout, Attachment(at.link, Placement(), at.station))
     local = np.array(marker["localPosition"])
-    group = drawing.layout.groups[seat.group]
-    centre = group.inertia.com if seat.group else np.zeros(3)
+    group = drawing.layout.groups[attachment_frame.group]
+    centre = group.inertia.com if attachment_frame.group else np.zeros(3)
     if isinstance(drawing, exudyn_spatial.Drawing):
-        return np.asarray(seat.placement.rotation.T @ (local + centre - seat.placement.position))
+        return np.asarray(
+            attachment_frame.placement.rotation.T @ (local + centre - attachment_frame.placement.position)
+        )
     start = group.start
-    here = drawing.plane.T @ (start.position + start.rotation @ centre) * (1, 1, 0) if seat.group else np.zeros(3)
-    height = drawing.plane[:, 2] @ drawing.layout.start(find_attachment_frame(drawing.layout, at)).position
-    link = drawing.layout.start(seat)
+    here = (
+        drawing.plane.T @ (start.position + start.rotation @ centre) * (1, 1, 0)
+        if attachment_frame.group
+        else np.zeros(3)
+    )
+    height = drawing.plane[:, 2] @ drawing.layout.compute_start_pose(find_attachment_frame(drawing.layout, at)).position
+    link = drawing.layout.compute_start_pose(attachment_frame)
     return np.asarray(link.rotation.T @ (drawing.plane @ (local + here + np.array([0.0, 0.0, height])) - link.position))
 
 
 def _read_marker_axis(drawing: Drawing, at: Attachment, marker: Any) -> Array:
     """Return the x axis of a marker of the space in the frame of the link that carries an attachment, (3,) [-]."""
-    seat = find_attachment_frame(drawing.layout, Attachment(at.link, Placement(), at.station))
-    return np.asarray(seat.placement.rotation.T @ np.array(marker["localHT"])[:3, 0])
+    attachment_frame = find_attachment_frame(drawing.layout, Attachment(at.link, Placement(), at.station))
+    return np.asarray(attachment_frame.placement.rotation.T @ np.array(marker["localHT"])[:3, 0])
 
 
 def _read_springs(drawing: Drawing) -> dict[str, float]:
-    found: dict[str, float] = {}
+    springs: dict[str, float] = {}
     for name, number in drawing.model.spring.items():
         made = drawing.model.mbs.GetObject(number)
         keys = {"stiffness": "stiffness", "rest": "referenceLength", "damping": "damping"}
-        found |= {f"{name}: {ours}": float(made[theirs]) for ours, theirs in keys.items()}
-    return found
+        springs |= {f"{name}: {ours}": float(made[theirs]) for ours, theirs in keys.items()}
+    return springs

@@ -31,7 +31,7 @@ from crosscheck.engines.exudyn.models import chain as exudyn_chain
 from crosscheck.engines.exudyn.models.frames import compose
 from crosscheck.engines.exudyn.models.layout import Layout
 from crosscheck.engines.exudyn.run_in_time import TREE, build_start_layout, choose
-from crosscheck.engines.exudyn.script import Recorded, collect_runs, write_model_code
+from crosscheck.engines.exudyn.script import RecordedSolve, collect_runs, write_model_code
 from crosscheck.engines.shared.export_files import Array, Motion, NotExported, check_rigid, write
 from crosscheck.engines.shared.prescribed import describe_nontree_parts
 from flexinv.files.load_cases import Case
@@ -108,7 +108,7 @@ def _collect_joint_properties(mechanism: Mechanism, without: frozenset[str]) -> 
 
 
 @dataclass(frozen=True)
-class Look:
+class ModelView:
     """View of a model in time: its layout, its plane (None in space), joints without a drive of their own."""
 
     layout: Layout
@@ -116,15 +116,15 @@ class Look:
     free: frozenset[str] = frozenset()
 
 
-def _build_look(mechanism: Mechanism, case: Case, engine: str) -> Look:
+def _build_look(mechanism: Mechanism, case: Case, engine: str) -> ModelView:
     if exudyn_phases.has_switched_closures(mechanism):
-        followed = exudyn_phases.Run(mechanism, case, exudyn_phases.solve_phases(mechanism, case))
-        return Look(followed.layout, None, followed.switching.free)
+        followed = exudyn_phases.ClosedRun(mechanism, case, exudyn_phases.solve_phases(mechanism, case))
+        return ModelView(followed.layout, None, followed.switching.free)
     if describe_nontree_parts(mechanism) is None:
-        return Look(build_start_layout(mechanism, case), choose(mechanism, case, engine, PLAIN).plane)
+        return ModelView(build_start_layout(mechanism, case), choose(mechanism, case, engine, PLAIN).plane)
     history = build_history(mechanism, case, exudyn_loops.compute_coarsest_step(case, PLAIN))
     model = exudyn_loops.build_model(mechanism, case, engine, history)
-    return Look(model.layout, model.plane, frozenset(model.free))
+    return ModelView(model.layout, model.plane, frozenset(model.free))
 
 
 def _write_tree(mechanism: Mechanism, motion: Motion, settings: dict[str, Any], folder: Path) -> None:
@@ -154,11 +154,11 @@ def _write_time_model(
             )
     with collect_runs() as runs:
         adapter.run(mechanism, case, engine, PLAIN)
-    kept = _list_final_runs(runs)
-    texts = [write_model_code(run).replace("def build(", f"def build_{k}(", 1) for k, run in enumerate(kept)]
+    final_runs = _list_final_runs(runs)
+    texts = [write_model_code(run).replace("def build(", f"def build_{k}(", 1) for k, run in enumerate(final_runs)]
     told = inspect.getsource(exudyn_solve.build_solver_settings)
     arrays: dict[str, Array] = {}
-    for k, run in enumerate(kept):
+    for k, run in enumerate(final_runs):
         for d, driver in enumerate(run.drivers):
             arrays[f"offset_{k}_{d}"] = _sample_user_function(run.plan, driver.offset, 0, 0)
             if driver.rate is not None:
@@ -166,8 +166,8 @@ def _write_time_model(
         for number, load in run.loads.items():
             arrays[f"load_{k}_{int(number)}"] = _sample_user_function(run.plan, load, None)
     write_arrays(folder / "drivers.npz", arrays)
-    settings["runs"] = [_run(mechanism, look, run) for run in kept]
-    settings["weights"] = [1.0] if len(kept) == 1 else [-1 / 3, 4 / 3]
+    settings["runs"] = [_run(mechanism, look, run) for run in final_runs]
+    settings["weights"] = [1.0] if len(final_runs) == 1 else [-1 / 3, 4 / 3]
     if look.free and not mechanism.is_rigid:
         settings["moved_by_loops"] = sorted(look.free)  # motion.csv has nothing of them
     # beside beams, damping and springs of joints without a drive are connectors of the model
@@ -187,7 +187,7 @@ def _compute_drive_shares(mechanism: Mechanism, case: Case, q: Array) -> Array:
     return np.stack([exudyn_chain.split_sampled_efforts(mechanism, case, q, unit) for unit in units], axis=2)
 
 
-def _list_final_runs(runs: list[Recorded]) -> list[Recorded]:
+def _list_final_runs(runs: list[RecordedSolve]) -> list[RecordedSolve]:
     """Return the run that held of every model: a stalled one is repeated at once with a looser tolerance."""
     last = {(run.plan.step, len(run.calls)): run for run in runs}
     return list(last.values())
@@ -204,7 +204,7 @@ TOLD = (
 )
 
 
-def _run(mechanism: Mechanism, look: Look, run: Recorded) -> dict[str, Any]:
+def _run(mechanism: Mechanism, look: ModelView, run: RecordedSolve) -> dict[str, Any]:
     told = {name: getattr(run.plan, name) for name in TOLD}
     effort: list[list[list[float]]] = []
     for joint in mechanism.joints:
@@ -213,7 +213,7 @@ def _run(mechanism: Mechanism, look: Look, run: Recorded) -> dict[str, Any]:
         if joint.name in look.free:
             effort += [[] for _ in range(joint.nv)]
         elif look.plane is not None:
-            axis = look.layout.start(look.layout.joint[joint.name]).rotation @ joint.axis
+            axis = look.layout.compute_start_pose(look.layout.joint[joint.name]).rotation @ joint.axis
             effort.append([[int(run.reactions["motor", joint.name]), 0, -float(np.sign(look.plane[:, 2] @ axis))]])
         elif joint.kind == "prismatic":
             keys = [key for key in run.reactions if key[:2] == ("force", joint.name)]

@@ -118,10 +118,10 @@ def compute_step_times(plan: Plan) -> Array:
     return np.arange(-before, plan.steps + 1 - before, dtype=np.float64) * plan.step
 
 
-def compute_step_size(sample: float, wanted: float) -> float:
-    """Return the largest step [s] up to ``wanted`` that divides the sample spacing [s]."""
+def compute_step_size(sample: float, target: float) -> float:
+    """Return the largest step [s] up to ``target`` that divides the sample spacing [s]."""
     # A wanted step that divides the spacing up to rounding is taken as it is.
-    return float(sample / np.ceil(sample / wanted * (1 - 1e-9)))
+    return float(sample / np.ceil(sample / target * (1 - 1e-9)))
 
 
 @contextmanager

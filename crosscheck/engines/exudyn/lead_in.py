@@ -35,7 +35,7 @@ SCALAR = ("revolute", "continuous", "prismatic")
 
 
 @dataclass(frozen=True)
-class History:
+class ExtendedMotion:
     """A motion of the driven joints, extended to times before 0.
 
     lead : [s]; before : by joint, its coordinate [rad], [m] as a polynomial of s
@@ -88,18 +88,18 @@ def describe_refusal(mechanism: Mechanism, case: Case) -> str | None:
     return f"joint {odd[0].name} {words}; a lead-in is there for joints of one coordinate" if odd else None
 
 
-def build_history(mechanism: Mechanism, case: Case, step: float) -> History:
+def build_history(mechanism: Mechanism, case: Case, step: float) -> ExtendedMotion:
     """Return the motion with a lead-in where it needs one.  step : of the coarsest run [s]"""
     joints = list_joints_in_motion(mechanism, case)
     if not joints or not mechanism.closures:
-        return History(mechanism, case)
+        return ExtendedMotion(mechanism, case)
     _, qd, qdd = case.motion.evaluate(mechanism, np.linspace(0.0, case.end, 101))
     largest = np.abs(qdd).max(axis=0)
     speed = np.abs(qd[0])
     acceleration = np.where(largest > 0.0, largest, np.inf)
     longest = float((RISE * speed / acceleration).max())
     lead = step * max(STEPS, int(np.ceil(min(longest, case.end) / step)))
-    return History(
+    return ExtendedMotion(
         mechanism,
         case,
         lead,

@@ -22,7 +22,7 @@ from exudyn.rigidBodyUtilities import T66toHT
 from exudyn.robotics import Robot
 
 from crosscheck.engines.exudyn.own_dynamics import build_dynamics
-from crosscheck.lifting.assembly import Between, assembled
+from crosscheck.lifting.assembly import BodyJoint, assembled
 from crosscheck.lifting.description import Description
 from crosscheck.lifting.rigid import apply_placement, inverse, move_inertia
 from flexinv.errors import InputError
@@ -57,7 +57,7 @@ def lift(source: Any, label: str = "") -> Description:
     parts, gravity, told = _read_parts(source)
     name = label or type(source).__name__
     joints = [
-        Between(
+        BodyJoint(
             f"joint {k}", KINDS[one.type[0]], f"link {one.parent}" if one.parent >= 0 else WORLD, f"link {k}",
             one.placement, axis=AXES[one.type[1].lower()],
         )
@@ -65,11 +65,11 @@ def lift(source: Any, label: str = "") -> Description:
     ]  # fmt: skip
     bodies = {f"link {k}": one.inertia for k, one in enumerate(parts)}
     mechanism = assembled(name, bodies, joints, np.array(gravity, dtype=float), {})
-    found = Description(name, mechanism, "live", "exudyn")
+    description = Description(name, mechanism, "live", "exudyn")
     try:
-        return replace(found, dynamics=build_dynamics(source, told, mechanism))
+        return replace(description, dynamics=build_dynamics(source, told, mechanism))
     except InputError as error:
-        return replace(found, unproven=str(error))
+        return replace(description, unproven=str(error))
 
 
 def _read_parts(source: Any) -> tuple[list[Part], Any, dict[str, Any] | None]:
@@ -91,7 +91,7 @@ def _read_tree66(tree: Any) -> Iterator[Part]:
         com = np.array([first[2, 1], first[0, 2], first[1, 0]]) / (mass or 1.0)
         tensor = about[:3, :3] - mass * (com @ com * np.eye(3) - np.outer(com, com))
         at = inverse(Placement(back[:3, 3], back[:3, :3]))
-        yield Part(kind, int(tree.parents[k]), at, Inertia.stated(mass, com, tensor))
+        yield Part(kind, int(tree.parents[k]), at, Inertia.build_unchecked(mass, com, tensor))
 
 
 def _read_robot(robot: Any) -> Iterator[Part]:
@@ -99,7 +99,9 @@ def _read_robot(robot: Any) -> Iterator[Part]:
     for k, link in enumerate(robot.links):
         parent = int(robot.GetParentIndex(k)) if robot.HasParent(k) else -1
         carrier = behind[parent] if parent >= 0 else _convert_placement(robot.GetBaseHT())
-        own = Inertia.stated(float(link.mass), np.array(link.COM, dtype=float), np.array(link.inertia, dtype=float))
+        own = Inertia.build_unchecked(
+            float(link.mass), np.array(link.COM, dtype=float), np.array(link.inertia, dtype=float)
+        )
         yield Part(
             link.jointType,
             parent,
@@ -121,33 +123,33 @@ def _find_system_tree(system: Any) -> dict[str, Any]:
         raise InputError(
             f"a MainSystem with {len(trees)} kinematic trees: expected one; give the ObjectKinematicTree itself"
         )
-    found: dict[str, Any] = trees[0]
-    return found
+    system_tree: dict[str, Any] = trees[0]
+    return system_tree
 
 
-def _read_tree_object(told: dict[str, Any]) -> Iterator[Part]:
-    base = Placement(np.array(told.get("baseOffset", np.zeros(3)), dtype=float))
-    for k, kind in enumerate(told["jointTypes"]):
+def _read_tree_object(data: dict[str, Any]) -> Iterator[Part]:
+    base = Placement(np.array(data.get("baseOffset", np.zeros(3)), dtype=float))
+    for k, kind in enumerate(data["jointTypes"]):
         word = str(kind).rpartition(".")[2]
         name = next((letter + word[-1].lower() for start, letter in WORDS.items() if word.startswith(start)), None)
         if name is None:
             raise InputError(f"joint {k} of the tree is {word}: expected Revolute or Prismatic about X, Y or Z")
-        parent = int(told["linkParents"][k])
-        at = _read_joint_frame(told, k)
-        own = [np.array(_convert_to_lists(told[key])[k], dtype=float) for key in ("linkCOMs", "linkInertiasCOM")]
+        parent = int(data["linkParents"][k])
+        at = _read_joint_frame(data, k)
+        own = [np.array(_convert_to_lists(data[key])[k], dtype=float) for key in ("linkCOMs", "linkInertiasCOM")]
         yield Part(
             name,
             parent,
             at if parent >= 0 else apply_placement(base, at),
-            Inertia.stated(float(told["linkMasses"][k]), *own),
+            Inertia.build_unchecked(float(data["linkMasses"][k]), *own),
         )
 
 
-def _read_joint_frame(told: dict[str, Any], k: int) -> Placement:
-    if told.get("jointHTs") is not None and len(_convert_to_lists(told["jointHTs"])):
-        return _convert_placement(_convert_to_lists(told["jointHTs"])[k])
+def _read_joint_frame(data: dict[str, Any], k: int) -> Placement:
+    if data.get("jointHTs") is not None and len(_convert_to_lists(data["jointHTs"])):
+        return _convert_placement(_convert_to_lists(data["jointHTs"])[k])
     offset, turn = (
-        np.array(_convert_to_lists(told[key])[k], dtype=float) for key in ("jointOffsets", "jointTransformations")
+        np.array(_convert_to_lists(data[key])[k], dtype=float) for key in ("jointOffsets", "jointTransformations")
     )
     return Placement(offset, turn)
 

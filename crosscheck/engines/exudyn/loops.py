@@ -30,7 +30,7 @@ import numpy as np
 from crosscheck.engines.base import Options, sample_times
 from crosscheck.engines.exudyn import lead_in as exudyn_lead
 from crosscheck.engines.exudyn.integration import NewtonStalled, Plan, compute_step_size, compute_step_times
-from crosscheck.engines.exudyn.lead_in import History, build_history, list_joints_in_motion, move_force_times
+from crosscheck.engines.exudyn.lead_in import ExtendedMotion, build_history, list_joints_in_motion, move_force_times
 from crosscheck.engines.exudyn.models import chain as exudyn_chain
 from crosscheck.engines.exudyn.models import connectors as exudyn_closing
 from crosscheck.engines.exudyn.models import planar as exudyn_planar
@@ -39,7 +39,7 @@ from crosscheck.engines.exudyn.models import spatial as exudyn_spatial
 from crosscheck.engines.exudyn.models.frames import Array, compute_effort_axes, compute_scalar_coordinate, take_joint_q
 from crosscheck.engines.exudyn.models.layout import Layout, build_layout
 from crosscheck.engines.exudyn.models.parts import Outcome
-from crosscheck.engines.exudyn.run_in_time import ANCF, DAE, EXACT, NAMES, Made, collect_link_series
+from crosscheck.engines.exudyn.run_in_time import ANCF, DAE, EXACT, NAMES, TimedRun, collect_link_series
 from crosscheck.engines.shared import loop_closure as assembly
 from crosscheck.engines.shared.prescribed import compute_spring_effort, missing_motion, passive_effort, rotor_effort
 from crosscheck.measures.budget import Family, add_error_bars, compute_richardson_limit
@@ -62,7 +62,7 @@ class Model:
     free : joints that closures move, where they start [rad], [m] (those of one coordinate)
     """
 
-    history: History
+    history: ExtendedMotion
     engine: str
     layout: Layout
     plane: Array | None
@@ -151,9 +151,9 @@ def _is_spatial(mechanism: Mechanism, case: Case) -> bool:
         return False
 
 
-def build_model(mechanism: Mechanism, case: Case, engine: str = DAE, history: History | None = None) -> Model:
+def build_model(mechanism: Mechanism, case: Case, engine: str = DAE, history: ExtendedMotion | None = None) -> Model:
     """Return the system to integrate.  Raises AssemblyError where the loops do not close at the start."""
-    history = history or History(mechanism, case)
+    history = history or ExtendedMotion(mechanism, case)
     q, qd, _ = _find_start_state(mechanism, case, history)
     layout = build_layout(mechanism, q, qd)
     left_out = assembly.find_unprescribed_joints(mechanism, case)
@@ -172,7 +172,7 @@ def build_model(mechanism: Mechanism, case: Case, engine: str = DAE, history: Hi
     return Model(history, engine, layout, plane if flat and not isinstance(plane, str) else None, free, held)
 
 
-def _find_start_state(mechanism: Mechanism, case: Case, history: History) -> tuple[Array, Array, Array]:
+def _find_start_state(mechanism: Mechanism, case: Case, history: ExtendedMotion) -> tuple[Array, Array, Array]:
     """Return q (nq,), qd, qdd (nv,) [rad or m, s] where the run starts: closed at 0 and followed back to there."""
     back = np.linspace(0.0, -history.lead, LEAD_POINTS) if history.lead else np.zeros(1)
     q, qd, qdd = exudyn_chain.evaluate_closed_motion(mechanism, case, back, history)
@@ -211,7 +211,7 @@ def list_mesh_sizes(runs: int, options: Options) -> list[int]:
     return [max(1, usual * 2**k // 2 ** (runs - 2)) for k in range(runs)]
 
 
-def integrate_loops(mechanism: Mechanism, case: Case, engine: str, options: Options) -> Made:
+def integrate_loops(mechanism: Mechanism, case: Case, engine: str, options: Options) -> TimedRun:
     """Return torque [N m] or [N], tip [m] and, where unique, wrench [N], [N m], each with its bar.
 
     Of beams also deflection [m] and axial force [N].
@@ -226,10 +226,10 @@ def integrate_loops(mechanism: Mechanism, case: Case, engine: str, options: Opti
     made, budget = add_error_bars(
         compute_richardson_limit(runs), [Family("mesh and step" if mechanism.beams else "step", runs, "limit")]
     )
-    told = _describe_settings(model, [plan for _, plan in done])
+    settings = _describe_settings(model, [plan for _, plan in done])
     if mechanism.beams:
-        told |= {"element": NAMES[engine, model.plane is not None], "elements_per_beam": elements}
-    return Made(made, told, clock.perf_counter() - start, budget)
+        settings |= {"element": NAMES[engine, model.plane is not None], "elements_per_beam": elements}
+    return TimedRun(made, settings, clock.perf_counter() - start, budget)
 
 
 def _integrate_with_retries(model: Model, elements: int, plan: Plan) -> tuple[Outcome, Plan]:
@@ -257,13 +257,13 @@ def collect_flexible_series(model: Model, outcome: Outcome) -> dict[str, Series]
     """Return the series of one run of a mechanism with beams [N m], [N], [m]."""
     m = model.mechanism
     torque = compute_drive_efforts(model, outcome, sample_times(model.case))
-    made = torque_series(m, torque) | collect_link_series(m, model.layout, outcome)
+    flexible_series = torque_series(m, torque) | collect_link_series(m, model.layout, outcome)
     for name, wrench in outcome.wrench.items():
-        made |= make_wrench_series(name, wrench)
+        flexible_series |= make_wrench_series(name, wrench)
     for name, wrench in outcome.closure.items():
         # what the model has no equation for is no reaction: a pin of the plane and its moments
-        made |= {n: one for n, one in make_reaction_series(name, wrench).items() if one.values.any()}
-    return made
+        flexible_series |= {n: one for n, one in make_reaction_series(name, wrench).items() if one.values.any()}
+    return flexible_series
 
 
 def compute_drive_efforts(model: Model, outcome: Outcome, time: Array) -> Array:

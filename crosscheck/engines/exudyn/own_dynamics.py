@@ -18,12 +18,12 @@ from exudyn.itemInterface import NodeGenericODE2
 from exudyn.kinematicTree import KinematicTree66
 from exudyn.robotics import Robot
 
-from crosscheck.lifting.reader_dynamics import Answers
+from crosscheck.lifting.reader_dynamics import FunctionDynamics
 from flexinv.errors import InputError
 from flexinv.model.mechanism import Array, Mechanism
 
 
-def build_dynamics(source: Any, told: dict[str, Any] | None, mechanism: Mechanism) -> Answers:
+def build_dynamics(source: Any, told: dict[str, Any] | None, mechanism: Mechanism) -> FunctionDynamics:
     """Return the dynamics of a tree in the coordinates of its mechanism.
 
     told : the dictionary of an object of a system, None for a ``KinematicTree66`` and a ``Robot``
@@ -31,7 +31,7 @@ def build_dynamics(source: Any, told: dict[str, Any] | None, mechanism: Mechanis
     """
     order = _find_joint_order(mechanism)
     if isinstance(source, KinematicTree66):
-        return Answers(f"Exudyn {exu.__version__}", _make_tree66_inverse(source, order))
+        return FunctionDynamics(f"Exudyn {exu.__version__}", _make_tree66_inverse(source, order))
     system = exu.SystemContainer().AddSystem()
     try:
         if isinstance(source, Robot):
@@ -41,7 +41,7 @@ def build_dynamics(source: Any, told: dict[str, Any] | None, mechanism: Mechanis
         system.Assemble()
     except (ValueError, RuntimeError, KeyError) as error:
         raise InputError(f"Exudyn: {' '.join(str(error).split())[:300]}") from None
-    return Answers(f"Exudyn {exu.__version__}", _make_system_inverse(system, order))
+    return FunctionDynamics(f"Exudyn {exu.__version__}", _make_system_inverse(system, order))
 
 
 def _find_joint_order(mechanism: Mechanism) -> Array:
@@ -49,14 +49,14 @@ def _find_joint_order(mechanism: Mechanism) -> Array:
     return np.array([int(joint.name.split()[-1]) for joint in mechanism.joints if joint.nv])
 
 
-def _add(system: Any, told: dict[str, Any]) -> None:
+def _add(system: Any, data: dict[str, Any]) -> None:
     """Add the object of a dictionary to a system, on a node of its own."""
-    count = len(told["jointTypes"])
+    count = len(data["jointTypes"])
     zero = [0.0] * count
     node = NodeGenericODE2(
         referenceCoordinates=zero, initialCoordinates=zero, initialCoordinates_t=zero, numberOfODE2Coordinates=count
     )
-    system.AddObject({**told, "nodeNumber": system.AddNode(node)})
+    system.AddObject({**data, "nodeNumber": system.AddNode(node)})
 
 
 def _make_tree66_inverse(tree: Any, order: Array) -> Any:
@@ -72,8 +72,8 @@ def _make_tree66_inverse(tree: Any, order: Array) -> Any:
             mass, force = tree.ComputeMassMatrixAndForceTerms(place, rate)
         finally:
             tree.gravity = stated  # a tree in memory stays what it was
-        found: Array = (mass @ push + force)[order]
-        return found
+        efforts: Array = (mass @ push + force)[order]
+        return efforts
 
     return compute_efforts
 
@@ -99,7 +99,7 @@ def _make_system_inverse(system: Any, order: Array) -> Any:
         mass = np.array(solver.GetSystemMassMatrix())
         pull = np.array(solver.GetSystemResidual())[: len(order)]
         solver.FinalizeSolver(system, settings)
-        found: Array = (mass @ push - pull)[order]
-        return found
+        efforts: Array = (mass @ push - pull)[order]
+        return efforts
 
     return compute_efforts

@@ -41,7 +41,7 @@ from crosscheck.engines.exudyn.models import spatial as exudyn_spatial
 from crosscheck.engines.exudyn.models.frames import Array, compute_effort_axes, take_joint_q
 from crosscheck.engines.exudyn.models.layout import Layout, build_layout
 from crosscheck.engines.exudyn.models.parts import Outcome
-from crosscheck.engines.exudyn.run_in_time import DAE, Made, collect_link_series
+from crosscheck.engines.exudyn.run_in_time import DAE, TimedRun, collect_link_series
 from crosscheck.engines.shared import loop_closure as assembly
 from crosscheck.engines.shared import phases
 from crosscheck.engines.shared.phases import Phase, State
@@ -57,7 +57,7 @@ LOOSE = {"revolute": "revolute", "continuous": "revolute", "prismatic": "prismat
 
 
 @dataclass(frozen=True)
-class Switching:
+class SwitchingSchedule:
     """Schedule of the connectors: joints and closures that act in each phase.
 
     mechanism : with a closure for every variant; held : equations that each keeps; free : joints that never have a drive
@@ -70,7 +70,7 @@ class Switching:
     acting: list[frozenset[str]]
     starts: list[float]
 
-    def at(self, time: float) -> frozenset[str]:
+    def list_active_names(self, time: float) -> frozenset[str]:
         """Return the names that act at a time [s]: at an instant, those of the phase that begins there."""
         now = sum(start <= time + phases.SAME for start in self.starts)
         return self.acting[max(now - 1, 0)]
@@ -83,14 +83,14 @@ def solve_phases(mechanism: Mechanism, case: Case) -> list[tuple[Phase, State]]:
 
 @make_owner_cache(most=2)
 def _solve_phases(case: Case, mechanism: Mechanism) -> list[tuple[Phase, State]]:
-    found = phases.solve_phases(mechanism, case, sample_times(case), exudyn_chain.evaluate_closed_motion)
-    for _, state in found:  # several callers share them
+    result = phases.solve_phases(mechanism, case, sample_times(case), exudyn_chain.evaluate_closed_motion)
+    for _, state in result:  # several callers share them
         for part in state:
             part.flags.writeable = False
-    return found
+    return result
 
 
-def plan_switching(mechanism: Mechanism, case: Case, followed: list[tuple[Phase, State]]) -> Switching:
+def plan_switching(mechanism: Mechanism, case: Case, followed: list[tuple[Phase, State]]) -> SwitchingSchedule:
     """Return the variants of closures and which connectors act in which phase."""
     variants: dict[tuple[str, tuple[int, ...]], Closure] = {}
     acting = []
@@ -99,17 +99,17 @@ def plan_switching(mechanism: Mechanism, case: Case, followed: list[tuple[Phase,
         middle = q[len(q) // 2]
         driven = choose_drives(phase, given, middle)
         on = {j.name for j in mechanism.joints if j.nv and (j.name in driven or j not in given)}
-        kept = exudyn_closing.find_independent_axes_at(phase.mechanism, phase.case, middle)
+        independent_axes = exudyn_closing.find_independent_axes_at(phase.mechanism, phase.case, middle)
         loose = [_make_free_connector(j) for j in given if j.name not in driven]
         for closure, axes in [
-            *((c, tuple(kept[c.name])) for c in phase.mechanism.closures),
+            *((c, tuple(independent_axes[c.name])) for c in phase.mechanism.closures),
             *((c, exudyn_closing.HELD[c.kind]) for c in loose),
         ]:
             name = f"{closure.name}/{''.join(map(str, axes))}"
             variants[closure.name, axes] = replace(closure, name=name)
             on.add(name)
         acting.append(frozenset(on))
-    return Switching(
+    return SwitchingSchedule(
         mechanism=replace(mechanism, closures=tuple(variants.values())),
         held={c.name: list(axes) for (_, axes), c in variants.items()},
         free=frozenset(assembly.find_unprescribed_joints(mechanism, case)),
@@ -125,7 +125,7 @@ def choose_drives(phase: Phase, given: list[Joint], q: Array) -> set[str]:
     """
     m = phase.mechanism
     tree = exudyn_chain.Tree(m, phase.case)
-    g = assembly.assemble_rows(m.closures, tree.pairs(q, np.zeros(m.nv))).g
+    g = assembly.assemble_rows(m.closures, tree.compute_frame_pairs(q, np.zeros(m.nv))).g
     motions = assembly.compute_null_space(g)
     columns = np.array([k for j in given for k in range(m.v_slices[j.name].start, m.v_slices[j.name].stop)])
     _, _, order = scipy.linalg.qr(motions[columns].T, pivoting=True, mode="economic")
@@ -162,14 +162,14 @@ def describe_refusal(mechanism: Mechanism, case: Case) -> str | None:
     return exudyn_loops.describe_refusal(replace(mechanism, closures=always), case, DAE)
 
 
-def integrate_phases(mechanism: Mechanism, case: Case, options: Options) -> Made:
+def integrate_phases(mechanism: Mechanism, case: Case, options: Options) -> TimedRun:
     """Return torque [N m] or [N], tip [m] and determinate reactions [N], [N m], each with its bar."""
     start = clock.perf_counter()
-    run = Run(mechanism, case, solve_phases(mechanism, case))
-    done = [run.march(plan) for plan in plan_runs(mechanism, case, options)]
-    runs = [run.series(outcome) for outcome, _ in done]
+    run = ClosedRun(mechanism, case, solve_phases(mechanism, case))
+    done = [run.integrate_with_retries(plan) for plan in plan_runs(mechanism, case, options)]
+    runs = [run.collect_series(outcome) for outcome, _ in done]
     made, budget = add_error_bars(compute_richardson_limit(runs), [Family("step", runs, "limit")])
-    return Made(made, run.settings([plan for _, plan in done]), clock.perf_counter() - start, budget)
+    return TimedRun(made, run.describe_settings([plan for _, plan in done]), clock.perf_counter() - start, budget)
 
 
 def plan_runs(mechanism: Mechanism, case: Case, options: Options) -> list[Plan]:
@@ -189,7 +189,7 @@ def plan_runs(mechanism: Mechanism, case: Case, options: Options) -> list[Plan]:
 
 
 @dataclass(frozen=True)
-class Run:
+class ClosedRun:
     """A mechanism and its case with the closed motion of all phases."""
 
     mechanism: Mechanism
@@ -197,7 +197,7 @@ class Run:
     followed: list[tuple[Phase, State]]
 
     @cached_property
-    def switching(self) -> Switching:
+    def switching(self) -> SwitchingSchedule:
         """Return the schedule of the connectors."""
         return plan_switching(self.mechanism, self.case, self.followed)
 
@@ -207,7 +207,7 @@ class Run:
         q, qd, _ = (part[0] for part in self.followed[0][1])
         return build_layout(self.mechanism, q, qd)
 
-    def march(self, plan: Plan) -> tuple[Outcome, Plan]:
+    def integrate_with_retries(self, plan: Plan) -> tuple[Outcome, Plan]:
         """Integrate; the plan comes back with the tolerance that held."""
         for tolerance in exudyn_loops.NEWTON[:-1]:
             one = replace(plan, tolerance=tolerance)
@@ -224,7 +224,7 @@ class Run:
         add_switching(d.model.mbs, connectors, s, plan)
         return exudyn_spatial.run(d, plan, self.case.motion.evaluate(s.mechanism, compute_step_times(plan))[0])
 
-    def series(self, outcome: Outcome) -> dict[str, Series]:
+    def collect_series(self, outcome: Outcome) -> dict[str, Series]:
         """Return the series of one run, efforts and reactions shared out phase by phase."""
         m = self.mechanism
         q, qd, qdd = (np.concatenate(parts) for parts in zip(*(state for _, state in self.followed), strict=True))
@@ -242,7 +242,7 @@ class Run:
             made |= make_reaction_series(name, wrench)
         return torque_series(m, torque) | made | collect_link_series(m, self.layout, outcome)
 
-    def settings(self, plans: list[Plan]) -> dict[str, Any]:
+    def describe_settings(self, plans: list[Plan]) -> dict[str, Any]:
         """Return the engine's settings, for the reader of the report."""
         drives = [sorted(on & set(self.mechanism.joint_of) - self.switching.free) for on in self.switching.acting]
         return {
@@ -256,7 +256,7 @@ class Run:
         }
 
 
-def add_switching(mbs: Any, connectors: dict[str, tuple[Any, ...]], switching: Switching, plan: Plan) -> None:
+def add_switching(mbs: Any, connectors: dict[str, tuple[Any, ...]], switching: SwitchingSchedule, plan: Plan) -> None:
     """Let only those connectors (name -> object numbers) act whose phase it is, from the start and before every step."""
 
     def turn(on: frozenset[str], before: frozenset[str] | None) -> None:
@@ -269,11 +269,11 @@ def add_switching(mbs: Any, connectors: dict[str, tuple[Any, ...]], switching: S
     acting = (tuple(n for name in numbers if name in on for n in numbers[name]) for on in switching.acting)
     taken = tuple(n for own in numbers.values() for n in own)
     exudyn_script.add_switch_record(mbs, taken, tuple(zip(switching.starts, acting, strict=True)))
-    state = [switching.at(0.0)]
+    state = [switching.list_active_names(0.0)]
     turn(state[0], None)
 
     def update_connectors(mbs: Any, t: float) -> bool:
-        on = switching.at(t)
+        on = switching.list_active_names(t)
         if on != state[0]:
             turn(on, state[0])
             state[0] = on
@@ -291,12 +291,12 @@ def _compute_closure_wrench(wrenches: dict[str, Array], closure: str, samples: i
 def compute_drive_shares(mechanism: Mechanism, followed: list[tuple[Phase, State]]) -> Array:
     """Return the drives' efforts per effort of the joints that the motion gives, (samples, nv, nv) [-]."""
     q = np.concatenate([state[0] for _, state in followed])
-    made = np.zeros((len(q), mechanism.nv, mechanism.nv))
+    drive_shares = np.zeros((len(q), mechanism.nv, mechanism.nv))
     for phase, _ in followed:
         own = q[phase.samples]
         for k, unit in enumerate(np.eye(mechanism.nv)):
-            made[phase.samples, :, k] = _split_phase_efforts(phase, own, np.tile(unit, (len(own), 1)))[0]
-    return made
+            drive_shares[phase.samples, :, k] = _split_phase_efforts(phase, own, np.tile(unit, (len(own), 1)))[0]
+    return drive_shares
 
 
 def _split_phase_efforts(phase: Phase, q: Array, torque: Array) -> tuple[Array, dict[str, Array]]:

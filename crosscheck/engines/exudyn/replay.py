@@ -16,7 +16,7 @@ from crosscheck.engines.exudyn.models import planar as exudyn_planar
 from crosscheck.engines.exudyn.models.layout import build_layout
 from crosscheck.engines.exudyn.models.planar import Drawing
 from crosscheck.engines.exudyn.run_in_time import NEWTON
-from crosscheck.engines.shared.replay import Array, Drive
+from crosscheck.engines.shared.replay import Array, DriveTorques
 from flexinv.model.mechanism import Joint, Mechanism
 
 
@@ -33,7 +33,9 @@ def describe_refusal(mechanism: Mechanism, q: Array) -> str | None:
     return plane if isinstance(plane, str) else None
 
 
-def replay(mechanism: Mechanism, drive: Drive, elements: int, step: float, cable: bool = False) -> dict[str, Array]:
+def replay(
+    mechanism: Mechanism, drive: DriveTorques, elements: int, step: float, cable: bool = False
+) -> dict[str, Array]:
     """Return the paths of the beams' ends, by link (samples, 3) [m], at the times of the torque.
 
     elements : of every beam; step : of time at most [s]; the torque is linear between its samples
@@ -56,7 +58,7 @@ def replay(mechanism: Mechanism, drive: Drive, elements: int, step: float, cable
     return {name: exudyn_planar.convert_to_world(d, layout.root[name], seen["end", name]) for name in d.model.beam}
 
 
-def _add_drive_loads(drawing: Drawing, drive: Drive, plan: Plan) -> None:
+def _add_drive_loads(drawing: Drawing, drive: DriveTorques, plan: Plan) -> None:
     """Add the loads of all drives and assemble once more."""
     given = drive.spacing * np.arange(len(drive.torque))
     times = plan.step * np.arange(plan.steps + 1)

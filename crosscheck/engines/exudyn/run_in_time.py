@@ -54,7 +54,7 @@ TRIES = 3
 
 
 @dataclass(frozen=True)
-class Made:
+class TimedRun:
     """Series, what the engine was told, how long it took [s], and where its error bars come from."""
 
     series: dict[str, Series]
@@ -70,7 +70,7 @@ def build_start_layout(mechanism: Mechanism, case: Case) -> Layout:
 
 
 @dataclass(frozen=True)
-class Choice:
+class ModelChoice:
     """Model to run: its engine, the plane (or None in space), elements per beam and integration of every run.
 
     The runs go from coarse to fine; reported is the last one, or in space (beams of low order) the limit of the last two.
@@ -83,7 +83,7 @@ class Choice:
     limit: bool = False
 
 
-def choose(mechanism: Mechanism, case: Case, engine: str, options: Options) -> Choice:
+def choose(mechanism: Mechanism, case: Case, engine: str, options: Options) -> ModelChoice:
     """Return the model and the refinements of a case; every refinement doubles the elements and halves the step [s].
 
     In the plane index 2 for smooth motions from rest: it has no transient where the jerk jumps, but rings for ever
@@ -116,26 +116,26 @@ def choose(mechanism: Mechanism, case: Case, engine: str, options: Options) -> C
     runs = range(behind + ahead + 1)
     plans = tuple(replace(plan, step=plan.step / 2**k) for k in runs)
     meshes = tuple(max(1, elements * 2**k // 2**behind) for k in runs)
-    return Choice(engine, None if isinstance(plane, str) else plane, meshes, plans, limit=bool(ahead))
+    return ModelChoice(engine, None if isinstance(plane, str) else plane, meshes, plans, limit=bool(ahead))
 
 
-def compute_coarsest_step(case: Case, wanted: float, times: int) -> float:
+def compute_coarsest_step(case: Case, target: float, times: int) -> float:
     """Return the step [s] of the coarsest run, ``times`` as long as that wanted, or less: it meets samples and jumps.
 
     With jumps the finest step is at most the case's own, which is made to meet them.
     """
     if not case.motion.jumps:
-        return compute_step_size(case.sample, wanted * times)
+        return compute_step_size(case.sample, target * times)
     # After a jump the transient of some 20 steps has to be over within a sample: the finest run is no coarser than asked.
-    fewest = round(case.sample / compute_step_size(case.sample, compute_step_size(case.step, wanted) * times))
+    fewest = round(case.sample / compute_step_size(case.sample, compute_step_size(case.step, target) * times))
     for step in (case.sample / count for count in range(fewest, 2 * fewest)):
         parts = [jump / step for jump in case.motion.jumps if jump < case.end]
         if all(abs(part - round(part)) <= SAME_TIME * max(1.0, part) for part in parts):
             return step
-    return compute_step_size(case.step, wanted * times)
+    return compute_step_size(case.step, target * times)
 
 
-def integrate_tree(mechanism: Mechanism, case: Case, engine: str, options: Options) -> Made:
+def integrate_tree(mechanism: Mechanism, case: Case, engine: str, options: Options) -> TimedRun:
     """Return torque [N m] or [N], wrench [N], [N m], tip, deflection [m] and axial [N] by time integration."""
     choice = choose(mechanism, case, engine, options)
     layout = build_start_layout(mechanism, case)
@@ -151,11 +151,11 @@ def integrate_tree(mechanism: Mechanism, case: Case, engine: str, options: Optio
     values = compute_richardson_limit(made) if choice.limit else made[-1]
     family = Family("step" if engine == DAE else "mesh and step", made, "limit" if choice.limit else -1)
     bars, budget = add_error_bars(values, [family])
-    return Made(bars, _describe_settings(choice, [plan for _, plan in done]), wall, budget)
+    return TimedRun(bars, _describe_settings(choice, [plan for _, plan in done]), wall, budget)
 
 
 def _integrate_with_retries(
-    mechanism: Mechanism, case: Case, layout: Layout, choice: Choice, n: int, plan: Plan
+    mechanism: Mechanism, case: Case, layout: Layout, choice: ModelChoice, n: int, plan: Plan
 ) -> tuple[Outcome, Plan]:
     """Integrate one model of n elements per beam; return its outcome and the plan whose Newton tolerance held."""
     plans = [replace(plan, tolerance=plan.tolerance * 10.0**k) for k in range(TRIES)]
@@ -166,7 +166,7 @@ def _integrate_with_retries(
 
 
 def integrate_model(
-    mechanism: Mechanism, motion: Motion, layout: Layout, choice: Choice, elements: int, plan: Plan
+    mechanism: Mechanism, motion: Motion, layout: Layout, choice: ModelChoice, elements: int, plan: Plan
 ) -> Outcome:
     """Return the outcome of a model with so many elements per beam [-] along a motion [m, rad, s, N]."""
     q, qd, _ = motion.evaluate(mechanism, compute_step_times(plan))
@@ -176,11 +176,11 @@ def integrate_model(
     return exudyn_planar.run(exudyn_planar.build(mechanism, layout, choice.plane, ancf, elements), plan, q, qd)
 
 
-def _describe_settings(choice: Choice, plans: list[Plan]) -> dict[str, Any]:
+def _describe_settings(choice: ModelChoice, plans: list[Plan]) -> dict[str, Any]:
     """Return the engine's settings, for the reader of the report."""
     plan = plans[0]
     flat = choice.plane is not None
-    told: dict[str, Any] = {
+    settings: dict[str, Any] = {
         "model": "planar bodies" if flat else "bodies with Euler parameters",
         "step_s": [one.step for one in plans],
         "integrator": plan.integrator,
@@ -188,12 +188,12 @@ def _describe_settings(choice: Choice, plans: list[Plan]) -> dict[str, Any]:
         "start": "static equilibrium" if plan.static_start else "undeformed",
     }
     if choice.engine in (ANCF, EXACT):
-        told |= {"element": NAMES[choice.engine, flat], "elements_per_beam": list(choice.elements)}
+        settings |= {"element": NAMES[choice.engine, flat], "elements_per_beam": list(choice.elements)}
     if choice.limit:
-        told["extrapolation"] = "(4 fine - coarse) / 3: the error is of order l^2 and h^2"
+        settings["extrapolation"] = "(4 fine - coarse) / 3: the error is of order l^2 and h^2"
     if plan.extrapolate:
-        told["reactions_at_0"] = "2 R(h) - R(2 h)"
-    return told
+        settings["reactions_at_0"] = "2 R(h) - R(2 h)"
+    return settings
 
 
 def _collect_series(mechanism: Mechanism, case: Case, layout: Layout, outcome: Outcome) -> dict[str, Series]:
@@ -219,20 +219,20 @@ def compute_drive_efforts(mechanism: Mechanism, motion: Motion, time: Array, out
 
 def collect_link_series(mechanism: Mechanism, layout: Layout, outcome: Outcome) -> dict[str, Series]:
     """Return tips of all links, and of beams deflections [m] and axial forces [N]."""
-    made: dict[str, Series] = {}
+    link_series: dict[str, Series] = {}
     for link in mechanism.links:
         position, rotation = outcome.pose[layout.link[link.name].group]
         frame = layout.link[link.name].placement
         origin = position + rotation @ frame.position
         axes = rotation @ frame.rotation
         if link.beam is None:
-            made |= vector_series(f"tip/{link.name}", "m", origin + axes @ link.tip)
+            link_series |= vector_series(f"tip/{link.name}", "m", origin + axes @ link.tip)
             continue
         end = outcome.end[link.name]
-        made |= vector_series(f"tip/{link.name}", "m", end)
-        made |= vector_series(f"deflection/{link.name}", "m", _compute_deflection(link.beam, origin, axes, end))
-        made |= series(f"axial/{link.name}", "N", _take_axial_force(mechanism, link.name, outcome))
-    return made
+        link_series |= vector_series(f"tip/{link.name}", "m", end)
+        link_series |= vector_series(f"deflection/{link.name}", "m", _compute_deflection(link.beam, origin, axes, end))
+        link_series |= series(f"axial/{link.name}", "N", _take_axial_force(mechanism, link.name, outcome))
+    return link_series
 
 
 def _compute_deflection(beam: Beam, origin: Array, axes: Array, end: Array) -> Array:

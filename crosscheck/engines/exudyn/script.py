@@ -19,7 +19,7 @@ ADDED = ("AddNode", "AddObject", "AddMarker", "AddLoad", "AddSensor")
 
 
 @dataclass(frozen=True)
-class Recorded:
+class RecordedSolve:
     """One solve: the calls (method, item) that built the system, the plan, the drivers, the sensors by key, what loads that
     vary are at a time, by number, and which of the connectors that are switched act from which time [s] on.
     """
@@ -34,13 +34,13 @@ class Recorded:
     acting: tuple[tuple[float, tuple[int, ...]], ...] = ()
 
 
-RUNS: ContextVar[list[Recorded] | None] = ContextVar("RUNS", default=None)
+RUNS: ContextVar[list[RecordedSolve] | None] = ContextVar("RUNS", default=None)
 
 
 @contextmanager
-def collect_runs() -> Iterator[list[Recorded]]:
+def collect_runs() -> Iterator[list[RecordedSolve]]:
     """Record every solve inside."""
-    runs: list[Recorded] = []
+    runs: list[RecordedSolve] = []
     token = RUNS.set(runs)
     try:
         yield runs
@@ -48,7 +48,7 @@ def collect_runs() -> Iterator[list[Recorded]]:
         RUNS.reset(token)
 
 
-class Listener:
+class RecordingSystem:
     """A system that remembers what is added to it and is otherwise the system itself."""
 
     def __init__(self, mbs: Any) -> None:
@@ -58,20 +58,20 @@ class Listener:
         self.acting: tuple[tuple[float, tuple[int, ...]], ...] = ()
 
     def __getattr__(self, name: str) -> Any:
-        found = getattr(self.mbs, name)
+        result = getattr(self.mbs, name)
         if name not in ADDED:
-            return found
+            return result
 
         def add(item: Any) -> Any:
             self.calls.append((name, item))
-            return found(item)
+            return result(item)
 
         return add
 
 
 def make_listener(mbs: Any) -> Any:
     """Return the system, or one that listens while recording is on."""
-    return mbs if RUNS.get() is None else Listener(mbs)
+    return mbs if RUNS.get() is None else RecordingSystem(mbs)
 
 
 def add_solve_record(
@@ -84,19 +84,19 @@ def add_solve_record(
 ) -> None:
     """Take down a solve, where recording is on."""
     runs = RUNS.get()
-    if runs is not None and isinstance(mbs, Listener):
+    if runs is not None and isinstance(mbs, RecordingSystem):
         told = tuple(mbs.calls), plan, tuple(drivers), dict(motions), dict(reactions), dict(loads)
-        runs.append(Recorded(*told, mbs.switched, mbs.acting))
+        runs.append(RecordedSolve(*told, mbs.switched, mbs.acting))
 
 
 def add_switch_record(mbs: Any, switched: tuple[int, ...], acting: tuple[tuple[float, tuple[int, ...]], ...]) -> None:
     """Take down which connectors are switched, and which of them act from which time [s] on, where recording is on."""
-    if isinstance(mbs, Listener):
+    if isinstance(mbs, RecordingSystem):
         mbs.switched = switched
         mbs.acting = acting
 
 
-def write_model_code(run: Recorded) -> str:
+def write_model_code(run: RecordedSolve) -> str:
     """Return Python that builds the system ``mbs`` again, one line per item, numbers in full."""
     lines = [f"    mbs.{method}({_format_item(item)})" for method, item in run.calls]
     return "def build(mbs):\n" + "\n".join(lines) + "\n"

@@ -45,15 +45,19 @@ def compute_probe_stiffness(mechanism: Mechanism, case: Case, engine: str) -> di
     """
     layout = build_start_layout(mechanism, case)
     plane = exudyn_planar.find_plane(mechanism, layout)
-    found: dict[str, float] = {}
+    probe_stiffness: dict[str, float] = {}
     for link in mechanism.beams:
         beam = link.beam
         if beam is None or beam.curvature.any():
             continue
-        normal = None if isinstance(plane, str) else layout.start(layout.root[link.name]).rotation.T @ plane[:, 2]
+        normal = (
+            None
+            if isinstance(plane, str)
+            else layout.compute_start_pose(layout.root[link.name]).rotation.T @ plane[:, 2]
+        )
         for name in _list_stiffness_names(engine, normal):
-            found[f"{link.name}: {name}"] = _compute_stiffness(beam, name, engine, normal)
-    return found
+            probe_stiffness[f"{link.name}: {name}"] = _compute_stiffness(beam, name, engine, normal)
+    return probe_stiffness
 
 
 def _list_stiffness_names(engine: str, normal: Array | None) -> tuple[str, ...]:

@@ -28,7 +28,7 @@ from crosscheck.engines.base import Options, sample_times
 from crosscheck.engines.exudyn import lead_in as exudyn_lead
 from crosscheck.engines.exudyn import loops as exudyn_loops
 from crosscheck.engines.exudyn.integration import Begin, NewtonStalled, Plan, build_solver_settings, compute_step_size
-from crosscheck.engines.exudyn.lead_in import History, move_force_times
+from crosscheck.engines.exudyn.lead_in import ExtendedMotion, move_force_times
 from crosscheck.engines.exudyn.models import chain as exudyn_chain
 from crosscheck.engines.exudyn.models import planar as exudyn_planar
 from crosscheck.engines.exudyn.models import spatial as exudyn_spatial
@@ -36,7 +36,7 @@ from crosscheck.engines.exudyn.models.connectors import HELD
 from crosscheck.engines.exudyn.models.frames import Array, compose, compute_scalar_coordinate, take_joint_q
 from crosscheck.engines.exudyn.models.layout import Layout, build_layout, find_attachment_frame
 from crosscheck.engines.exudyn.models.parts import Outcome, Poses
-from crosscheck.engines.exudyn.run_in_time import ANCF, NAMES, Made
+from crosscheck.engines.exudyn.run_in_time import ANCF, NAMES, TimedRun
 from crosscheck.engines.shared import loop_closure as assembly
 from crosscheck.engines.shared import phases
 from crosscheck.measures.budget import Family, add_error_bars, compute_richardson_limit
@@ -57,7 +57,7 @@ class State:
 
 
 @dataclass(frozen=True)
-class Piece:
+class PhaseSegment:
     """A phase: samples of the case, where it begins [s], and which closures act in it."""
 
     samples: slice
@@ -93,14 +93,14 @@ def describe_refusal(mechanism: Mechanism, case: Case, engine: str) -> str | Non
     return None
 
 
-def list_phases(mechanism: Mechanism, case: Case) -> list[Piece]:
+def list_phases(mechanism: Mechanism, case: Case) -> list[PhaseSegment]:
     """Return the phases of a case."""
     time = sample_times(case)
     cuts = phases.list_phase_bounds(mechanism, time)
     out = []
     for first, last in pairwise(cuts):
         acting = frozenset(c.name for c in phases.apply_active_closures(mechanism, float(time[first])).closures)
-        out.append(Piece(slice(first, last), float(time[first]), acting))
+        out.append(PhaseSegment(slice(first, last), float(time[first]), acting))
     return out
 
 
@@ -118,11 +118,11 @@ def build_model(mechanism: Mechanism, case: Case, engine: str) -> exudyn_loops.M
         for j in joints
     }
     plane = exudyn_planar.find_plane(apply_all_closures(mechanism), layout, frozenset(free))
-    history = History(replace(mechanism, closures=()), case)
+    history = ExtendedMotion(replace(mechanism, closures=()), case)
     return exudyn_loops.Model(history, engine, layout, None if isinstance(plane, str) else plane, free, {})
 
 
-def integrate_switched_beams(mechanism: Mechanism, case: Case, engine: str, options: Options) -> Made:
+def integrate_switched_beams(mechanism: Mechanism, case: Case, engine: str, options: Options) -> TimedRun:
     """Return torque [N m] or [N], tip [m], wrench, deflection [m] and axial force [N], each with its bar."""
     start = clock.perf_counter()
     model = build_model(mechanism, case, engine)
@@ -142,7 +142,7 @@ def integrate_switched_beams(mechanism: Mechanism, case: Case, engine: str, opti
         "newton_tolerance": [plan.tolerance for _, plan in done],
         "extrapolation": "(4 fine - coarse) / 3: the error is of order h^2",
     }
-    return Made(made, told, clock.perf_counter() - start, budget)
+    return TimedRun(made, told, clock.perf_counter() - start, budget)
 
 
 def plan_runs(case: Case, options: Options) -> list[Plan]:
@@ -236,9 +236,9 @@ def _make_state_setter(state: State, plan: Plan) -> Begin:
 def compute_velocity_jump(mbs: Any, plan: Plan) -> Array:
     """Return the jump of the initial velocities by which the connectors stop what they tie, in the engine's coordinates."""
     solver: Any = exu.MainSolverImplicitSecondOrder()
-    told = build_solver_settings(plan)
-    told.timeIntegration.generalizedAlpha.computeInitialAccelerations = False
-    solver.InitializeSolver(mbs, told)
+    solver_settings = build_solver_settings(plan)
+    solver_settings.timeIntegration.generalizedAlpha.computeInitialAccelerations = False
+    solver.InitializeSolver(mbs, solver_settings)
     solver.ComputeMassMatrix(mbs, 1.0)
     mass = np.array(solver.GetSystemMassMatrix())
     n = len(mass)
@@ -248,7 +248,7 @@ def compute_velocity_jump(mbs: Any, plan: Plan) -> Array:
     g = np.array(solver.GetSystemJacobian())[n:, :n]
     solver.ComputeAlgebraicEquations(mbs, velocityLevel=True)
     left = np.array(solver.GetSystemResidual())[n:]
-    solver.FinalizeSolver(mbs, told)
+    solver.FinalizeSolver(mbs, solver_settings)
     whole = np.block([[mass, g.T], [g, np.zeros((len(g), len(g)))]])
     # rows and columns of one size: slopes, angles, positions and multipliers have units of their own
     scale = 1.0 / np.sqrt(np.maximum(np.abs(whole).max(axis=1), np.finfo(float).tiny))
@@ -270,9 +270,9 @@ def _apply_capture(layout: Layout, closure: Closure, pose: dict[int, Poses]) -> 
 
 def _compute_frame_pose(layout: Layout, at: Attachment, pose: dict[int, Poses]) -> Placement:
     """Return the placement of a frame in the world."""
-    seat = find_attachment_frame(layout, at)
-    x, r = pose[seat.group]
-    return compose(Placement(x[0], r[0]), seat.placement)
+    attachment_frame = find_attachment_frame(layout, at)
+    x, r = pose[attachment_frame.group]
+    return compose(Placement(x[0], r[0]), attachment_frame.placement)
 
 
 def _drop_last_sample(outcome: Outcome) -> Outcome:

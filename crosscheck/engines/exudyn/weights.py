@@ -93,7 +93,7 @@ def _compute_beam_moment(drawing: Drawing, scales: Weights, beam: str) -> float:
     flat = isinstance(drawing, exudyn_planar.Drawing)
     size = len(mbs.GetNode(nodes[0])["referenceCoordinates"])
     lengths = np.concatenate([at + k for k in ALONG[size]])
-    root = drawing.layout.start(drawing.layout.root[beam])
+    root = drawing.layout.compute_start_pose(drawing.layout.root[beam])
     axes = drawing.plane.T if isinstance(drawing, exudyn_planar.Drawing) else np.eye(3)
     moment = np.zeros(3)
     for k in range(2 if flat else 3):

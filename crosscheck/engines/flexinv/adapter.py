@@ -174,15 +174,15 @@ def collect_wrenches(mechanism: Mechanism, solution: Solution, rows: slice) -> d
     if solution.loops is None:
         return {k: s for name, own in solution.wrench.items() for k, s in make_wrench_series(name, own[rows]).items()}
     sure = find_determinate_parts(solution.mesh, solution.nodes, solution.time)
-    made: dict[str, Series] = {}
+    wrenches: dict[str, Series] = {}
     for name, own in solution.wrench.items():
-        made |= _take_determinate(make_wrench_series(name, own[rows]), sure.wrench[name])
+        wrenches |= _take_determinate(make_wrench_series(name, own[rows]), sure.wrench[name])
     for closure in mechanism.closures:
         if closure.second.link == WORLD:
             continue  # there it is said at the first frame; a coupling has none
         own = solution.loops.reaction[closure.name][rows]
-        made |= _take_determinate(make_reaction_series(closure.name, own), sure.reaction[closure.name])
-    return made
+        wrenches |= _take_determinate(make_reaction_series(closure.name, own), sure.reaction[closure.name])
+    return wrenches
 
 
 def _take_determinate(six: dict[str, Series], sure: NDArray[np.bool_]) -> dict[str, Series]:
@@ -194,7 +194,7 @@ def collect_shapes(mechanism: Mechanism, solution: Solution, rows: slice) -> dic
 
     They are drawn and not compared; the tip of every link, which is, follows them.
     """
-    made: dict[str, Series] = {}
+    shapes: dict[str, Series] = {}
     for joint in mechanism.joints:
         name = joint.child
         mesh = solution.mesh
@@ -203,8 +203,8 @@ def collect_shapes(mechanism: Mechanism, solution: Solution, rows: slice) -> dic
             at = zip(mesh.section_stations[name], mesh.section_nodes[name], strict=True)
             places = {f"{station:.4f}": int(node) for station, node in at}
         for place, node in places.items():
-            made |= vector_series(f"shape/{name}/{place}", "m", solution.nodes.x[rows, node])
-    return made
+            shapes |= vector_series(f"shape/{name}/{place}", "m", solution.nodes.x[rows, node])
+    return shapes
 
 
 def collect_torques(mechanism: Mechanism, solution: Solution, rows: slice) -> dict[str, Series]:

@@ -82,11 +82,11 @@ def collect_attachment_data(mechanism: Mechanism) -> dict[str, Any]:
 
 def _build_flexible_certificate(mechanism: Mechanism) -> Certificate:
     """Mass and stiffness of beams; masses, moments and inertias of what joints, and sections of beams, carry."""
-    seats = find_carriers(mechanism)
+    carriers = find_carriers(mechanism)
     lumps: dict[str, list[tuple[float, Array, Array]]] = {}
     for link in mechanism.links:
         for body in link.bodies:
-            name, place = seats[link.name]
+            name, place = carriers[link.name]
             if link.beam is not None:
                 at = body.station or 0.0
                 name, place = (
@@ -112,17 +112,19 @@ def _build_flexible_certificate(mechanism: Mechanism) -> Certificate:
 
 def find_carriers(mechanism: Mechanism) -> dict[str, tuple[str, Placement]]:
     """Return by link the joint, or the place on a beam, that carries it, and its pose in that frame."""
-    seats: dict[str, tuple[str, Placement]] = {WORLD: ("world", Placement())}
+    carriers: dict[str, tuple[str, Placement]] = {WORLD: ("world", Placement())}
     for joint in mechanism.joints:
-        name, place = seats[joint.parent]
+        name, place = carriers[joint.parent]
         beam = None if joint.parent == WORLD else mechanism.link_of[joint.parent].beam
         if beam is not None and joint.station is not None:
             at = joint.station
             name, place = (
                 (f"{joint.parent} at {at:g}", Placement()) if at else (name, _apply_placement(place, beam.placement))
             )
-        seats[joint.child] = (joint.name, Placement()) if joint.nv else (name, _apply_placement(place, joint.placement))
-    return seats
+        carriers[joint.child] = (
+            (joint.name, Placement()) if joint.nv else (name, _apply_placement(place, joint.placement))
+        )
+    return carriers
 
 
 def _apply_placement(outer: Placement, inner: Placement) -> Placement:
@@ -209,14 +211,14 @@ def _integrate_beam_mass(beam: Beam, power: int = 0) -> float:
 
 def compute_beam_stiffness(mechanism: Mechanism) -> dict[str, float]:
     """Return length over compliance, 1 / mean(1 / stiffness), of every straight beam: EA, GJ, EI_y, EI_z [N], [N m^2]."""
-    found = {}
+    beam_stiffness = {}
     for link in mechanism.beams:
         assert link.beam is not None
         section = link.beam.section
         for name, column in {"EA": 0, "GA_y": 1, "GA_z": 2, "GJ": 3, "EI_y": 4, "EI_z": 5}.items():
             along = np.interp(_make_quadrature_points(), section.stations, section.stiffness[:, column])
-            found[f"{link.name}: {name}"] = float(1.0 / np.mean(1.0 / along))
-    return found
+            beam_stiffness[f"{link.name}: {name}"] = float(1.0 / np.mean(1.0 / along))
+    return beam_stiffness
 
 
 def _make_quadrature_points() -> Array:

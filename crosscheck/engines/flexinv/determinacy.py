@@ -36,7 +36,7 @@ SAMPLES = 5
 
 
 @dataclass(frozen=True)
-class Determinate:
+class DeterminateWrenches:
     """Components of wrenches [N], [N m] that the motion and the drives determine: name -> (6,).
 
     reaction : of closures, those among them that the closure can exert; wrench : of the joints of the tree
@@ -46,7 +46,7 @@ class Determinate:
     wrench: dict[str, NDArray[np.bool_]]
 
 
-def find_determinate_parts(mesh: Mesh, motion: NodalMotion, time: Array) -> Determinate:
+def find_determinate_parts(mesh: Mesh, motion: NodalMotion, time: Array) -> DeterminateWrenches:
     """Return the determinate components of the wrenches of closures and joints.
 
     time : (samples,) [s] of a uniform grid.  A beam gives way in all six directions: what it would transmit strains it.
@@ -77,11 +77,11 @@ def find_determinate_parts(mesh: Mesh, motion: NodalMotion, time: Array) -> Dete
             if not null.any():
                 continue
             forces, wrenches = compute_closure_wrenches(mesh, some, rows, null / scale)
-            own = compute_local_wrenches(mesh, some, forces)
+            local_wrenches = compute_local_wrenches(mesh, some, forces)
             _update_maxima(loose, wrenches, arms)
-            _update_maxima(carried, {joint: own[node] for joint, node in mesh.joint_node.items()}, arms)
+            _update_maxima(carried, {joint: local_wrenches[node] for joint, node in mesh.joint_node.items()}, arms)
     reaction = {c.name: (loose[c.name] < NO_COMPONENT) & (firm[c.name] > NO_COMPONENT) for c in m.closures}
-    return Determinate(reaction, {joint: size < NO_COMPONENT for joint, size in carried.items()})
+    return DeterminateWrenches(reaction, {joint: size < NO_COMPONENT for joint, size in carried.items()})
 
 
 def _make_unit_multipliers(motion: NodalMotion, rows: Rows, row: int) -> Array:

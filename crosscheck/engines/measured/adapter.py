@@ -40,10 +40,10 @@ def run(mechanism: Mechanism, case: Case, engine: str, options: Options) -> Reco
     if case.measured is None:
         raise InputError(f"case {case.name} names no record; write measured = with a CSV file")
     time, found = read(case.measured)
-    wanted = sample_times(case)
-    check_times(case.measured, time, wanted, case.sample)
+    times = sample_times(case)
+    check_times(case.measured, time, times, case.sample)
     check_names(case.measured, list_all_series(mechanism), found.values())
     idle = torque_series(mechanism, np.zeros((time.size, mechanism.nv)))
     still = {name for name, on in zip(mechanism.velocity_names, mechanism.actuated, strict=True) if not on}
     made = {name: one for name, one in idle.items() if name.partition("/")[2] in still} | found
-    return Record(engine=engine, time=wanted, series=made, settings={"file": case.measured.name})
+    return Record(engine=engine, time=times, series=made, settings={"file": case.measured.name})

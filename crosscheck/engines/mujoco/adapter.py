@@ -27,7 +27,7 @@ from numpy.typing import NDArray
 from crosscheck.engines.base import Options, beside, sample_times
 from crosscheck.engines.mujoco import loops as mujoco_loops
 from crosscheck.engines.mujoco.joints import (
-    Built,
+    BuiltModel,
     State,
     convert_effort_from_engine,
     convert_from_engine,
@@ -161,29 +161,35 @@ class Dynamics:
     closures: dict[str, Array] = field(default_factory=dict)
 
 
-def compute_inverse_dynamics(mechanism: Mechanism, built: Built, q: Array, qd: Array, qdd: Array) -> Dynamics:
+def compute_inverse_dynamics(
+    mechanism: Mechanism, built_model: BuiltModel, q: Array, qd: Array, qdd: Array
+) -> Dynamics:
     """Return mj_inverse of every sample: q (samples, nq), qd, qdd (samples, nv) [rad or m, s], in mechanism order."""
-    state = convert_to_engine(mechanism, built, q, qd, qdd)
-    return _convert_results(mechanism, built, q, _evaluate(built.model, state))
+    state = convert_to_engine(mechanism, built_model, q, qd, qdd)
+    return _convert_results(mechanism, built_model, q, _evaluate(built_model.model, state))
 
 
-def _convert_results(mechanism: Mechanism, built: Built, q: Array, raw: Raw) -> Dynamics:
-    carried = {j.name: built.body[j.child] for j in mechanism.joints if j.child in built.body}
+def _convert_results(mechanism: Mechanism, built_model: BuiltModel, q: Array, raw: RawArrays) -> Dynamics:
+    carried = {j.name: built_model.body[j.child] for j in mechanism.joints if j.child in built_model.body}
     return Dynamics(
-        torque=convert_effort_from_engine(mechanism, built, q, raw.effort),
-        wrench={name: compute_body_wrench(built.model, raw, body) for name, body in carried.items()},
-        tip={name: compute_point_position(raw, body, mechanism.link_of[name].tip) for name, body in built.body.items()},
+        torque=convert_effort_from_engine(mechanism, built_model, q, raw.effort),
+        wrench={name: compute_body_wrench(built_model.model, raw, body) for name, body in carried.items()},
+        tip={
+            name: compute_point_position(raw, body, mechanism.link_of[name].tip)
+            for name, body in built_model.body.items()
+        },
     )
 
 
-def _compute_dynamics(mechanism: Mechanism, case: Case, built: Built, time: Array, engine: str) -> Dynamics:
+def _compute_dynamics(mechanism: Mechanism, case: Case, built_model: BuiltModel, time: Array, engine: str) -> Dynamics:
     if not describe_nontree_parts(mechanism):
-        return compute_inverse_dynamics(mechanism, built, *case.motion.evaluate(mechanism, time))
+        return compute_inverse_dynamics(mechanism, built_model, *case.motion.evaluate(mechanism, time))
 
-    followed = solve_phases(mechanism, case, built, time)
+    followed = solve_phases(mechanism, case, built_model, time)
     part = _compute_soft_efforts if engine == EQUALITY else _solve_phase_efforts
     parts = [
-        part(_build_tree(phase.mechanism, phase.case, built), State(*state), phase.time) for phase, state in followed
+        part(_build_tree(phase.mechanism, phase.case, built_model), State(*state), phase.time)
+        for phase, state in followed
     ]
     return Dynamics(
         torque=np.concatenate([p.torque for p in parts]),
@@ -196,24 +202,29 @@ def _compute_dynamics(mechanism: Mechanism, case: Case, built: Built, time: Arra
 
 
 def solve_phases(
-    mechanism: Mechanism, case: Case, built: Built, time: Array
+    mechanism: Mechanism, case: Case, built_model: BuiltModel, time: Array
 ) -> list[tuple[phases.Phase, phases.State]]:
     """Return every phase with its motion on the closures in MuJoCo's coordinates, (samples, ...) [rad], [m], [s]."""
 
     def solve_closed(now: Mechanism, here: Case, span: Array) -> phases.State:
-        tree = _build_tree(now, here, built)
+        tree = _build_tree(now, here, built_model)
         return (
             mujoco_loops.solve_closed_state(tree, assembly.find_unprescribed_joints(now, here), span)
             if now.closures
-            else tree.given(span)
+            else tree.evaluate_motion(span)
         )
 
-    return phases.solve_phases(mechanism, case, time, solve_closed, lambda q: convert_from_engine(mechanism, built, q))
+    return phases.solve_phases(
+        mechanism, case, time, solve_closed, lambda q: convert_from_engine(mechanism, built_model, q)
+    )
 
 
-def _build_tree(mechanism: Mechanism, case: Case, built: Built) -> mujoco_loops.Tree:
+def _build_tree(mechanism: Mechanism, case: Case, built_model: BuiltModel) -> mujoco_loops.Tree:
     return mujoco_loops.Tree(
-        mechanism, built, mujoco_loops.build_data(built, mechanism), _make_motion(mechanism, case, built)
+        mechanism,
+        built_model,
+        mujoco_loops.build_data(built_model, mechanism),
+        _make_motion(mechanism, case, built_model),
     )
 
 
@@ -235,16 +246,16 @@ def _solve_phase_efforts(tree: mujoco_loops.Tree, state: State, time: Array) -> 
         mujoco_loops.write_applied_wrenches(tree, shares.acting)
         fill_sample(built.model, tree.data, raw, k, shares.effort)
         wrench[k] = shares.closures
-    said = _convert_results(mechanism, built, convert_from_engine(mechanism, built, state.q), raw)
-    return replace(said, closures={c.name: wrench[:, k] for k, c in enumerate(mechanism.closures)})
+    results = _convert_results(mechanism, built, convert_from_engine(mechanism, built, state.q), raw)
+    return replace(results, closures={c.name: wrench[:, k] for k, c in enumerate(mechanism.closures)})
 
 
-def _make_motion(mechanism: Mechanism, case: Case, built: Built) -> mujoco_loops.Motion:
+def _make_motion(mechanism: Mechanism, case: Case, built_model: BuiltModel) -> mujoco_loops.Motion:
     """Return the motion in MuJoCo's coordinates, joints that it leaves out at their guess."""
 
     def evaluate_state(time: Array) -> tuple[Array, Array, Array]:
         q, qd, qdd = case.motion.evaluate(mechanism, time)
-        state = convert_to_engine(mechanism, built, assembly.apply_guess(mechanism, case, q), qd, qdd)
+        state = convert_to_engine(mechanism, built_model, assembly.apply_guess(mechanism, case, q), qd, qdd)
         return state.q, state.v, state.a
 
     return evaluate_state
@@ -268,7 +279,7 @@ def _compute_soft_efforts(tree: mujoco_loops.Tree, state: State, time: Array) ->
 
 
 @dataclass(frozen=True)
-class Raw:
+class RawArrays:
     """Arrays that MuJoCo leaves in its data, by sample.
 
     effort : (samples, nv); cfrc_int : (samples, bodies, 6); subtree_com, xpos : (samples, bodies, 3) [m];
@@ -282,7 +293,7 @@ class Raw:
     xmat: Array
 
 
-def _evaluate(model: mujoco.MjModel, state: State) -> Raw:
+def _evaluate(model: mujoco.MjModel, state: State) -> RawArrays:
     data = mujoco.MjData(model)
     raw = make_empty_raw(model, len(state.q))
     for k in range(len(state.q)):
@@ -295,13 +306,13 @@ def _evaluate(model: mujoco.MjModel, state: State) -> Raw:
     return raw
 
 
-def make_empty_raw(model: mujoco.MjModel, samples: int) -> Raw:
+def make_empty_raw(model: mujoco.MjModel, samples: int) -> RawArrays:
     """Return room for the data of all samples [N m], [N], [m]."""
     shapes = [(model.nv,), (model.nbody, 6), (model.nbody, 3), (model.nbody, 3), (model.nbody, 3, 3)]
-    return Raw(*(np.empty((samples, *shape)) for shape in shapes))
+    return RawArrays(*(np.empty((samples, *shape)) for shape in shapes))
 
 
-def fill_sample(model: mujoco.MjModel, data: mujoco.MjData, raw: Raw, k: int, effort: Array) -> None:
+def fill_sample(model: mujoco.MjModel, data: mujoco.MjData, raw: RawArrays, k: int, effort: Array) -> None:
     """Write sample k: effort (nv,) [N m] or [N] as given, everything else from ``data``, whose qacc is set."""
     mujoco.mj_rnePostConstraint(model, data)
     raw.effort[k] = effort
@@ -311,7 +322,7 @@ def fill_sample(model: mujoco.MjModel, data: mujoco.MjData, raw: Raw, k: int, ef
     raw.xmat[k] = data.xmat.reshape(-1, 3, 3)
 
 
-def compute_body_wrench(model: mujoco.MjModel, raw: Raw, body: int) -> Array:
+def compute_body_wrench(model: mujoco.MjModel, raw: RawArrays, body: int) -> Array:
     """Return the wrench of the parent on a body, at the body's frame and along its axes, (samples, 6) [N], [N m]."""
     moment = raw.cfrc_int[:, body, :3]
     force = raw.cfrc_int[:, body, 3:]
@@ -320,7 +331,7 @@ def compute_body_wrench(model: mujoco.MjModel, raw: Raw, body: int) -> Array:
     return np.asarray((both @ raw.xmat[:, body]).reshape(-1, 6))
 
 
-def compute_point_position(raw: Raw, body: int, point: Array) -> Array:
+def compute_point_position(raw: RawArrays, body: int, point: Array) -> Array:
     """Return the position of a body's point (3,) [m] in the world, (samples, 3) [m]."""
     return np.asarray(raw.xpos[:, body] + raw.xmat[:, body] @ point)
 

@@ -8,7 +8,7 @@ import mujoco
 import numpy as np
 
 from crosscheck.engines.mujoco import loops as mujoco_loops
-from crosscheck.engines.mujoco.joints import Built, convert_effort_from_engine, convert_to_engine
+from crosscheck.engines.mujoco.joints import BuiltModel, convert_effort_from_engine, convert_to_engine
 from crosscheck.engines.mujoco.model import build
 from crosscheck.engines.shared import loop_closure as assembly
 from crosscheck.engines.shared.prescribed import describe_nontree_parts
@@ -62,31 +62,31 @@ def certify(mechanism: Mechanism, case: Case, engine: str) -> Certificate:
     )
 
 
-def _read_passive_elements(mechanism: Mechanism, built: Built) -> dict[str, Any]:
+def _read_passive_elements(mechanism: Mechanism, built_model: BuiltModel) -> dict[str, Any]:
     """Damping and dry friction of joints, springs in joints and tendons, from the compiled model's own arrays."""
-    model = built.model
+    model = built_model.model
     moving = [j for j in mechanism.joints if j.nv]
     springs: dict[str, float] = {}
     for joint in (j for j in moving if j.nv == 1):
-        number = int(model.dof_jntid[built.v_at[joint.name]])
+        number = int(model.dof_jntid[built_model.v_at[joint.name]])
         if model.jnt_stiffness[number].any() or joint.stiffness:
             springs[f"{joint.name}: stiffness"] = float(np.ravel(model.jnt_stiffness[number])[0])
-            springs[f"{joint.name}: rest"] = float(model.qpos_spring[built.q_at[joint.name]])
+            springs[f"{joint.name}: rest"] = float(model.qpos_spring[built_model.q_at[joint.name]])
     for spring in mechanism.springs:
         tendon = model.tendon(spring.name).id
         springs[f"{spring.name}: stiffness"] = float(np.ravel(model.tendon_stiffness[tendon])[0])
         springs[f"{spring.name}: rest"] = float(model.tendon_lengthspring[tendon][0])
         springs[f"{spring.name}: damping"] = float(np.ravel(model.tendon_damping[tendon])[0])
     return {
-        "damping": {j.name: float(np.ravel(model.dof_damping[built.v_at[j.name]])[0]) for j in moving},
-        "friction": {j.name: float(model.dof_frictionloss[built.v_at[j.name]]) for j in moving},
+        "damping": {j.name: float(np.ravel(model.dof_damping[built_model.v_at[j.name]])[0]) for j in moving},
+        "friction": {j.name: float(model.dof_frictionloss[built_model.v_at[j.name]]) for j in moving},
         "springs": springs,
     }
 
 
-def _read_closure_ends(mechanism: Mechanism, built: Built) -> dict[str, Any]:
+def _read_closure_ends(mechanism: Mechanism, built_model: BuiltModel) -> dict[str, Any]:
     """Return points and axes of MuJoCo's equalities on each link, in the link's frame: places of their sites."""
-    model = built.model
+    model = built_model.model
     points = {}
     axes = {}
     for closure in mechanism.closures:
@@ -100,21 +100,21 @@ def _read_closure_ends(mechanism: Mechanism, built: Built) -> dict[str, Any]:
     return {"closure_points": points, "closure_axes": axes}
 
 
-def _compute_joint_masses(mechanism: Mechanism, built: Built, mass: Array) -> dict[str, float]:
+def _compute_joint_masses(mechanism: Mechanism, built_model: BuiltModel, mass: Array) -> dict[str, float]:
     """Mass of all bodies welded to the child of each moving joint."""
-    weld = built.model.body_weldid
-    child = {j.name: built.body[j.child] for j in mechanism.joints if j.name in collect_joint_bodies(mechanism)}
+    weld = built_model.model.body_weldid
+    child = {j.name: built_model.body[j.child] for j in mechanism.joints if j.name in collect_joint_bodies(mechanism)}
     return {name: float(mass[weld == weld[body]].sum()) for name, body in child.items()}
 
 
 def _compute_joint_inertias(
-    mechanism: Mechanism, built: Built, data: mujoco.MjData, mass: Array
+    mechanism: Mechanism, built_model: BuiltModel, data: mujoco.MjData, mass: Array
 ) -> dict[str, tuple[Array, Array]]:
     """First moment and tensor about the child's origin, along its axes, of all bodies welded to it, by moving joint."""
-    model = built.model
-    found = {}
+    model = built_model.model
+    joint_inertias = {}
     for name in collect_joint_bodies(mechanism):
-        child = built.body[mechanism.joint_of[name].child]
+        child = built_model.body[mechanism.joint_of[name].child]
         axes = data.xmat[child].reshape(3, 3)
         moment = np.zeros(3)
         tensor = np.zeros((3, 3))
@@ -124,23 +124,25 @@ def _compute_joint_inertias(
             m, i = move_inertia_to_origin(float(mass[body]), axes.T @ (data.xipos[body] - data.xpos[child]), own)
             moment = moment + m
             tensor = tensor + i
-        found[name] = (moment, tensor)
-    return found
+        joint_inertias[name] = (moment, tensor)
+    return joint_inertias
 
 
-def _convert_mass_matrix(mechanism: Mechanism, built: Built, q: Array, matrix: Array) -> Array:
+def _convert_mass_matrix(mechanism: Mechanism, built_model: BuiltModel, q: Array, matrix: Array) -> Array:
     """The mass matrix in the mechanism's coordinates: the dual of the map, on both sides."""
-    half = [convert_effort_from_engine(mechanism, built, q, matrix[:, :, k]) for k in range(matrix.shape[2])]
+    half = [convert_effort_from_engine(mechanism, built_model, q, matrix[:, :, k]) for k in range(matrix.shape[2])]
     rows = np.stack(half, axis=2)  # (configuration, coordinate, MuJoCo's coordinate)
-    whole = [convert_effort_from_engine(mechanism, built, q, rows[:, k, :]) for k in range(rows.shape[1])]
+    whole = [convert_effort_from_engine(mechanism, built_model, q, rows[:, k, :]) for k in range(rows.shape[1])]
     return np.stack(whole, axis=1)
 
 
-def _list_joint_order(mechanism: Mechanism, built: Built) -> tuple[str, ...]:
-    return tuple(sorted(built.v_at, key=lambda name: built.v_at[name]))
+def _list_joint_order(mechanism: Mechanism, built_model: BuiltModel) -> tuple[str, ...]:
+    return tuple(sorted(built_model.v_at, key=lambda name: built_model.v_at[name]))
 
 
-def _compute_closure_residual(mechanism: Mechanism, case: Case, built: Built) -> tuple[float | None, int | None]:
+def _compute_closure_residual(
+    mechanism: Mechanism, case: Case, built_model: BuiltModel
+) -> tuple[float | None, int | None]:
     """Largest residual of the closures' equations and the rank of MuJoCo's own rows, where the motion starts; as guessed
     where they do not close."""
     if not mechanism.closures or any(c.active for c in mechanism.closures):
@@ -148,10 +150,10 @@ def _compute_closure_residual(mechanism: Mechanism, case: Case, built: Built) ->
 
     def evaluate_state(time: Array) -> tuple[Array, Array, Array]:
         q, qd, qdd = case.motion.evaluate(mechanism, time)
-        state = convert_to_engine(mechanism, built, assembly.apply_guess(mechanism, case, q), qd, qdd)
+        state = convert_to_engine(mechanism, built_model, assembly.apply_guess(mechanism, case, q), qd, qdd)
         return state.q, state.v, state.a
 
-    tree = mujoco_loops.Tree(mechanism, built, mujoco_loops.build_data(built, mechanism), evaluate_state)
+    tree = mujoco_loops.Tree(mechanism, built_model, mujoco_loops.build_data(built_model, mechanism), evaluate_state)
     place, rate, _ = evaluate_state(np.zeros(1))
     closes = True
     try:
@@ -160,7 +162,7 @@ def _compute_closure_residual(mechanism: Mechanism, case: Case, built: Built) ->
         )
     except assembly.AssemblyError:
         closes = False
-    rows = assembly.assemble_rows(mechanism.closures, tree.pairs(place[0], rate[0]))
+    rows = assembly.assemble_rows(mechanism.closures, tree.compute_frame_pairs(place[0], rate[0]))
     native = not mujoco_loops.list_missing_equalities(mechanism)
     g = mujoco_loops.compute_equality_rows(tree) if native else rows.g
     return float(np.abs(rows.phi).max()) if closes else None, assembly.compute_rank(g)

@@ -43,13 +43,13 @@ def read_effort_limits(model: Any) -> tuple[dict[int, float], list[str]]:
 
 
 def _compute_effort_range(model: Any, joint: int) -> Range:
-    own = FREE
+    effort_range = FREE
     if model.jnt_actfrclimited[joint]:
-        own = (float(model.jnt_actfrcrange[joint][0]), float(model.jnt_actfrcrange[joint][1]))
+        effort_range = (float(model.jnt_actfrcrange[joint][0]), float(model.jnt_actfrcrange[joint][1]))
     acting = list(_list_actuator_ranges(model, joint))
     if not acting:
-        return own
-    return max(own[0], sum(low for low, _ in acting)), min(own[1], sum(high for _, high in acting))
+        return effort_range
+    return max(effort_range[0], sum(low for low, _ in acting)), min(effort_range[1], sum(high for _, high in acting))
 
 
 def _list_actuator_ranges(model: Any, joint: int) -> Iterator[Range]:

@@ -16,7 +16,7 @@ from crosscheck.engines.base import sample_times
 from crosscheck.engines.mujoco import adapter
 from crosscheck.engines.mujoco import loops as mujoco_loops
 from crosscheck.engines.mujoco.joints import (
-    Built,
+    BuiltModel,
     State,
     convert_effort_from_engine,
     convert_from_engine,
@@ -48,7 +48,7 @@ PLACE = {"free": (".x", ".y", ".z", ".qw", ".qx", ".qy", ".qz"), "spherical": ("
 UNBOUND = 1e9  # [rad], [m]: the other end of a range of which one end is stated
 
 
-def build_mjcf(mechanism: Mechanism) -> tuple[Built, str]:
+def build_mjcf(mechanism: Mechanism) -> tuple[BuiltModel, str]:
     """Return the model of a rigid mechanism and its MJCF: joints with limits, drives, closures, springs.
 
     Raises NotExported for beams, for what MJCF has no word for, and with MuJoCo's words where it refuses the mechanism.
@@ -129,7 +129,7 @@ def _fill_names(names: list[str], first: int, joint: Joint, suffixes: dict[str, 
         names[first + k] = joint.name + suffix
 
 
-def _convert_efforts(mechanism: Mechanism, built: Built, q: Array, effort: Array) -> Array:
+def _convert_efforts(mechanism: Mechanism, built_model: BuiltModel, q: Array, effort: Array) -> Array:
     """Return the mechanism's efforts as MuJoCo's generalized forces: the inverse of `mujoco.joints.effort_from_engine`.
 
     That map is orthogonal (it turns forces of free joints), so its transpose, column by column, is the inverse.
@@ -138,5 +138,5 @@ def _convert_efforts(mechanism: Mechanism, built: Built, q: Array, effort: Array
     for column in range(effort.shape[1]):
         unit = np.zeros_like(effort)
         unit[:, column] = 1.0
-        out[:, column] = np.sum(convert_effort_from_engine(mechanism, built, q, unit) * effort, axis=1)
+        out[:, column] = np.sum(convert_effort_from_engine(mechanism, built_model, q, unit) * effort, axis=1)
     return out

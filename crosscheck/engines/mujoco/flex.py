@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from crosscheck.engines.base import Options, beside, sample_times
 from crosscheck.engines.mujoco.adapter import (
-    Raw,
+    RawArrays,
     collect_warnings,
     compute_body_wrench,
     compute_point_position,
@@ -26,7 +26,7 @@ from crosscheck.engines.mujoco.adapter import (
     make_empty_raw,
     version,
 )
-from crosscheck.engines.mujoco.joints import Built
+from crosscheck.engines.mujoco.joints import BuiltModel
 from crosscheck.engines.mujoco.rod import (
     DRIVE,
     NO_FRAME,
@@ -137,14 +137,14 @@ def plan_steps(case: Case, rod: Rod) -> tuple[float, int]:
 def run_mesh(mechanism: Mechanism, case: Case, rod: Rod) -> dict[str, Series]:
     """Return every series of one mesh: [N], [N m], [m]."""
     step, stride = plan_steps(case, rod)
-    built = build_flexible_model(mechanism, rod, step)
+    flexible_model = build_flexible_model(mechanism, rod, step)
     steps = (len(sample_times(case)) - 1) * stride
     q, qd, qdd = case.motion.evaluate(mechanism, np.arange(steps + 1) * step)
-    raw = _integrate_points(mechanism, built, (convert_to_angles(mechanism, q), qd, qdd), stride)
-    order = [built.v_at[j.name] for j in mechanism.joints if j.nv]
+    raw = _integrate_points(mechanism, flexible_model, (convert_to_angles(mechanism, q), qd, qdd), stride)
+    order = [flexible_model.v_at[j.name] for j in mechanism.joints if j.nv]
     torque = raw.effort[:, order] + passive_effort(mechanism, qd[::stride])
     torque += rotor_effort(mechanism, qdd[::stride])
-    return _collect_series(mechanism, built, rod, raw, torque)
+    return _collect_series(mechanism, flexible_model, rod, raw, torque)
 
 
 def convert_to_angles(mechanism: Mechanism, q: Array) -> Array:
@@ -153,12 +153,14 @@ def convert_to_angles(mechanism: Mechanism, q: Array) -> Array:
     return np.column_stack([np.arctan2(c[:, 1], c[:, 0]) if c.shape[1] == 2 else c[:, 0] for c in columns])
 
 
-def _integrate_points(mechanism: Mechanism, built: Built, hub: tuple[Array, Array, Array], stride: int) -> Raw:
+def _integrate_points(
+    mechanism: Mechanism, built_model: BuiltModel, hub: tuple[Array, Array, Array], stride: int
+) -> RawArrays:
     """Integrate the points while the joints move as given; hub: places, speeds, accelerations (steps, joints)."""
-    model = built.model
-    data = mujoco.MjData(built.model)
+    model = built_model.model
+    data = mujoco.MjData(built_model.model)
     names = [j.name for j in mechanism.joints if j.nv]
-    at_q, at_v = (_make_slice([where[name] for name in names]) for where in (built.q_at, built.v_at))
+    at_q, at_v = (_make_slice([where[name] for name in names]) for where in (built_model.q_at, built_model.v_at))
     raw = make_empty_raw(model, (len(hub[0]) - 1) // stride + 1)
     effort = np.empty(model.nv)
     # hundreds of thousands of steps: looked up once
@@ -184,11 +186,13 @@ def _make_slice(places: list[int]) -> slice | list[int]:
     return slice(first, first + len(places)) if places == list(range(first, first + len(places))) else places
 
 
-def _collect_series(mechanism: Mechanism, built: Built, rod: Rod, raw: Raw, torque: Array) -> dict[str, Series]:
+def _collect_series(
+    mechanism: Mechanism, built_model: BuiltModel, rod: Rod, raw: RawArrays, torque: Array
+) -> dict[str, Series]:
     made = torque_series(mechanism, torque)
     for joint in mechanism.joints:
-        body = built.body[joint.child]
-        wrench = compute_body_wrench(built.model, raw, body)
+        body = built_model.body[joint.child]
+        wrench = compute_body_wrench(built_model.model, raw, body)
         made |= make_wrench_series(joint.name, wrench)
         if joint.child == rod.link:
             made |= series(f"axial/{rod.link}", "N", wrench[:, 0])
@@ -196,9 +200,9 @@ def _collect_series(mechanism: Mechanism, built: Built, rod: Rod, raw: Raw, torq
             made |= vector_series(
                 f"tip/{joint.child}", "m", compute_point_position(raw, body, mechanism.link_of[joint.child].tip)
             )
-    end = built.model.body(rod.point(rod.elements)).id
+    end = built_model.model.body(rod.format_point_name(rod.elements)).id
     tip = raw.xpos[:, end]
-    root = compute_point_position(raw, built.body[rod.link], rod.beam.placement.position)
+    root = compute_point_position(raw, built_model.body[rod.link], rod.beam.placement.position)
     seen = np.einsum("sji,sj->si", raw.xmat[:, end], tip - root)  # (sample, xyz of the root section)
     made |= vector_series(f"tip/{rod.link}", "m", tip)
     return made | vector_series(f"deflection/{rod.link}", "m", seen - np.array([rod.beam.length, 0.0, 0.0]))

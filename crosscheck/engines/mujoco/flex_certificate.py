@@ -12,7 +12,7 @@ import mujoco
 import numpy as np
 
 from crosscheck.engines.mujoco.flex import ELEMENTS, plan_steps
-from crosscheck.engines.mujoco.joints import Built
+from crosscheck.engines.mujoco.joints import BuiltModel
 from crosscheck.engines.mujoco.rod import Rod, build_flexible_model, build_rod
 from crosscheck.engines.shared.probe_states import Array
 from crosscheck.measures.certificate import Certificate
@@ -27,15 +27,15 @@ TURN = 1e-4
 def certify(mechanism: Mechanism, case: Case, engine: str) -> Certificate:
     """Return mass of all [kg] and of the rod, its first moment [kg m] and its stiffness EA [N], EI [N m^2]."""
     rod = build_rod(mechanism, ELEMENTS)
-    built = build_flexible_model(mechanism, rod, plan_steps(case, rod)[0])
-    model = built.model
-    points = [model.body(rod.point(k)) for k in range(1, rod.elements + 1)]
+    flexible_model = build_flexible_model(mechanism, rod, plan_steps(case, rod)[0])
+    model = flexible_model.model
+    points = [model.body(rod.format_point_name(k)) for k in range(1, rod.elements + 1)]
     masses = np.array([float(body.mass[0]) for body in points])
     masses[-1] -= rod.tip
     places: Array = np.arange(1.0, rod.elements + 1.0) * rod.edge
     link = mechanism.link_of[rod.link]
     carried = sum(body.inertia.mass for body in link.bodies if body.station in (None, 0.0))
-    fixed = model.body_weldid == model.body_weldid[built.body[rod.link]]
+    fixed = model.body_weldid == model.body_weldid[flexible_model.body[rod.link]]
     half = float(model.body_mass[fixed].sum()) - carried
     bending = "EI_z" if rod.bent == 1 else "EI_y"
     return Certificate(
@@ -43,8 +43,8 @@ def certify(mechanism: Mechanism, case: Case, engine: str) -> Certificate:
         beam_masses={rod.link: float(masses.sum()) + half},
         beam_moments={rod.link: float(masses @ places)},
         stiffness={
-            f"{rod.link}: EA": -_compute_elastic_force(built, rod, *_compute_stretch(rod), "x") / STRAIN,
-            f"{rod.link}: {bending}": -_compute_elastic_force(built, rod, *_compute_arc(rod), "xyz"[rod.bent])
+            f"{rod.link}: EA": -_compute_elastic_force(flexible_model, rod, *_compute_stretch(rod), "x") / STRAIN,
+            f"{rod.link}: {bending}": -_compute_elastic_force(flexible_model, rod, *_compute_arc(rod), "xyz"[rod.bent])
             * rod.edge**2
             / TURN,
         },
@@ -65,12 +65,12 @@ def _compute_arc(rod: Rod) -> tuple[Array, Array]:
     return along, across
 
 
-def _compute_elastic_force(built: Built, rod: Rod, along: Array, across: Array, axis: str) -> float:
+def _compute_elastic_force(built_model: BuiltModel, rod: Rod, along: Array, across: Array, axis: str) -> float:
     """Return the elastic force on the last point along an axis of the section [N] with all points moved."""
-    model = built.model
+    model = built_model.model
     data = mujoco.MjData(model)
     for k, shift in enumerate(np.stack([along, across], axis=1), 1):
         for name, value in zip(("x", "xyz"[rod.bent]), shift, strict=True):
-            data.qpos[model.joint(f"{rod.point(k)}/{name}").qposadr[0]] = value
+            data.qpos[model.joint(f"{rod.format_point_name(k)}/{name}").qposadr[0]] = value
     mujoco.mj_forward(model, data)
-    return float(data.qfrc_passive[model.joint(f"{rod.point(rod.elements)}/{axis}").dofadr[0]])
+    return float(data.qfrc_passive[model.joint(f"{rod.format_point_name(rod.elements)}/{axis}").dofadr[0]])

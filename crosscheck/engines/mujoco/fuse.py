@@ -24,7 +24,7 @@ Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
-class Loss:
+class InertiaLoss:
     """Inertia that a fused body lacks.
 
     body : its name; missing : (3, 3) [kg m^2], world axes at qpos0
@@ -44,7 +44,7 @@ class Loss:
         return bool(self.massless) and _is_close(self.missing, self.stated, self.scale)
 
 
-def list_losses(mechanism: Mechanism) -> tuple[Loss, ...]:
+def list_losses(mechanism: Mechanism) -> tuple[InertiaLoss, ...]:
     """Return the losses of fusing, body by body; empty where it loses nothing."""
     whole, fused = (_build_start(build(mechanism, fuse=fuse).model) for fuse in (False, True))
     found = []
@@ -58,25 +58,25 @@ def list_losses(mechanism: Mechanism) -> tuple[Loss, ...]:
             massless = [int(k) for k in parts if whole.model.body_mass[k] == 0.0 and whole.model.body_inertia[k].any()]
             stated = sum((_compute_world_inertia(whole, k) for k in massless), np.zeros((3, 3)))
             names = tuple(whole.model.body(k).name for k in massless)
-            found.append(Loss(name, expected - got, scale, names, stated))
+            found.append(InertiaLoss(name, expected - got, scale, names, stated))
     return tuple(found)
 
 
 @dataclass(frozen=True)
-class Start:
+class ReferenceState:
     """A model and its data at qpos0, kinematics done."""
 
     model: Any
     data: Any
 
 
-def _build_start(model: Any) -> Start:
+def _build_start(model: Any) -> ReferenceState:
     data = mujoco.MjData(model)
     mujoco.mj_kinematics(model, data)
-    return Start(model, data)
+    return ReferenceState(model, data)
 
 
-def compute_composite_inertia(start: Start, bodies: NDArray[np.intp]) -> Array:
+def compute_composite_inertia(start: ReferenceState, bodies: NDArray[np.intp]) -> Array:
     """Return the inertia of several bodies as one about its centre of mass, (3, 3) [kg m^2], world axes."""
     mass = start.model.body_mass[bodies]
     centre = start.data.xipos[bodies]
@@ -88,7 +88,7 @@ def compute_composite_inertia(start: Start, bodies: NDArray[np.intp]) -> Array:
     return out
 
 
-def _compute_world_inertia(start: Start, body: int) -> Array:
+def _compute_world_inertia(start: ReferenceState, body: int) -> Array:
     axes = start.data.ximat[body].reshape(3, 3)
     return np.asarray(axes @ np.diag(start.model.body_inertia[body]) @ axes.T)
 

@@ -47,7 +47,7 @@ STIFF_FRICTION = (-1.0, -1e12)
 
 
 @dataclass(frozen=True)
-class Built:
+class BuiltModel:
     """A compiled model and where the mechanism's coordinates stand in it.
 
     q_at, v_at : first index in qpos and in qvel, by joint name; body : index by link name
@@ -114,17 +114,17 @@ class State:
     a: Array
 
 
-def convert_to_engine(mechanism: Mechanism, built: Built, q: Array, qd: Array, qdd: Array) -> State:
+def convert_to_engine(mechanism: Mechanism, built_model: BuiltModel, q: Array, qd: Array, qdd: Array) -> State:
     """Return MuJoCo's qpos, qvel and qacc of q (samples, nq), qd, qdd (samples, nv) [rad or m, s]."""
-    model = built.model
+    model = built_model.model
     out = State(np.empty((len(q), model.nq)), np.empty((len(q), model.nv)), np.empty((len(q), model.nv)))
     for joint in mechanism.joints:
         if joint.nv == 0:
             continue
         mine = q[:, mechanism.q_slices[joint.name]]
         rates = mechanism.v_slices[joint.name]
-        at = built.q_at[joint.name]
-        v = built.v_at[joint.name]
+        at = built_model.q_at[joint.name]
+        v = built_model.v_at[joint.name]
         position = _convert_position(joint, mine)
         out.q[:, at : at + position.shape[1]] = position
         out.v[:, v : v + joint.nv] = qd[:, rates]
@@ -162,13 +162,13 @@ def _compute_world_rotation(joint: Joint, q: Array) -> scipy.spatial.transform.R
     return rotation.from_matrix(joint.placement.rotation) * rotation.from_quat(q[:, 3:])
 
 
-def convert_from_engine(mechanism: Mechanism, built: Built, position: Array) -> Array:
+def convert_from_engine(mechanism: Mechanism, built_model: BuiltModel, position: Array) -> Array:
     """Return the mechanism's q (samples, nq) [rad], [m] of MuJoCo's qpos (samples, nq of the model)."""
     out = np.empty((len(position), mechanism.nq))
     for joint in mechanism.joints:
         if joint.nv == 0:
             continue
-        at = built.q_at[joint.name]
+        at = built_model.q_at[joint.name]
         own = mechanism.q_slices[joint.name]
         theirs = position[:, at : at + (1 if joint.kind == "continuous" else joint.nq)]
         if joint.kind == "continuous":
@@ -183,13 +183,13 @@ def convert_from_engine(mechanism: Mechanism, built: Built, position: Array) -> 
     return out
 
 
-def convert_effort_from_engine(mechanism: Mechanism, built: Built, q: Array, force: Array) -> Array:
+def convert_effort_from_engine(mechanism: Mechanism, built_model: BuiltModel, q: Array, force: Array) -> Array:
     """Return the mechanism's efforts (samples, nv) [N m] or [N] of MuJoCo's generalized forces: the dual of the map."""
     out = np.empty((len(force), mechanism.nv))
     for joint in mechanism.joints:
         if joint.nv == 0:
             continue
-        v = built.v_at[joint.name]
+        v = built_model.v_at[joint.name]
         rates = mechanism.v_slices[joint.name]
         theirs = force[:, v : v + joint.nv].copy()
         if joint.kind == "helical":

@@ -107,10 +107,10 @@ def lift(source: Any, label: str = "") -> Description:
             "  write:    the file that holds the machine, if this one holds a scene or settings only"
         )
     kind = "urdf" if root.tag == "robot" else "mjcf"
-    found = _build_description(model, label or path.name, kind, dropped)
+    description = _build_description(model, label or path.name, kind, dropped)
     printed = read_mjcf_digits(root) if kind == "mjcf" else {}
     stated = kind != "urdf"
-    return replace(found, file=path, root_stated=stated, gravity_stated=stated, printed=printed)
+    return replace(description, file=path, root_stated=stated, gravity_stated=stated, printed=printed)
 
 
 def read_model(path: Path) -> Any:
@@ -181,10 +181,10 @@ def _build_description(model: Any, label: str, kind: str, dropped: tuple[str, ..
         closures=tuple(closures),
     )
     gears = dict(_list_gears(model))
-    own = OwnDynamics(model, mechanism, find_joint_addresses(model, list_joint_names(model)), remove_features)
+    own_dynamics = OwnDynamics(model, mechanism, find_joint_addresses(model, list_joint_names(model)), remove_features)
     return Description(
         label, mechanism, kind, "mujoco", gears, (*dropped, *lost, *uneven, *_list_other_parts(model)),
-        features=find_features(model), dynamics=own,
+        features=find_features(model), dynamics=own_dynamics,
     )  # fmt: skip
 
 
@@ -229,7 +229,7 @@ def _list_bodies(model: Any, body: int, name: str, anchor: Array) -> Iterator[Bo
     com = np.zeros(3) if same == mujoco.mjtSameFrame.mjSAMEFRAME_BODY else np.array(model.body_ipos[body])
     tensor = turn @ np.diag(model.body_inertia[body]) @ turn.T
     if mass or tensor.any():
-        yield Body(name, Inertia.stated(mass, com - anchor, (tensor + tensor.T) / 2))
+        yield Body(name, Inertia.build_unchecked(mass, com - anchor, (tensor + tensor.T) / 2))
 
 
 def _read_joint(model: Any, index: int, parent: str, child: str, at: Placement) -> Joint:

@@ -29,12 +29,12 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from crosscheck.engines.mujoco.joints import Built
+from crosscheck.engines.mujoco.joints import BuiltModel
 from crosscheck.engines.mujoco.model import convert_to_quaternion
 from crosscheck.engines.shared import loop_closure as assembly
-from crosscheck.engines.shared.loop_closure import Moving
+from crosscheck.engines.shared.loop_closure import FrameMotion
 from crosscheck.engines.shared.wrenches import (
-    Push,
+    AppliedWrench,
     compute_applied_forces,
     compute_closure_forces,
     compute_reactions,
@@ -105,12 +105,12 @@ def list_missing_equalities(mechanism: Mechanism) -> list[str]:
     return [c.name for c in mechanism.closures if not has_equality(c)]
 
 
-def build_data(built: Built, mechanism: Mechanism) -> Any:
+def build_data(built_model: BuiltModel, mechanism: Mechanism) -> Any:
     """Return an MjData in which the equalities of the mechanism's closures are active and no others (``eq_active``)."""
-    data = mujoco.MjData(built.model)
+    data = mujoco.MjData(built_model.model)
     acting = {c.name for c in mechanism.closures}
-    for k in range(built.model.neq):
-        data.eq_active[k] = built.model.equality(k).name.rsplit("/", 1)[0] in acting
+    for k in range(built_model.model.neq):
+        data.eq_active[k] = built_model.model.equality(k).name.rsplit("/", 1)[0] in acting
     return data
 
 
@@ -119,21 +119,21 @@ class Tree:
     """The cut tree as `loop_closure` wants it; motion: q, v, a in MuJoCo's coordinates at times (samples,) [s]."""
 
     mechanism: Mechanism
-    built: Built
+    built: BuiltModel
     data: Any
     motion: Motion
 
-    def given(self, time: Array) -> tuple[Array, Array, Array]:
+    def evaluate_motion(self, time: Array) -> tuple[Array, Array, Array]:
         """Return q, v, a of the motion at times [s], joints that it leaves out at their guess."""
         return self.motion(time)
 
-    def moved(self, q: Array, step: Array) -> Array:
+    def integrate_step(self, q: Array, step: Array) -> Array:
         """Return q after a step (nv,) [rad], [m]."""
         out = q.copy()
         mujoco.mj_integratePos(self.built.model, out, step, 1.0)
         return out
 
-    def pairs(self, q: Array, v: Array) -> list[tuple[Moving, Moving]]:
+    def compute_frame_pairs(self, q: Array, v: Array) -> list[tuple[FrameMotion, FrameMotion]]:
         """Return the two frames of every closure."""
         model = self.built.model
         data = self.data
@@ -142,22 +142,22 @@ class Tree:
         mujoco.mj_kinematics(model, data)
         mujoco.mj_comPos(model, data)
         mujoco.mj_comVel(model, data)
-        return self.seen()
+        return self.collect_frame_pairs()
 
-    def seen(self) -> list[tuple[Moving, Moving]]:
+    def collect_frame_pairs(self) -> list[tuple[FrameMotion, FrameMotion]]:
         """Return the two frames of every closure where the data stands."""
         return [
-            assembly.build_coupling_frames(c, self.number, self.data.qpos, self.data.qvel)
+            assembly.build_coupling_frames(c, self.find_joint_indices, self.data.qpos, self.data.qvel)
             if c.kind == "coupling"
-            else (self.look(c.first), self.look(c.second))
+            else (self.compute_frame(c.first), self.compute_frame(c.second))
             for c in self.mechanism.closures
         ]
 
-    def number(self, joint: str) -> tuple[int, int]:
+    def find_joint_indices(self, joint: str) -> tuple[int, int]:
         """Return the indices of a joint's one number in qpos and in qvel [-]."""
         return self.built.q_at[joint], self.built.v_at[joint]
 
-    def look(self, at: Attachment) -> Moving:
+    def compute_frame(self, at: Attachment) -> FrameMotion:
         """Return a frame where the data stands."""
         model = self.built.model
         data = self.data
@@ -169,7 +169,7 @@ class Tree:
         mujoco.mj_jacDot(model, data, linear_rate, angular_rate, x, body)
         v = data.qvel
         rates = (linear @ v, angular @ v, linear_rate @ v, angular_rate @ v)
-        return Moving(x, turn @ at.placement.rotation, linear, angular, *rates)
+        return FrameMotion(x, turn @ at.placement.rotation, linear, angular, *rates)
 
 
 def solve_closed_state(tree: Tree, left_out: set[str], time: Array) -> tuple[Array, Array, Array]:
@@ -184,7 +184,7 @@ def solve_closed_state(tree: Tree, left_out: set[str], time: Array) -> tuple[Arr
         first = built.v_at[name]
         unknown[first : first + joint.nv] = True
         unknown_q[at : at + (1 if joint.kind == "continuous" else joint.nq)] = True
-    q, v, a = assembly.solve_closed_motion(assembly.Task(m, tree, unknown, unknown_q), time)
+    q, v, a = assembly.solve_closed_motion(assembly.ClosureTask(m, tree, unknown, unknown_q), time)
     for joint in m.joints:
         if joint.kind == "continuous":
             q[:, built.q_at[joint.name]] = np.unwrap(q[:, built.q_at[joint.name]])
@@ -192,18 +192,18 @@ def solve_closed_state(tree: Tree, left_out: set[str], time: Array) -> tuple[Arr
 
 
 @dataclass(frozen=True)
-class Shares:
+class SampleEfforts:
     """Efforts and forces of one sample, in MuJoCo's coordinates.
 
     effort : (nv,) [N m] or [N] of the drives; acting : given forces and closures; closures : (closures, 6)
     """
 
     effort: Array
-    acting: list[Push]
+    acting: list[AppliedWrench]
     closures: Array
 
 
-def split_state_efforts(tree: Tree, time: float, driven: NDArray[np.bool_], weight: Array) -> Shares:
+def split_state_efforts(tree: Tree, time: float, driven: NDArray[np.bool_], weight: Array) -> SampleEfforts:
     """Return drives' efforts and what acts on links at the state in the data, qacc included; time [s].
 
     driven, weight : (nv,) which coordinates have a drive, and the weight of its square [-]
@@ -221,15 +221,15 @@ def split_state_efforts(tree: Tree, time: float, driven: NDArray[np.bool_], weig
         + np.where(data.qvel == 0.0, data.qfrc_constraint, 0.0)
         - compute_generalized_forces(tree, time)
     )
-    acting = compute_applied_forces(replace(m, springs=()), time, tree.look)
+    acting = compute_applied_forces(replace(m, springs=()), time, tree.compute_frame)
     if not m.closures:
-        return Shares(effort, acting, np.zeros((0, 6)))
-    pairs = tree.seen()
+        return SampleEfforts(effort, acting, np.zeros((0, 6)))
+    pairs = tree.collect_frame_pairs()
     rows = assembly.assemble_rows(m.closures, pairs)
     own = np.isin(rows.closure, [k for k, c in enumerate(m.closures) if not has_equality(c)])
     drives = assembly.split_efforts(np.vstack([g, rows.g[own]]), effort, driven, weight)
-    made = compute_closure_forces(m, pairs, rows, assembly.solve_multipliers(rows.g, effort, drives))
-    return Shares(drives, acting + made, compute_reactions(made, pairs))
+    closure_forces = compute_closure_forces(m, pairs, rows, assembly.solve_multipliers(rows.g, effort, drives))
+    return SampleEfforts(drives, acting + closure_forces, compute_reactions(closure_forces, pairs))
 
 
 def compute_equality_rows(tree: Tree) -> Array:
@@ -243,7 +243,7 @@ def compute_generalized_forces(tree: Tree, time: float) -> Array:
     """Return the generalized forces (nv,) [N m] or [N] of given forces at a time [s]."""
     out = np.zeros(tree.built.model.nv)
     for force in tree.mechanism.forces:
-        at = tree.look(force.at)
+        at = tree.compute_frame(force.at)
         wrench = evaluate_wrench(force, time)
         axes = at.r if force.follower else np.eye(3)
         body = 0 if force.at.link == WORLD else tree.built.body[force.at.link]
@@ -251,7 +251,7 @@ def compute_generalized_forces(tree: Tree, time: float) -> Array:
     return out
 
 
-def write_applied_wrenches(tree: Tree, acting: list[Push]) -> None:
+def write_applied_wrenches(tree: Tree, acting: list[AppliedWrench]) -> None:
     """Write everything that acts on links into xfrc_applied, [N] and [N m] at the bodies' centres of mass."""
     data = tree.data
     data.xfrc_applied[:] = 0.0

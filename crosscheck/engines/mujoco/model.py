@@ -10,7 +10,7 @@ Traps, and what is done about them
 * Principal inertias that violate A + B >= C by rounding (flat plates) are refused: that rounding, no more, is added.
 * A body with explicit inertia and no ``ipos`` gets its own ``pos`` for one, so every ``ipos`` is stated.
 * A new MjSpec takes angles (springref) in degrees: the switch is turned off; URDFs are in radians.
-* A massless link on a moving joint gets FLOOR for mass and inertia and is listed in ``Built.floored``.
+* A massless link on a moving joint gets FLOOR for mass and inertia and is listed in ``BuiltModel.floored``.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from crosscheck.engines.mujoco.joints import Built, add_joints, apply_passive_values, list_joint_names
+from crosscheck.engines.mujoco.joints import BuiltModel, add_joints, apply_passive_values, list_joint_names
 from crosscheck.engines.shared.urdf_source import check_joints, read_source
 from flexinv.model.mechanism import WORLD, Body, Mechanism
 from flexinv.typing import Array
@@ -30,7 +30,7 @@ from flexinv.typing import Array
 FLOOR = 2e-15  # [kg], [kg m^2]: twice mjMINVAL, so that rounding cannot bring it below
 
 
-def build(mechanism: Mechanism, fuse: bool = False, extend: Callable[[Any], None] | None = None) -> Built:
+def build(mechanism: Mechanism, fuse: bool = False, extend: Callable[[Any], None] | None = None) -> BuiltModel:
     """Return MuJoCo's compiled model.  Raises ValueError with MuJoCo's words where it refuses the mechanism.
 
     fuse : weld bodies without joints into their parents; extend : what to add to the MjSpec before it is compiled
@@ -42,7 +42,7 @@ def build(mechanism: Mechanism, fuse: bool = False, extend: Callable[[Any], None
         extend(spec)
     model = spec.compile()
     first = {j.name: model.joint(list_joint_names(j)[0]) for j in mechanism.joints if j.nv}
-    return Built(
+    return BuiltModel(
         model=model,
         q_at={name: int(joint.qposadr[0]) for name, joint in first.items()},
         v_at={name: int(joint.dofadr[0]) for name, joint in first.items()},

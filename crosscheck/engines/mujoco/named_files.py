@@ -36,12 +36,12 @@ class _Walk:
         folders = ["", *(one.get(name, "") for one in root.iter("compiler") for name in FOLDERS)]
         for element in root.iter():
             for name in filter(None, map(element.get, NAMES)):
-                for place in self.places(name, folders):
+                for place in self.list_candidate_paths(name, folders):
                     self.check_kind(place, file, element)
             if element.tag == "include":
                 self.check_include(self.start.parent / element.get("file", ""), file, element)
 
-    def places(self, name: str, folders: list[str]) -> Iterator[Path]:
+    def list_candidate_paths(self, name: str, folders: list[str]) -> Iterator[Path]:
         """The places where MuJoCo may look for a name: of a URDF's meshes it takes the last part alone, unless told otherwise."""
         plain = name.partition("://")[2] or name
         for part in dict.fromkeys((plain, Path(plain).name)):

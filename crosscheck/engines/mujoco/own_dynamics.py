@@ -23,7 +23,7 @@ import numpy as np
 from crosscheck.engines.mujoco.compiled.names import list_joint_names
 from crosscheck.engines.mujoco.joints import (
     STIFF_FRICTION,
-    Built,
+    BuiltModel,
     convert_effort_from_engine,
     convert_from_engine,
     convert_to_engine,
@@ -51,7 +51,7 @@ class OwnDynamics:
 
     model: Any
     mechanism: Mechanism
-    built: Built
+    built: BuiltModel
     switch_off: Callable[[Any, Collection[str]], None] = remove_nothing
     precision: float = 0.0
     _models: dict[frozenset[str], Any] = field(default_factory=dict)
@@ -73,8 +73,8 @@ class OwnDynamics:
         stated = model.opt.gravity.copy()
         if gravity is not None:
             model.opt.gravity[:] = gravity
-        built = Built(model, self.built.q_at, self.built.v_at, self.built.body)
-        state = convert_to_engine(self.mechanism, built, q, qd, qdd)
+        built_model = BuiltModel(model, self.built.q_at, self.built.v_at, self.built.body)
+        state = convert_to_engine(self.mechanism, built_model, q, qd, qdd)
         data = mujoco.MjData(model)
         force = np.empty((len(q), model.nv))
         for k in range(len(q)):
@@ -84,7 +84,7 @@ class OwnDynamics:
             mujoco.mj_inverse(model, data)
             force[k] = data.qfrc_inverse
         model.opt.gravity[:] = stated
-        return convert_effort_from_engine(self.mechanism, built, q, force)
+        return convert_effort_from_engine(self.mechanism, built_model, q, force)
 
     @property
     def start(self) -> Array:
@@ -101,15 +101,15 @@ class OwnDynamics:
             return None
         model = self._build_constraint_model(frozenset(without))
         none = np.zeros((1, self.mechanism.nv))
-        built = Built(model, self.built.q_at, self.built.v_at, self.built.body)
+        built_model = BuiltModel(model, self.built.q_at, self.built.v_at, self.built.body)
         data = mujoco.MjData(model)
-        data.qpos[:] = convert_to_engine(self.mechanism, built, q[None], none, none).q[0]
+        data.qpos[:] = convert_to_engine(self.mechanism, built_model, q[None], none, none).q[0]
         for stage in (mujoco.mj_kinematics, mujoco.mj_comPos, mujoco.mj_tendon, mujoco.mj_makeConstraint):
             stage(model, data)
         rows = data.efc_type == int(mujoco.mjtConstraint.mjCNSTR_EQUALITY)
         jacobian = data.efc_J.reshape(-1, model.nv)[rows]
-        theirs = convert_effort_from_engine(self.mechanism, built, np.tile(q, (len(jacobian), 1)), jacobian)
-        return np.array(data.efc_pos[rows]), theirs
+        effort = convert_effort_from_engine(self.mechanism, built_model, np.tile(q, (len(jacobian), 1)), jacobian)
+        return np.array(data.efc_pos[rows]), effort
 
     def _build_constraint_model(self, without: frozenset[str]) -> Any:
         """The model with equality constraints alone."""
@@ -136,11 +136,11 @@ class OwnDynamics:
         return self._models[without]
 
 
-def find_joint_addresses(model: Any, names: Mapping[int, str]) -> Built:
+def find_joint_addresses(model: Any, names: Mapping[int, str]) -> BuiltModel:
     """Return the places of the joints of a compiled model in it; names : of its joints by number."""
     q_at = {name: int(model.jnt_qposadr[index]) for index, name in names.items()}
     v_at = {name: int(model.jnt_dofadr[index]) for index, name in names.items()}
-    return Built(model, q_at, v_at, {})
+    return BuiltModel(model, q_at, v_at, {})
 
 
 def dynamics(path: Path, mechanism: Mechanism) -> OwnDynamics:

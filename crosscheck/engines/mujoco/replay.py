@@ -8,11 +8,11 @@ import numpy as np
 from crosscheck.engines.mujoco.joints import convert_to_engine
 from crosscheck.engines.mujoco.model import build
 from crosscheck.engines.shared.prescribed import passive_effort
-from crosscheck.engines.shared.replay import Array, Drive
+from crosscheck.engines.shared.replay import Array, DriveTorques
 from flexinv.model.mechanism import Mechanism
 
 
-def replay(mechanism: Mechanism, drive: Drive) -> dict[str, Array]:
+def replay(mechanism: Mechanism, drive: DriveTorques) -> dict[str, Array]:
     """Return the paths of the links' tips, by link (samples, 3) [m], at the times of the torque; one step between two."""
     built = build(mechanism)
     model = built.model
@@ -25,7 +25,7 @@ def replay(mechanism: Mechanism, drive: Drive) -> dict[str, Array]:
     if passive_effort(mechanism, still + 1.0).any():
         raise ValueError("replayed in MuJoCo are arms without damping and dry friction in their joints")
     data.qpos[:] = convert_to_engine(mechanism, built, drive.q[None], still, still).q[0]
-    efforts = drive.efforts(mechanism.actuated)
+    efforts = drive.fill_efforts(mechanism.actuated)
     order = np.concatenate([built.v_at[j.name] + np.arange(j.nv) for j in mechanism.joints if j.nv])
     tip = {link.name: np.empty((len(efforts), 3)) for link in mechanism.links}
     for k in range(len(efforts)):

@@ -24,7 +24,7 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from crosscheck.engines.mujoco.joints import Built
+from crosscheck.engines.mujoco.joints import BuiltModel
 from crosscheck.engines.mujoco.model import FLOOR, build, convert_to_quaternion
 from flexinv.errors import InputError
 from flexinv.model.mechanism import WORLD, Beam, Body, Inertia, Link, Mechanism
@@ -79,7 +79,7 @@ class Rod:
         bending = 4 / self.edge**2 * np.sqrt(ei / self.density)
         return float(np.hypot(stretch, bending))
 
-    def point(self, k: int) -> str:
+    def format_point_name(self, k: int) -> str:
         """Name of the body that carries point k [-], 1 the first after the root."""
         return f"{self.link}/point {k}"
 
@@ -128,14 +128,14 @@ def find_bending_axis(mechanism: Mechanism, link: Link) -> int | None:
     return None
 
 
-def build_flexible_model(mechanism: Mechanism, rod: Rod, step: float) -> Built:
+def build_flexible_model(mechanism: Mechanism, rod: Rod, step: float) -> BuiltModel:
     """Return MuJoCo's model of the mechanism without drives, with a flex for the rod; step [s]."""
     return build(_build_rigid_part(mechanism, rod), extend=lambda spec: _add_rod(spec, rod, step))
 
 
 def _build_rigid_part(mechanism: Mechanism, rod: Rod) -> Mechanism:
     """The mechanism without drives; of the beam what moves with its link: bodies at the root and half an edge's mass."""
-    half = Body("half an edge", Inertia.stated(rod.density * rod.edge / 2), 0.0)
+    half = Body("half an edge", Inertia.build_unchecked(rod.density * rod.edge / 2), 0.0)
     links = []
     for link in mechanism.links:
         if link.beam is not None:
@@ -151,7 +151,9 @@ def _convert_to_link_frame(body: Body, beam: Beam) -> Body:
     place = beam.placement.position
     rotation = beam.placement.rotation
     inertia = body.inertia
-    moved = Inertia.stated(inertia.mass, place + rotation @ inertia.com, rotation @ inertia.tensor @ rotation.T)
+    moved = Inertia.build_unchecked(
+        inertia.mass, place + rotation @ inertia.com, rotation @ inertia.tensor @ rotation.T
+    )
     return replace(body, station=None, inertia=moved)
 
 
@@ -170,7 +172,7 @@ def _add_point(link: Any, rod: Rod, k: int) -> None:
     place = rod.beam.placement
     last = k == rod.elements
     point = link.add_body(
-        name=rod.point(k),
+        name=rod.format_point_name(k),
         pos=place.position + place.rotation[:, 0] * (k * rod.edge),
         quat=convert_to_quaternion(place.rotation),
         mass=rod.density * rod.edge * (0.5 if last else 1.0) + (rod.tip if last else 0.0),
@@ -179,14 +181,16 @@ def _add_point(link: Any, rod: Rod, k: int) -> None:
         explicitinertial=True,
     )
     for axis in (0, rod.bent):
-        point.add_joint(name=f"{rod.point(k)}/{'xyz'[axis]}", type=mujoco.mjtJoint.mjJNT_SLIDE, axis=np.eye(3)[axis])
+        point.add_joint(
+            name=f"{rod.format_point_name(k)}/{'xyz'[axis]}", type=mujoco.mjtJoint.mjJNT_SLIDE, axis=np.eye(3)[axis]
+        )
 
 
 def _add_flex(spec: Any, rod: Rod) -> None:
     root = rod.beam.placement.position
     axis = rod.beam.placement.rotation[:, 0]
     flex = spec.add_flex(name="rod", dim=1, contype=0, conaffinity=0)
-    flex.vertbody = [rod.link, rod.link, *(rod.point(k) for k in range(1, rod.elements + 1))]
+    flex.vertbody = [rod.link, rod.link, *(rod.format_point_name(k) for k in range(1, rod.elements + 1))]
     flex.vert = [*(root - GHOST * rod.edge * axis), *root, *np.zeros(3 * rod.elements)]
     flex.elem = [i for k in range(rod.elements + 1) for i in (k, k + 1)]
     flex.section = mujoco.mjtFlexSection.mjFLEXSECTION_CIRCLE

@@ -30,7 +30,7 @@ from numpy.typing import NDArray
 from crosscheck.engines.base import Options, beside, sample_times
 from crosscheck.engines.pinocchio import loops as pinocchio_loops
 from crosscheck.engines.pinocchio import phases as pinocchio_phases
-from crosscheck.engines.pinocchio.model import Built, build, compute_inverse_dynamics
+from crosscheck.engines.pinocchio.model import BuiltModel, build, compute_inverse_dynamics
 from crosscheck.engines.shared import loop_closure as assembly
 from crosscheck.engines.shared.prescribed import describe_nontree_parts, missing_motion, passive_effort
 from crosscheck.measures.record import (
@@ -45,7 +45,7 @@ from flexinv.files.load_cases import Case
 from flexinv.model.mechanism import Mechanism
 
 __all__ = [
-    "Built", "abilities", "build", "certify", "compute_inverse_dynamics", "export", "passive_effort", "replay",
+    "BuiltModel", "abilities", "build", "certify", "compute_inverse_dynamics", "export", "passive_effort", "replay",
     "run", "unsupported", "version",
 ]  # fmt: skip
 
@@ -100,18 +100,20 @@ def run(mechanism: Mechanism, case: Case, engine: str, options: Options) -> Reco
     )
 
 
-def _solve_efforts(mechanism: Mechanism, case: Case, built: Built, time: Array) -> pinocchio_loops.Held:
+def _solve_efforts(
+    mechanism: Mechanism, case: Case, built_model: BuiltModel, time: Array
+) -> pinocchio_loops.ClosedDynamics:
     """Efforts and wrenches: of loops, phase by phase, or of an open tree."""
     if mechanism.closures:
-        return pinocchio_phases.solve_phase_efforts(mechanism, case, built, time)
-    state = pinocchio_loops.solve_motion(mechanism, case, built, time)
+        return pinocchio_phases.solve_phase_efforts(mechanism, case, built_model, time)
+    state = pinocchio_loops.solve_motion(mechanism, case, built_model, time)
     if describe_nontree_parts(mechanism):
-        return pinocchio_loops.solve_efforts(mechanism, built, time, state)
-    result = compute_inverse_dynamics(built, *state)
-    return pinocchio_loops.Held(result.torque + passive_effort(mechanism, state[1]), result)
+        return pinocchio_loops.solve_efforts(mechanism, built_model, time, state)
+    result = compute_inverse_dynamics(built_model, *state)
+    return pinocchio_loops.ClosedDynamics(result.torque + passive_effort(mechanism, state[1]), result)
 
 
-def _collect_series(mechanism: Mechanism, held: pinocchio_loops.Held) -> dict[str, Series]:
+def _collect_series(mechanism: Mechanism, held: pinocchio_loops.ClosedDynamics) -> dict[str, Series]:
     out = torque_series(mechanism, held.torque)
     for link, place in held.dynamics.tip.items():
         out |= vector_series(f"tip/{link}", "m", place)

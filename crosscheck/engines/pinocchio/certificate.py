@@ -9,7 +9,7 @@ import numpy as np
 import pinocchio as pin
 
 from crosscheck.engines.pinocchio import loops as pinocchio_loops
-from crosscheck.engines.pinocchio.model import Built, build, convert_to_engine
+from crosscheck.engines.pinocchio.model import BuiltModel, build, convert_to_engine
 from crosscheck.engines.shared import loop_closure as assembly
 from crosscheck.engines.shared.prescribed import collect_passive_elements
 from crosscheck.engines.shared.probe_states import Array, configurations, move_inertia_to_origin
@@ -57,20 +57,20 @@ def certify(mechanism: Mechanism, case: Case, engine: str) -> Certificate:
     )
 
 
-def _read_closure_ends(mechanism: Mechanism, case: Case, built: Built) -> dict[str, Any]:
+def _read_closure_ends(mechanism: Mechanism, case: Case, built_model: BuiltModel) -> dict[str, Any]:
     """Return points and axes of closures on each link, in its frame: poses of Pinocchio's frames beside those of links."""
-    tree = pinocchio_loops.Tree(mechanism, built, built.model.createData(), case)
-    place, rate, _ = tree.given(np.zeros(1))
-    tree.place(place[0], rate[0])
+    tree = pinocchio_loops.Tree(mechanism, built_model, built_model.model.createData(), case)
+    place, rate, _ = tree.evaluate_motion(np.zeros(1))
+    tree.update_kinematics(place[0], rate[0])
     points = {}
     axes = {}
     for closure in (c for c in mechanism.closures if c.kind != "coupling"):
         for end, at in (("first", closure.first), ("second", closure.second)):
-            own = tree.look(replace(at, placement=Placement()))
-            seen = tree.look(at)
-            points[f"{closure.name}: {end}"] = own.r.T @ (seen.x - own.x)
+            frame = tree.compute_frame(replace(at, placement=Placement()))
+            seen = tree.compute_frame(at)
+            points[f"{closure.name}: {end}"] = frame.r.T @ (seen.x - frame.x)
             if closure.kind in TURNING or (end == "first" and closure.kind in ("universal", "point-on-line")):
-                axes[f"{closure.name}: {end}"] = own.r.T @ seen.r @ closure.axis
+                axes[f"{closure.name}: {end}"] = frame.r.T @ seen.r @ closure.axis
     return {"closure_points": points, "closure_axes": axes}
 
 
@@ -78,32 +78,36 @@ def _resolve_joint_name(mechanism: Mechanism, name: str) -> str:
     return mechanism.joints[0].name if name == "root_joint" else name
 
 
-def _compute_joint_axes(mechanism: Mechanism, built: Built, places: Array) -> dict[str, Array]:
+def _compute_joint_axes(mechanism: Mechanism, built_model: BuiltModel, places: Array) -> dict[str, Array]:
     """Columns of the joints' Jacobians in the world: angular of hinges, linear of slides."""
-    model = built.model
-    data = built.model.createData()
+    model = built_model.model
+    data = built_model.model.createData()
     found: dict[str, list[Array]] = {j.name: [] for j in mechanism.joints if j.nv == 1}
     for place in places:
         pin.computeJointJacobians(model, data, place)
         for joint in mechanism.joints:
             if joint.nv == 1:
                 column = np.array(data.J).reshape(6, model.nv)[
-                    :, built.v_order[mechanism.v_slices[joint.name].start]
+                    :, built_model.v_order[mechanism.v_slices[joint.name].start]
                 ]  # a copy
                 found[joint.name].append(column[:3] if joint.kind == "prismatic" else column[3:])
     return {name: np.array(rows) for name, rows in found.items()}
 
 
-def _compute_closure_residual(mechanism: Mechanism, case: Case, built: Built) -> tuple[float | None, int | None]:
+def _compute_closure_residual(
+    mechanism: Mechanism, case: Case, built_model: BuiltModel
+) -> tuple[float | None, int | None]:
     """Largest residual of the closures' equations and their rank, where the motion starts; as guessed if they do not close."""
     if not mechanism.closures or any(c.active for c in mechanism.closures):
         return None, None
-    tree = pinocchio_loops.Tree(mechanism, built, built.model.createData(), case)
-    place, rate, _ = tree.given(np.zeros(1))
+    tree = pinocchio_loops.Tree(mechanism, built_model, built_model.model.createData(), case)
+    place, rate, _ = tree.evaluate_motion(np.zeros(1))
     closes = True
     try:
-        place, rate, _ = convert_to_engine(built, *pinocchio_loops.solve_motion(mechanism, case, built, np.zeros(1)))
+        place, rate, _ = convert_to_engine(
+            built_model, *pinocchio_loops.solve_motion(mechanism, case, built_model, np.zeros(1))
+        )
     except assembly.AssemblyError:
         closes = False
-    rows = assembly.assemble_rows(mechanism.closures, tree.pairs(place[0], rate[0]))
+    rows = assembly.assemble_rows(mechanism.closures, tree.compute_frame_pairs(place[0], rate[0]))
     return float(np.abs(rows.phi).max()) if closes else None, assembly.compute_rank(rows.g)

@@ -74,8 +74,8 @@ def _build_description(model: Any, label: str, kind: str, path: Path | None, tie
         links.append(Link(names[0], (Body(names[0], _convert_inertia(held)),)))
     for k in range(1, model.njoints):
         parent = names[model.parents[k]] if model.parents[k] else WORLD
-        made = _read_joint(model, k, parent, names[k])
-        joints.append(made)
+        joint = _read_joint(model, k, parent, names[k])
+        joints.append(joint)
         body = _convert_inertia(model.inertias[k])
         links.append(Link(names[k], (Body(names[k], body),) if body.mass or body.tensor.any() else ()))
         if "Mimic" in model.joints[k].shortname():
@@ -89,11 +89,11 @@ def _build_description(model: Any, label: str, kind: str, path: Path | None, tie
         closures=tuple(closures),
     )
     stated = kind != "urdf"
-    found = Description(label, mechanism, kind, "pinocchio", file=path, root_stated=stated, gravity_stated=stated)
+    description = Description(label, mechanism, kind, "pinocchio", file=path, root_stated=stated, gravity_stated=stated)
     try:
-        return replace(found, dynamics=build_dynamics(model, mechanism, label))
+        return replace(description, dynamics=build_dynamics(model, mechanism, label))
     except InputError as error:
-        return replace(found, unproven=str(error))
+        return replace(description, unproven=str(error))
 
 
 def _list_body_names(model: Any) -> list[str]:
@@ -124,7 +124,7 @@ def _apply_unique_names(model: Any) -> Any:
 
 
 def _convert_inertia(found: Any) -> Inertia:
-    return Inertia.stated(float(found.mass), np.array(found.lever), np.array(found.inertia))
+    return Inertia.build_unchecked(float(found.mass), np.array(found.lever), np.array(found.inertia))
 
 
 def _read_joint(model: Any, k: int, parent: str, child: str) -> Joint:

@@ -17,7 +17,7 @@ Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
-class Built:
+class BuiltModel:
     """Pinocchio's model of a mechanism and where everything is in it.
 
     q_order, v_order : the mechanism's coordinate k is the model's coordinate order[k]
@@ -34,7 +34,7 @@ class Built:
     link: dict[str, tuple[int, Any]]
 
 
-def build(mechanism: Mechanism) -> Built:
+def build(mechanism: Mechanism) -> BuiltModel:
     """Return Pinocchio's own model.  Raises ValueError where its URDF parser finds other joints than the mechanism."""
     model, at = _build_from_urdf(mechanism) if mechanism.urdf else _build_from_data(mechanism)
     model.gravity = pin.Motion(mechanism.gravity, np.zeros(3))
@@ -44,7 +44,7 @@ def build(mechanism: Mechanism) -> Built:
         first = model.joints[ids[j.name]].idx_v
         model.armature[first : first + j.nv] = j.rotor_inertia
     tip = {link.name: (at[link.name][0], at[link.name][1].act(link.tip)) for link in mechanism.links}
-    return Built(
+    return BuiltModel(
         model=model,
         q_order=_build_order([(model.joints[ids[j.name]].idx_q, j.nq) for j in moving]),
         v_order=_build_order([(model.joints[ids[j.name]].idx_v, j.nv) for j in moving]),
@@ -147,30 +147,38 @@ class Dynamics:
     tip: dict[str, Array]
 
 
-def convert_to_engine(built: Built, q: Array, qd: Array, qdd: Array) -> tuple[Array, Array, Array]:
+def convert_to_engine(built_model: BuiltModel, q: Array, qd: Array, qdd: Array) -> tuple[Array, Array, Array]:
     """Return q (samples, nq), v and a (samples, nv) [rad or m, s] in the order of Pinocchio's model."""
-    ours = np.empty((len(q), built.model.nq)), np.empty((len(q), built.model.nv)), np.empty((len(q), built.model.nv))
-    for theirs, mine, order in zip(ours, (q, qd, qdd), (built.q_order, built.v_order, built.v_order), strict=True):
+    engine = (
+        np.empty((len(q), built_model.model.nq)),
+        np.empty((len(q), built_model.model.nv)),
+        np.empty((len(q), built_model.model.nv)),
+    )
+    for theirs, mine, order in zip(
+        engine, (q, qd, qdd), (built_model.q_order, built_model.v_order, built_model.v_order), strict=True
+    ):
         theirs[:, order] = mine
-    return ours
+    return engine
 
 
-def compute_inverse_dynamics(built: Built, q: Array, qd: Array, qdd: Array, external: Sequence[Any] = ()) -> Dynamics:
+def compute_inverse_dynamics(
+    built_model: BuiltModel, q: Array, qd: Array, qdd: Array, external: Sequence[Any] = ()
+) -> Dynamics:
     """Return rnea of every sample, q (samples, nq), qd and qdd (samples, nv) [rad or m, s] in the mechanism's order.
 
     external : per sample what acts from outside on every joint's body, [N], [N m] in that joint's frame (none: nothing)
     """
-    model = built.model
-    data = built.model.createData()
-    ours = convert_to_engine(built, q, qd, qdd)
+    model = built_model.model
+    data = built_model.model.createData()
+    engine = convert_to_engine(built_model, q, qd, qdd)
     torque = np.empty((len(q), model.nv))
-    wrench = {name: np.empty((len(q), 6)) for name in built.joint}
-    tip = {name: np.empty((len(q), 3)) for name in built.tip}
-    for k, (qk, vk, ak) in enumerate(zip(*ours, strict=True)):
+    wrench = {name: np.empty((len(q), 6)) for name in built_model.joint}
+    tip = {name: np.empty((len(q), 3)) for name in built_model.tip}
+    for k, (qk, vk, ak) in enumerate(zip(*engine, strict=True)):
         torque[k] = pin.rnea(model, data, qk, vk, ak, *external[k : k + 1])
-        for name, (index, frame) in built.joint.items():
+        for name, (index, frame) in built_model.joint.items():
             wrench[name][k] = frame.actInv(data.f[index]).vector
         pin.forwardKinematics(model, data, qk)
-        for name, (index, point) in built.tip.items():
+        for name, (index, point) in built_model.tip.items():
             tip[name][k] = data.oMi[index].act(point)
-    return Dynamics(torque[:, built.v_order], wrench, tip)
+    return Dynamics(torque[:, built_model.v_order], wrench, tip)

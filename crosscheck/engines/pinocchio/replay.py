@@ -9,17 +9,17 @@ import pinocchio as pin
 
 from crosscheck.engines.pinocchio.model import build
 from crosscheck.engines.shared.prescribed import passive_effort
-from crosscheck.engines.shared.replay import Array, Drive
+from crosscheck.engines.shared.replay import Array, DriveTorques
 from flexinv.model.mechanism import Mechanism
 
 
-def replay(mechanism: Mechanism, drive: Drive) -> dict[str, Array]:
+def replay(mechanism: Mechanism, drive: DriveTorques) -> dict[str, Array]:
     """Return the paths of the links' tips, by link (samples, 3) [m], at the times of the torque; one step between two."""
     built = build(mechanism)
     model = built.model
     data = built.model.createData()
     efforts = np.empty((len(drive.torque), model.nv))
-    efforts[:, built.v_order] = drive.efforts(mechanism.actuated)
+    efforts[:, built.v_order] = drive.fill_efforts(mechanism.actuated)
     q = np.empty(model.nq)
     v = np.zeros(model.nv)
     q[built.q_order] = drive.q

@@ -49,7 +49,7 @@ class AssemblyError(RuntimeError):
 
 
 @dataclass(frozen=True)
-class Moving:
+class FrameMotion:
     """A frame in the world.
 
     x (3,) [m], r (3, 3) : pose; linear, angular (3, nv) : Jacobians; v, w (3,) [m/s], [rad/s]
@@ -67,7 +67,7 @@ class Moving:
 
 
 @dataclass(frozen=True)
-class Rows:
+class ClosureRows:
     """Equations of all closures: phi [m], [-]; g (rows, nv); bias (rows,): phi'' at zero acceleration of coordinates.
 
     closure : (rows,) index; force, moment : (rows, 3) in the world, on the second frame per unit of the multiplier
@@ -84,13 +84,13 @@ class Rows:
 class Tree(Protocol):
     """Interface of an engine's open tree, in its own coordinates."""
 
-    def pairs(self, q: Array, v: Array) -> list[tuple[Moving, Moving]]:
+    def compute_frame_pairs(self, q: Array, v: Array) -> list[tuple[FrameMotion, FrameMotion]]:
         """Return first and second frame of every closure."""
 
-    def moved(self, q: Array, step: Array) -> Array:
+    def integrate_step(self, q: Array, step: Array) -> Array:
         """Return q after a step (nv,) [rad], [m] of velocity coordinates."""
 
-    def given(self, time: Array) -> tuple[Array, Array, Array]:
+    def evaluate_motion(self, time: Array) -> tuple[Array, Array, Array]:
         """Return q, v, a at times [s]; joints that the motion leaves out stand at their guess."""
 
 
@@ -127,7 +127,7 @@ def build_equation_vectors(closure: Closure) -> tuple[list[Array], list[tuple[Ar
 
 def build_coupling_frames(
     closure: Closure, place: Callable[[str], tuple[int, int]], q: Array, v: Array
-) -> tuple[Moving, Moving]:
+) -> tuple[FrameMotion, FrameMotion]:
     """Return a coupling, sum factor q = offset [rad], [m], as two points on a line: the second is where the sum is.
 
     place : joint -> where its number stands in q (nq,) and in v (nv,).  Both points are the world's: a force between
@@ -141,11 +141,11 @@ def build_coupling_frames(
         at, column = place(name)
         sum_of[0] += factor * q[at]
         rate[0, column] += factor
-    fixed = Moving(still, np.eye(3), none, none, still, still, still, still)
-    return fixed, Moving(sum_of, np.eye(3), rate, none, rate @ v, still, still, still)
+    fixed = FrameMotion(still, np.eye(3), none, none, still, still, still, still)
+    return fixed, FrameMotion(sum_of, np.eye(3), rate, none, rate @ v, still, still, still)
 
 
-def assemble_rows(closures: tuple[Closure, ...], pairs: list[tuple[Moving, Moving]]) -> Rows:
+def assemble_rows(closures: tuple[Closure, ...], pairs: list[tuple[FrameMotion, FrameMotion]]) -> ClosureRows:
     """Return all equations [m], [-] at one state."""
     rows: list[tuple[Any, ...]] = []
     for index, (closure, (first, second)) in enumerate(zip(closures, pairs, strict=True)):
@@ -153,10 +153,10 @@ def assemble_rows(closures: tuple[Closure, ...], pairs: list[tuple[Moving, Movin
         rows += [(*compute_position_row(first, second, first.r @ u), index) for u in positions]
         rows += [(*compute_direction_row(first, second, first.r @ u, second.r @ w), index) for u, w in directions]
     phi, g, bias, force, moment, owner = (np.array(column) for column in zip(*rows, strict=True))
-    return Rows(phi, g, bias, owner, force, moment)
+    return ClosureRows(phi, g, bias, owner, force, moment)
 
 
-def compute_position_row(first: Moving, second: Moving, u: Array) -> tuple[Any, ...]:
+def compute_position_row(first: FrameMotion, second: FrameMotion, u: Array) -> tuple[Any, ...]:
     """Return phi [m], its Jacobian (nv,), its bias, force and moment of u . (x_2 - x_1) = 0; u : (3,) [-], world."""
     d = second.x - first.x
     v = second.v - first.v
@@ -167,7 +167,7 @@ def compute_position_row(first: Moving, second: Moving, u: Array) -> tuple[Any, 
     return u @ d, g, bias, u, np.zeros(3)
 
 
-def compute_direction_row(first: Moving, second: Moving, u: Array, w: Array) -> tuple[Any, ...]:
+def compute_direction_row(first: FrameMotion, second: FrameMotion, u: Array, w: Array) -> tuple[Any, ...]:
     """Return phi [-], its Jacobian (nv,), its bias, force and moment of u . w = 0; u, w : (3,) [-], world."""
     u1 = cross(first.w, u)
     w1 = cross(second.w, w)
@@ -181,7 +181,7 @@ def compute_direction_row(first: Moving, second: Moving, u: Array, w: Array) -> 
 
 
 @dataclass(frozen=True)
-class Task:
+class ClosureTask:
     """A mechanism whose motion leaves joints to the closures.
 
     unknown : (nv,) and unknown_q : (nq,) which of the tree's coordinates follow from the closures
@@ -193,18 +193,18 @@ class Task:
     unknown_q: NDArray[np.bool_]
 
 
-def solve_closed_motion(task: Task, time: Array) -> tuple[Array, Array, Array]:
+def solve_closed_motion(task: ClosureTask, time: Array) -> tuple[Array, Array, Array]:
     """Return q (samples, nq), v, a (samples, nv) [rad], [m], [s] of the tree on its closures.
 
     Raises AssemblyError where the loops do not close, where the branch is lost, and where they stay movable.
     """
-    given = task.tree.given(time)
-    q = _solve_newton(task, given[0][0])
+    motion = task.tree.evaluate_motion(time)
+    q = _solve_newton(task, motion[0][0])
     if q is None:
         raise AssemblyError(
             f"the loops do not close at t = {time[0]:g} s: another guess of the joints left out is needed"
         )
-    states = [(a, b, c) for a, b, c in zip(*given, strict=True)]
+    states = [(a, b, c) for a, b, c in zip(*motion, strict=True)]
     rates = _solve_rates(task, q, float(time[0]), states[0])
     out = [(q, *rates)]
     for (before, after), state in zip(pairwise(time), states[1:], strict=True):
@@ -222,7 +222,7 @@ def compute_extent(mechanism: Mechanism) -> float:
     return float(np.abs(offsets).sum() + beams) or 1.0
 
 
-def _compute_scales(task: Task, rows: Rows) -> Array:
+def _compute_scales(task: ClosureTask, rows: ClosureRows) -> Array:
     """Return the divisor of each equation, (rows,): a length [m] for positions, 1 for directions.
 
     Where closures are redundant and the given motion meets them to its digits only, this weighs what is left open.
@@ -230,31 +230,31 @@ def _compute_scales(task: Task, rows: Rows) -> Array:
     return np.where(rows.force.any(axis=1), compute_extent(task.mechanism), 1.0)
 
 
-def _solve_newton(task: Task, guess: Array) -> Array | None:
+def _solve_newton(task: ClosureTask, guess: Array) -> Array | None:
     """Return the closed configuration near a guess, or None."""
     q = guess
     rest = np.zeros(len(task.unknown))
     for _ in range(MOST_ITERATIONS):
-        rows = assemble_rows(task.mechanism.closures, task.tree.pairs(q, rest))
+        rows = assemble_rows(task.mechanism.closures, task.tree.compute_frame_pairs(q, rest))
         step = rest.copy()
         scale = _compute_scales(task, rows)
         step[task.unknown] = -np.linalg.lstsq(
             rows.g[:, task.unknown] / scale[:, None], rows.phi / scale, rcond=REDUNDANT
         )[0]
         # The last step is taken, too: soft constraints multiply what it mends by their stiffness, some 1e8.
-        q = task.tree.moved(q, step)
+        q = task.tree.integrate_step(q, step)
         if np.abs(step).max() < STALLED:
             break
     return q if np.abs(rows.phi).max() < CLOSED else None
 
 
-def _solve_rates(task: Task, q: Array, time: float, given: State) -> tuple[Array, Array]:
+def _solve_rates(task: ClosureTask, q: Array, time: float, given: State) -> tuple[Array, Array]:
     """Return v and a (nv,) [1/s], [1/s^2]: G v = 0 and G a + bias = 0 with the given coordinates as they are at a time [s]."""
     _, v, a = given
     free = task.unknown
     v = np.where(free, 0.0, v)
     a = np.where(free, 0.0, a)
-    rows = assemble_rows(task.mechanism.closures, task.tree.pairs(q, v))
+    rows = assemble_rows(task.mechanism.closures, task.tree.compute_frame_pairs(q, v))
     scale = _compute_scales(task, rows)
     g = rows.g / scale[:, None]
     solved, _, rank, _ = np.linalg.lstsq(g[:, free], -g @ v, rcond=REDUNDANT)
@@ -264,18 +264,18 @@ def _solve_rates(task: Task, q: Array, time: float, given: State) -> tuple[Array
             "or the motion gives too few coordinates"
         )
     v[free] = solved
-    rows = assemble_rows(task.mechanism.closures, task.tree.pairs(q, v))
+    rows = assemble_rows(task.mechanism.closures, task.tree.compute_frame_pairs(q, v))
     a[free] = np.linalg.lstsq(g[:, free], -(rows.bias / scale + g @ a), rcond=REDUNDANT)[0]
     return v, a
 
 
-def _evaluate_motion(task: Task, time: float) -> State:
-    q, v, a = task.tree.given(np.array([time]))
+def _evaluate_motion(task: ClosureTask, time: float) -> State:
+    q, v, a = task.tree.evaluate_motion(np.array([time]))
     return q[0], v[0], a[0]
 
 
 def _integrate_step(
-    task: Task, q: Array, rates: tuple[Array, Array], times: tuple[float, float], end: State
+    task: ClosureTask, q: Array, rates: tuple[Array, Array], times: tuple[float, float], end: State
 ) -> tuple[Array, tuple[Array, Array]]:
     """Follow the loops from one time to the next, at which the given coordinates are ``end``."""
     before, after = times
@@ -284,15 +284,15 @@ def _integrate_step(
     while done < 1.0:
         target = min(1.0, done + part)
         step = (target - done) * (after - before)
-        guess = task.tree.moved(q, step * rates[0] + step**2 / 2 * rates[1])
+        guess = task.tree.integrate_step(q, step * rates[0] + step**2 / 2 * rates[1])
         time = before + target * (after - before)
         given = end if target == 1.0 else _evaluate_motion(task, time)
         guess = np.where(task.unknown_q, guess, given[0])
-        found = _solve_newton(task, guess)
-        if found is not None and np.abs(found - guess).max() < SURPRISE:
-            q = found
+        newton = _solve_newton(task, guess)
+        if newton is not None and np.abs(newton - guess).max() < SURPRISE:
+            q = newton
             done = target
-            rates = _solve_rates(task, found, time, given)
+            rates = _solve_rates(task, newton, time, given)
         elif (part := part / 2) < 0.5**MOST_HALVINGS:
             raise AssemblyError(f"the loops cannot be followed beyond t = {before + done * (after - before):g} s")
     return q, rates

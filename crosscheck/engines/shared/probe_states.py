@@ -40,10 +40,10 @@ def move_inertia_to_origin(mass: float, com: Array, tensor: Array) -> tuple[Arra
 def collect_joint_bodies(mechanism: Mechanism) -> dict[str, list[tuple[str, Body]]]:
     """Return the bodies (with their links) that each moving joint carries up to the next one; of beams, their bodies."""
     mover: dict[str, str | None] = {WORLD: None}
-    found: dict[str, list[tuple[str, Body]]] = {j.name: [] for j in mechanism.joints if j.nv}
+    joint_bodies: dict[str, list[tuple[str, Body]]] = {j.name: [] for j in mechanism.joints if j.nv}
     for joint in mechanism.joints:
         mover[joint.child] = joint.name if joint.nv else mover[joint.parent]
         name = mover[joint.child]
         if name is not None:
-            found[name] += [(joint.child, body) for body in mechanism.link_of[joint.child].bodies]
-    return found
+            joint_bodies[name] += [(joint.child, body) for body in mechanism.link_of[joint.child].bodies]
+    return joint_bodies

@@ -11,7 +11,7 @@ Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
-class Drive:
+class DriveTorques:
     """Torques of the drives over time, linear between the samples; the mechanism starts at rest.
 
     q : (nq,) where it starts [rad], [m]; spacing : of the samples [s]; torque : (samples, drives) [N m], [N]
@@ -21,7 +21,7 @@ class Drive:
     spacing: float
     torque: Array
 
-    def efforts(self, actuated: NDArray[np.bool_]) -> Array:
+    def fill_efforts(self, actuated: NDArray[np.bool_]) -> Array:
         """Return the efforts of all velocity coordinates (samples, nv) [N m], [N], zero where there is no drive."""
         out = np.zeros((len(self.torque), len(actuated)))
         out[:, actuated] = self.torque

@@ -26,7 +26,7 @@ SHAKE = 8 * np.finfo(float).eps
 NAME = "rounding"
 
 
-class Shaken:
+class PerturbedMotion:
     """A motion whose coordinates, rates and accelerations differ by ``SHAKE`` [-], up and down by turns.
 
     way : 0, by turns along the samples; 1, 2, ..., by a factor that stays, another one each, without noise: the motion
@@ -49,8 +49,8 @@ class Shaken:
 
 
 def build_perturbed_case(case: Case, way: int = 0) -> Case:
-    """Return a case whose motion differs by its last digits, as `Shaken` moves them [rad], [m]; way : see there [-]."""
-    return replace(case, motion=cast(Motion, Shaken(case.motion, way)))
+    """Return a case whose motion differs by its last digits, as `PerturbedMotion` moves them [rad], [m]; way : see there [-]."""
+    return replace(case, motion=cast(Motion, PerturbedMotion(case.motion, way)))
 
 
 def add_rounding_bars(adapter: Adapter, record: Record, mechanism: Mechanism, case: Case, options: Options) -> Record:

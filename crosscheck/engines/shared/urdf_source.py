@@ -52,10 +52,10 @@ def _read_root(path: Path | None) -> Element:
     assert path is not None
     data = path.read_bytes()
     try:
-        found: Element = fromstring(data)
+        element: Element = fromstring(data)
     except ParseError:
-        found = fromstring(replace_invalid_xml(data)[0])
-    return found
+        element = fromstring(replace_invalid_xml(data)[0])
+    return element
 
 
 def _has_inertia(link: Element) -> bool:

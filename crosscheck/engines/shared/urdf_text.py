@@ -133,10 +133,10 @@ def _build_urdf(mechanism: Mechanism) -> ET.Element:
         link = mechanism.link_of[joint.child]
         if joint is not skipped:
             _add_joint(robot, joint)
-        own = ET.SubElement(robot, "link", name=joint.child)
+        sub_element = ET.SubElement(robot, "link", name=joint.child)
         for k, body in enumerate(link.bodies):
             if k == 0:
-                _add_inertial(own, body)
+                _add_inertial(sub_element, body)
             else:
                 _add_fixed_body(robot, joint.child, body, f"{joint.child}.{body.name}")
     return robot
@@ -169,16 +169,19 @@ def _write(
     axis: Any,
     limits: Limits | None = None,
 ) -> ET.Element:
-    made = ET.SubElement(robot, "joint", name=name, type=kind)
+    sub_element = ET.SubElement(robot, "joint", name=name, type=kind)
     ET.SubElement(
-        made, "origin", xyz=_format_numbers(at.position), rpy=_format_numbers(compute_roll_pitch_yaw(at.rotation))
+        sub_element,
+        "origin",
+        xyz=_format_numbers(at.position),
+        rpy=_format_numbers(compute_roll_pitch_yaw(at.rotation)),
     )
-    ET.SubElement(made, "parent", link=ends[0])
-    ET.SubElement(made, "child", link=ends[1])
+    ET.SubElement(sub_element, "parent", link=ends[0])
+    ET.SubElement(sub_element, "child", link=ends[1])
     if kind not in ("fixed", "floating"):
-        ET.SubElement(made, "axis", xyz=_format_numbers(axis))
-    _add_limits(made, kind, limits or Limits())
-    return made
+        ET.SubElement(sub_element, "axis", xyz=_format_numbers(axis))
+    _add_limits(sub_element, kind, limits or Limits())
+    return sub_element
 
 
 def _add_limits(element: ET.Element, kind: str, limits: Limits) -> None:
@@ -205,10 +208,10 @@ def _add_transmission(robot: ET.Element, joint: Joint) -> None:
         return
     ratio = joint.drive.ratio if joint.drive is not None else 1.0
     for name in (f"{joint.name}.1", f"{joint.name}.2") if joint.kind == "universal" else (joint.name,):
-        made = ET.SubElement(robot, "transmission", name=f"{name}.transmission")
-        ET.SubElement(made, "type").text = "transmission_interface/SimpleTransmission"
-        ET.SubElement(made, "joint", name=name)
-        actuator = ET.SubElement(made, "actuator", name=f"{name}.actuator")
+        sub_element = ET.SubElement(robot, "transmission", name=f"{name}.transmission")
+        ET.SubElement(sub_element, "type").text = "transmission_interface/SimpleTransmission"
+        ET.SubElement(sub_element, "joint", name=name)
+        actuator = ET.SubElement(sub_element, "actuator", name=f"{name}.actuator")
         ET.SubElement(actuator, "mechanicalReduction").text = repr(float(ratio))
         ET.SubElement(actuator, DRAKE + "rotor_inertia", value=repr(float(joint.rotor_inertia / ratio**2)))
         ET.SubElement(actuator, DRAKE + "gear_ratio", value=repr(float(ratio)))

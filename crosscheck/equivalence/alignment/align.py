@@ -16,9 +16,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from crosscheck.equivalence.alignment.lengths import Lengths
-from crosscheck.equivalence.alignment.poses import Poses
-from crosscheck.equivalence.alignment.seats import Aligned, make_joint_alignment
+from crosscheck.equivalence.alignment.lengths import DescriptionLengths
+from crosscheck.equivalence.alignment.member_alignment import MemberAlignment, make_joint_alignment
+from crosscheck.equivalence.alignment.poses import MemberPoses
 from crosscheck.equivalence.tree import Tree
 from flexinv.model.mechanism import Placement
 
@@ -33,7 +33,7 @@ TIE = 1e-3
 class Alignment:
     """Seats of all pairs, parents first, and the pose of B's world in A's [m]; length : of the list of what differs [-]."""
 
-    seats: list[Aligned]
+    alignments: list[MemberAlignment]
     motion: Placement = field(default_factory=Placement)
     length: float = 0.0
 
@@ -44,10 +44,10 @@ def find_alignment(first: Tree, second: Tree, pairs: list[tuple[int, int]], size
     First all stands as it is, and a member in which that leaves no difference is not looked at again.  Where differences are
     left, they may be owed to any member before them, and to the base: for those all poses are tried.
     """
-    lengths = Lengths(first, second, dict(pairs), size)
-    search = Search(lengths, Poses(lengths))
+    lengths = DescriptionLengths(first, second, dict(pairs), size)
+    search = AlignmentSearch(lengths, MemberPoses(lengths))
     best = search.find_best_alignment(Placement())
-    search.doubted = search.left(best)
+    search.doubted = search.list_differing_members(best)
     if not search.doubted and not lengths.compute_base_code_length(Placement()):
         return best
     for least, motion in ((0.0, Placement()), *search.list_base_motions()):
@@ -60,35 +60,37 @@ def find_alignment(first: Tree, second: Tree, pairs: list[tuple[int, int]], size
 
 
 @dataclass
-class Search:
+class AlignmentSearch:
     """The search for the shortest list of differences; the poses of each member that are followed are kept by its number.
 
     doubted : members of which all poses are tried, also where nothing differs in them
     """
 
-    lengths: Lengths
-    poses: Poses
+    lengths: DescriptionLengths
+    poses: MemberPoses
     doubted: set[int] = field(default_factory=set)
-    kept: dict[int, list[Placement]] = field(default_factory=dict)
+    candidate_poses: dict[int, list[Placement]] = field(default_factory=dict)
 
     def find_best_alignment(self, motion: Placement) -> Alignment:
         """Return the best alignment where B's world stands so in A's [m]."""
         first = self.lengths.first
         partner = self.lengths.partner
-        self.kept = {-1: [motion]}
+        self.candidate_poses = {-1: [motion]}
         for a in sorted(partner):
-            self.kept[a] = self._followed(a, self.kept[first.members[a].parent])
+            self.candidate_poses[a] = self._list_candidate_poses(a, self.candidate_poses[first.members[a].parent])
         sums: dict[int, list[float]] = {}
         chosen: dict[tuple[int, int], int] = {}
         for a in [*sorted(partner, reverse=True), -1]:
-            sums[a] = [self._compute_subtree_length(a, k, pose, sums, chosen) for k, pose in enumerate(self.kept[a])]
-        seats: list[Aligned] = []
+            sums[a] = [
+                self._compute_subtree_length(a, k, pose, sums, chosen) for k, pose in enumerate(self.candidate_poses[a])
+            ]
+        seats: list[MemberAlignment] = []
         taken = {-1: 0}
         for a in sorted(partner):
             carrier = first.members[a].parent
             taken[a] = chosen[a, taken[carrier]]
-            before = self.kept[carrier][taken[carrier]]
-            frame = self.kept[a][taken[a]]
+            before = self.candidate_poses[carrier][taken[carrier]]
+            frame = self.candidate_poses[a][taken[a]]
             seats.append(
                 make_joint_alignment(
                     first.members[a], self.lengths.second.members[partner[a]], (a, partner[a]), before, frame
@@ -105,24 +107,31 @@ class Search:
         self, a: int, k: int, pose: Placement, sums: dict[int, list[float]], chosen: dict[tuple[int, int], int]
     ) -> float:
         """The length of all that a member carries in one of its poses; which pose of each child that takes is kept."""
-        total = self.lengths.compute_frame_code_length(pose) + self.lengths.of_body(a, pose) if a >= 0 else 0.0
-        for c in self.lengths.first.children(a):
+        total = (
+            self.lengths.compute_frame_code_length(pose) + self.lengths.compute_body_code_length(a, pose)
+            if a >= 0
+            else 0.0
+        )
+        for c in self.lengths.first.list_children(a):
             if c not in self.lengths.partner:
                 continue
-            ways = [self.lengths.of_joint(c, pose, there) + sums[c][m] for m, there in enumerate(self.kept[c])]
+            ways = [
+                self.lengths.compute_joint_code_length(c, pose, there) + sums[c][m]
+                for m, there in enumerate(self.candidate_poses[c])
+            ]
             least = min(ways)
             chosen[c, k] = next(m for m, way in enumerate(ways) if way <= least + TIE)
             total += ways[chosen[c, k]]
         return total
 
-    def _followed(self, a: int, carriers: Iterable[Placement]) -> list[Placement]:
+    def _list_candidate_poses(self, a: int, carriers: Iterable[Placement]) -> list[Placement]:
         """The poses of a member that are followed: one where nothing differs in it for any pose of its carrier."""
         found: list[tuple[float, Placement]] = []
         known: set[bytes] = set()
         for before in carriers:
-            still = self.poses.still(a, before)
+            still = self.poses.compute_unmoved_pose(a, before)
             alone = a not in self.doubted and not self._compute_pose_length(a, before, still)
-            tried = [still] if alone else [still, *self.poses.others(a, still)]
+            tried = [still] if alone else [still, *self.poses.list_other_poses(a, still)]
             for pose in tried:
                 if (key := _make_pose_key(pose)) not in known:
                     known.add(key)
@@ -136,25 +145,34 @@ class Search:
         return [pose for _, pose in found[:MOST]]
 
     def _compute_pose_length(self, a: int, before: Placement, pose: Placement) -> float:
-        return self.lengths.of_joint(a, before, pose) + self.lengths.compute_content_code_length(a, pose)
+        return self.lengths.compute_joint_code_length(a, before, pose) + self.lengths.compute_content_code_length(
+            a, pose
+        )
 
-    def left(self, best: Alignment) -> set[int]:
+    def list_differing_members(self, best: Alignment) -> set[int]:
         """Return the members in which something differs, and all that carry them."""
         lengths = self.lengths
-        frames = {-1: best.motion} | {seat.first: seat.frame for seat in best.seats}
-        found: set[int] = set()
+        frames = {-1: best.motion} | {seat.first: seat.frame for seat in best.alignments}
+        differing_members: set[int] = set()
         for a, frame in frames.items():
             carrier = lengths.first.members[a].parent if a >= 0 else -1
-            off = a >= 0 and max(lengths.of_joint(a, frames[carrier], frame), lengths.of_body(a, frame)) > 0.0
+            off = (
+                a >= 0
+                and max(
+                    lengths.compute_joint_code_length(a, frames[carrier], frame),
+                    lengths.compute_body_code_length(a, frame),
+                )
+                > 0.0
+            )
             while off and a >= 0:
-                found.add(a)
+                differing_members.add(a)
                 a = lengths.first.members[a].parent
-        return found
+        return differing_members
 
     def list_base_motions(self) -> list[tuple[float, Placement]]:
         """Return the motions of the base that most of what stands on the world agrees with, the shortest first [-], [m]."""
         lengths = self.lengths
-        roots = [a for a in lengths.first.children(-1) if a in lengths.partner]
+        roots = [a for a in lengths.first.list_children(-1) if a in lengths.partner]
         found: list[tuple[float, Placement]] = []
         known = {_make_pose_key(Placement())}
         for motion in self.poses.list_base_motions(roots):
@@ -163,8 +181,8 @@ class Search:
             known.add(key)
             length = lengths.compute_base_code_length(motion) + lengths.compute_ground_code_length(motion)
             for a in roots:
-                still = self.poses.still(a, motion)
-                length += min(lengths.of_joint(a, motion, pose) for pose in (still, Placement()))
+                still = self.poses.compute_unmoved_pose(a, motion)
+                length += min(lengths.compute_joint_code_length(a, motion, pose) for pose in (still, Placement()))
             found.append((length, motion))
         found.sort(key=lambda one: one[0])
         return found[:BASES]

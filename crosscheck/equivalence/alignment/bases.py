@@ -10,9 +10,9 @@ from collections.abc import Iterable, Iterator
 
 import numpy as np
 
-from crosscheck.equivalence.alignment.seats import SAME
+from crosscheck.equivalence.alignment.member_alignment import SAME
 from crosscheck.equivalence.difference import Difference
-from crosscheck.equivalence.members import Pair, format_placement
+from crosscheck.equivalence.members import MemberPair, format_placement
 from crosscheck.equivalence.tree import Tree
 from crosscheck.lifting.rigid import compute_angle, inverse
 from flexinv.model.mechanism import Array, Placement
@@ -22,7 +22,9 @@ FELT = "gravity has another direction in it"
 UNFELT = "no torque feels it: gravity has the same direction in it"
 
 
-def list_base_differences(first: Tree, second: Tree, motion: Placement, pairs: Iterable[Pair]) -> Iterator[Difference]:
+def list_base_differences(
+    first: Tree, second: Tree, motion: Placement, pairs: Iterable[MemberPair]
+) -> Iterator[Difference]:
     """Yield what differs of where both machines stand [m], [rad], and of gravity [m/s^2]; motion : of B's world in A's."""
     ours = first.gravity
     theirs = second.gravity
@@ -40,7 +42,7 @@ def list_base_differences(first: Tree, second: Tree, motion: Placement, pairs: I
         yield Difference(
             "rigid" if felt else "convention", BASE, "the machine", size, unit, format_placement(Placement()),
             format_placement(back), ((-1, "gravity", there),) if felt else (), (FELT if felt else UNFELT,),
-            printed=max((pair.of_joint(quantity) for pair in standing), default=0.0), structural=True, motion=back,
+            printed=max((pair.compute_joint_rounding(quantity) for pair in standing), default=0.0), structural=True, motion=back,
         )  # fmt: skip
     if felt and other:
         size = float(np.linalg.norm(theirs - ours))

@@ -24,10 +24,10 @@ from functools import cached_property
 
 import numpy as np
 
-from crosscheck.equivalence.alignment.seats import (
+from crosscheck.equivalence.alignment.member_alignment import (
     SAME,
     SEEN,
-    Aligned,
+    MemberAlignment,
     has_same_limits,
     is_same_as_printed,
     make_joint_alignment,
@@ -56,7 +56,7 @@ def compute_code_length(size: float) -> float:
 
 
 @dataclass(frozen=True)
-class Content:
+class RigidPartContent:
     """A rigid part of both trees as it shows its frame: bodies, and joints that hang on it, in the frame of its first member.
 
     bodies : inertias of both [kg, m, kg m^2]; hung : kind, placements [m] and axes [-] of both
@@ -67,50 +67,54 @@ class Content:
 
 
 @dataclass
-class Lengths:
+class DescriptionLengths:
     """Two trees whose members are matched, partner by number in the first, and what differs in poses; size : of both [m]."""
 
     first: Tree
     second: Tree
     partner: dict[int, int]
     size: float
-    known: dict[int, Content] = field(default_factory=dict)
+    known: dict[int, RigidPartContent] = field(default_factory=dict)
 
     def compute_frame_code_length(self, frame: Placement) -> float:
         """Return the length of a frame of B that stands so in A's [m]."""
         return FRAME * compute_code_length(max(compute_norm(frame.position) / self.size, compute_angle(frame.rotation)))
 
-    def of_joint(self, a: int, before: Placement, frame: Placement) -> float:
+    def compute_joint_code_length(self, a: int, before: Placement, frame: Placement) -> float:
         """Return the length of what differs in a joint, where its carrier and its own frame stand so [m]."""
         one = self.first.members[a]
         two = self.second.members[self.partner[a]]
         if one.kind == "free":
             return 0.0
-        seat = make_joint_alignment(one, two, (a, self.partner[a]), before, frame)
-        way = compute_norm(seat.rest.position) / self.size
-        total = compute_code_length(way) + compute_code_length(compute_angle(seat.rest.rotation))
+        joint_alignment = make_joint_alignment(one, two, (a, self.partner[a]), before, frame)
+        way = compute_norm(joint_alignment.rest.position) / self.size
+        total = compute_code_length(way) + compute_code_length(compute_angle(joint_alignment.rest.rotation))
         if one.kind in SCALARS:
             total += compute_code_length(compute_norm(cross(one.axis, frame.rotation @ two.axis))) + float(
-                seat.sign < 0.0
+                joint_alignment.sign < 0.0
             )
-            total += HALF * compute_code_length(abs(seat.offset) / (self.size if one.kind == "prismatic" else 1.0))
-            total += self._compute_limit_code_length(one, two, seat)
+            total += HALF * compute_code_length(
+                abs(joint_alignment.offset) / (self.size if one.kind == "prismatic" else 1.0)
+            )
+            total += self._compute_limit_code_length(one, two, joint_alignment)
         return total
 
-    def _compute_limit_code_length(self, one: Member, two: Member, seat: Aligned) -> float:
+    def _compute_limit_code_length(self, one: Member, two: Member, alignment: MemberAlignment) -> float:
         """The length of limits and rests of springs that do not agree in these coordinates."""
         total = 0.0
-        ours = one.limits.lower, one.limits.upper
-        moved_on = sorted((seat.sign * two.limits.lower + seat.offset, seat.sign * two.limits.upper + seat.offset))
-        ends = [(a, b) for a, b in zip(ours, moved_on, strict=True) if not is_same_as_printed(a, b)]
-        stayed = (seat.sign < 0.0 or seat.offset) and has_same_limits(one, two)
+        first = one.limits.lower, one.limits.upper
+        moved_on = sorted(
+            (alignment.sign * two.limits.lower + alignment.offset, alignment.sign * two.limits.upper + alignment.offset)
+        )
+        ends = [(a, b) for a, b in zip(first, moved_on, strict=True) if not is_same_as_printed(a, b)]
+        stayed = (alignment.sign < 0.0 or alignment.offset) and has_same_limits(one, two)
         if ends:
             total += HALF if stayed else sum(HALF * compute_code_length(min(abs(a - b), 2 * np.pi)) for a, b in ends)
         if one.stiffness and two.stiffness:
-            total += compute_code_length(abs(seat.sign * two.rest + seat.offset - one.rest))
+            total += compute_code_length(abs(alignment.sign * two.rest + alignment.offset - one.rest))
         return total
 
-    def of_body(self, a: int, frame: Placement) -> float:
+    def compute_body_code_length(self, a: int, frame: Placement) -> float:
         """Return the length of what differs in where a link's mass is, in a pose of B's frame in A's [m]."""
         one = self.first.members[a]
         two = self.second.members[self.partner[a]]
@@ -132,33 +136,33 @@ class Lengths:
         return total + sum(self._compute_child_code_length(*hung, frame) for hung in content.hung)
 
     def _compute_child_code_length(
-        self, kind: str, ours: tuple[Placement, Array], theirs: tuple[Placement, Array], frame: Placement
+        self, kind: str, first: tuple[Placement, Array], second: tuple[Placement, Array], frame: Placement
     ) -> float:
-        gap = frame.position + frame.rotation @ theirs[0].position - ours[0].position
+        gap = frame.position + frame.rotation @ second[0].position - first[0].position
         if kind not in SCALARS:
             return compute_code_length(compute_norm(gap) / self.size)
-        along = ours[0].rotation @ ours[1]
-        total = compute_code_length(compute_norm(cross(along, frame.rotation @ (theirs[0].rotation @ theirs[1]))))
+        along = first[0].rotation @ first[1]
+        total = compute_code_length(compute_norm(cross(along, frame.rotation @ (second[0].rotation @ second[1]))))
         return total + (compute_code_length(compute_norm(cross(along, gap)) / self.size) if kind in HINGES else 0.0)
 
-    def collect_rigid_content(self, a: int) -> Content:
+    def collect_rigid_content(self, a: int) -> RigidPartContent:
         """Return the bodies and joints by which a member and all that is fixed to it show how they stand, found once [kg, m]."""
         if a not in self.known:
             one = self.first.members[a]
             two = self.second.members[self.partner[a]]
-            found = Content([(one.inertia, two.inertia)], [])
-            self._collect_children(a, Placement(), Placement(), found)
-            self.known[a] = found
+            rigid_part_content = RigidPartContent([(one.inertia, two.inertia)], [])
+            self._collect_children(a, Placement(), Placement(), rigid_part_content)
+            self.known[a] = rigid_part_content
         return self.known[a]
 
-    def _collect_children(self, a: int, ours: Placement, theirs: Placement, found: Content) -> None:
-        for c in self.first.children(a):
+    def _collect_children(self, a: int, first: Placement, second: Placement, found: RigidPartContent) -> None:
+        for c in self.first.list_children(a):
             if c not in self.partner:
                 continue
             one = self.first.members[c]
             two = self.second.members[self.partner[c]]
-            here = apply_placement(ours, one.placement)
-            there = apply_placement(theirs, two.placement)
+            here = apply_placement(first, one.placement)
+            there = apply_placement(second, two.placement)
             if one.kind == "fixed":
                 found.bodies.append((move_inertia(here, one.inertia), move_inertia(there, two.inertia)))
                 self._collect_children(c, here, there, found)
@@ -167,17 +171,17 @@ class Lengths:
 
     def compute_base_code_length(self, motion: Placement) -> float:
         """Return the length of a motion of the base, or of gravity where that is what differs [m]."""
-        ours = self.first.gravity
-        theirs = self.second.gravity
-        pull = max(compute_norm(ours), compute_norm(theirs)) or 1.0
-        felt = compute_code_length(compute_norm(motion.rotation @ theirs - ours) / pull)
+        first = self.first.gravity
+        second = self.second.gravity
+        pull = max(compute_norm(first), compute_norm(second)) or 1.0
+        code_length = compute_code_length(compute_norm(motion.rotation @ second - first) / pull)
         size = max(compute_norm(motion.position) / self.size, compute_angle(motion.rotation))
         if size <= SAME:
-            return felt
-        changed = compute_code_length(compute_norm(theirs - ours) / pull)
+            return code_length
+        changed = compute_code_length(compute_norm(second - first) / pull)
         # Gravity that stays the same in the world while the base turns is felt, and is the motion's: one difference.
-        if felt:
-            return compute_code_length(size) + (felt if changed else 0.0)
+        if code_length:
+            return compute_code_length(size) + (code_length if changed else 0.0)
         return HALF * compute_code_length(size)
 
     def compute_ground_code_length(self, motion: Placement) -> float:

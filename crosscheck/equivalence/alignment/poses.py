@@ -1,7 +1,7 @@
 """Poses that are tried for B's frame in A's: those that the joint, the body and what hangs on it suggest.
 
-A pose is fixed by what a rigid part shows (`lengths.Content`): its own axis, centres of mass, tensors, lines of joints.  From
-a pose in which one direction agrees, each of the others gives an angle about it, and each point a way along it.
+A pose is fixed by what a rigid part shows (`lengths.RigidPartContent`): its own axis, centres of mass, tensors, lines of joints.
+From a pose in which one direction agrees, each of the others gives an angle about it, and each point a way along it.
 """
 
 from __future__ import annotations
@@ -11,8 +11,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from crosscheck.equivalence.alignment.lengths import HINGES, Lengths
-from crosscheck.equivalence.alignment.seats import SEEN
+from crosscheck.equivalence.alignment.lengths import HINGES, DescriptionLengths
+from crosscheck.equivalence.alignment.member_alignment import SEEN
 from crosscheck.equivalence.tree import SCALARS, Member
 from crosscheck.lifting.rigid import apply_placement, compute_norm, compute_relative_pose, cross, inverse, turned
 from flexinv.model.mechanism import Array, Placement
@@ -24,18 +24,18 @@ PRIMARY = 4  # directions of which one is taken to agree
 
 
 @dataclass
-class Poses:
+class MemberPoses:
     """The poses of the members of two trees; known : by member what it suggests whatever carries it."""
 
-    lengths: Lengths
+    lengths: DescriptionLengths
     known: dict[int, list[Placement]] = field(default_factory=dict)
 
-    def still(self, a: int, before: Placement) -> Placement:
+    def compute_unmoved_pose(self, a: int, before: Placement) -> Placement:
         """Return the pose that leaves both machines where they stand at zero; before : of the carrier [m]."""
         one, two = self._find_member_pair(a)
         return self._move_onto_axis(a, compute_relative_pose(one.placement, apply_placement(before, two.placement)))
 
-    def others(self, a: int, still: Placement) -> Iterator[Placement]:
+    def list_other_poses(self, a: int, still: Placement) -> Iterator[Placement]:
         """Yield other poses of a member: the same frame, its axis turned onto A's, turned zeros, and what it shows alone [m]."""
         one, _ = self._find_member_pair(a)
         yield self._move_onto_axis(a, Placement())
@@ -43,7 +43,7 @@ class Poses:
             straight = self._turn_onto_axis(a, still)
             yield straight
             yield from self._list_turned_frames(a, straight)
-        yield from self.alone(a)
+        yield from self.list_poses_by_content(a)
 
     def _find_member_pair(self, a: int) -> tuple[Member, Member]:
         return self.lengths.first.members[a], self.lengths.second.members[self.lengths.partner[a]]
@@ -87,16 +87,16 @@ class Poses:
 
     def _list_matching_angles(self, a: int, axis: Array, frame: Placement, points: bool) -> list[float]:
         """Angles about an axis of A by which directions agree, and points where they count from the frame's origin [rad]."""
-        found = []
-        for ours, theirs in self._list_vector_pairs(a, axis, frame, points):
-            turn = _turn_between(axis, theirs, ours)
+        matching_angles = []
+        for first, second in self._list_vector_pairs(a, axis, frame, points):
+            turn = _turn_between(axis, second, first)
             if turn is not None:
-                found.append(turn)
-        for ours, theirs in self._lines(a):
-            turn = _turn_between(axis, frame.rotation @ theirs, ours)
+                matching_angles.append(turn)
+        for first, second in self._list_direction_pairs(a):
+            turn = _turn_between(axis, frame.rotation @ second, first)
             if turn is not None:
-                found += [turn, turn + np.pi]
-        return found
+                matching_angles += [turn, turn + np.pi]
+        return matching_angles
 
     def _list_vector_pairs(self, a: int, axis: Array, frame: Placement, points: bool) -> Iterator[tuple[Array, Array]]:
         """Yield vectors of A and B, B's in A's frame, whose directions count: places, what tensors make of the axis."""
@@ -112,16 +112,16 @@ class Poses:
             yield one.tensor @ axis / largest, there @ axis / largest
         if points:
             for kind, (at, along), (other, across) in content.hung:
-                theirs = apply_placement(frame, other)
+                second = apply_placement(frame, other)
                 if kind in HINGES:
                     yield tuple(  # type: ignore[misc]
                         _find_nearest_point(axis, pose.position, pose.rotation @ line) / size
-                        for pose, line in ((at, along), (theirs, across))
+                        for pose, line in ((at, along), (second, across))
                     )
                 elif kind != "prismatic":
-                    yield at.position / size, theirs.position / size
+                    yield at.position / size, second.position / size
 
-    def _lines(self, a: int) -> Iterator[tuple[Array, Array]]:
+    def _list_direction_pairs(self, a: int) -> Iterator[tuple[Array, Array]]:
         """Yield directions of A and B that count in both ways: axes of joints, principal axes."""
         content = self.lengths.collect_rigid_content(a)
         for kind, (at, along), (other, across) in content.hung:
@@ -146,16 +146,16 @@ class Poses:
         for kind, (at, along), (other, across) in content.hung:
             there = apply_placement(frame, other)
             if kind in HINGES and axis is not None:
-                ours = at.rotation @ along
-                theirs = there.rotation @ across
-                if compute_norm(cross(axis, ours)) > SPREAD:
-                    yield _find_nearest_point(axis, at.position, ours) - _find_nearest_point(
-                        axis, there.position, theirs
+                first = at.rotation @ along
+                second = there.rotation @ across
+                if compute_norm(cross(axis, first)) > SPREAD:
+                    yield _find_nearest_point(axis, at.position, first) - _find_nearest_point(
+                        axis, there.position, second
                     )
             elif kind != "prismatic":
                 yield at.position - there.position
 
-    def alone(self, a: int) -> list[Placement]:
+    def list_poses_by_content(self, a: int) -> list[Placement]:
         """Return poses by what a member shows alone, whatever carries it, the best first [m]."""
         if a not in self.known:
             tried: dict[float, Placement] = {}
@@ -168,13 +168,13 @@ class Poses:
     def _list_registered_poses(self, a: int) -> Iterator[Placement]:
         one, two = self._find_member_pair(a)
         own = [(one.axis, two.axis)]
-        primary = own if one.kind in SCALARS else [*self._lines(a), *self._list_arm_pairs(a)][:PRIMARY]
-        for ours, theirs in primary:
+        primary = own if one.kind in SCALARS else [*self._list_direction_pairs(a), *self._list_arm_pairs(a)][:PRIMARY]
+        for first, second in primary:
             for sign in (1.0, -1.0):
-                base = Placement(rotation=_compute_least_rotation(theirs, sign * ours))
-                turns = [0.0, *self._list_matching_angles(a, ours, base, points=one.kind in HINGES)]
+                base = Placement(rotation=_compute_least_rotation(second, sign * first))
+                turns = [0.0, *self._list_matching_angles(a, first, base, points=one.kind in HINGES)]
                 for turn in _drop_near_duplicates(turns, 1e-9)[:TURNS]:
-                    there = Placement(rotation=turned(ours, turn) @ base.rotation)
+                    there = Placement(rotation=turned(first, turn) @ base.rotation)
                     yield from self._list_placed_frames(a, there)
 
     def _list_arm_pairs(self, a: int) -> Iterator[tuple[Array, Array]]:
@@ -183,10 +183,10 @@ class Poses:
             (one.com, two.com) for one, two in self.lengths.collect_rigid_content(a).bodies if one.mass and two.mass
         ]
         points += [
-            (ours[0].position, theirs[0].position) for _, ours, theirs in self.lengths.collect_rigid_content(a).hung
+            (first[0].position, second[0].position) for _, first, second in self.lengths.collect_rigid_content(a).hung
         ]
-        for ours, theirs in points[1:]:
-            arms = ours - points[0][0], theirs - points[0][1]
+        for first, second in points[1:]:
+            arms = first - points[0][0], second - points[0][1]
             sizes = [compute_norm(arm) for arm in arms]
             if min(sizes) > SPREAD * self.lengths.size:
                 yield arms[0] / sizes[0], arms[1] / sizes[1]
@@ -218,13 +218,15 @@ class Poses:
 
     def list_base_motions(self, roots: Iterable[int]) -> Iterator[Placement]:
         """Yield motions of the base: by each joint that stands on the world, its zero as it is or gravity as it is [m]."""
-        ours = self.lengths.first.gravity
-        theirs = self.lengths.second.gravity
-        if compute_norm(ours) and compute_norm(theirs):
-            yield Placement(rotation=_compute_least_rotation(theirs / compute_norm(theirs), ours / compute_norm(ours)))
+        first = self.lengths.first.gravity
+        second = self.lengths.second.gravity
+        if compute_norm(first) and compute_norm(second):
+            yield Placement(
+                rotation=_compute_least_rotation(second / compute_norm(second), first / compute_norm(first))
+            )
         for a in roots:
             one, two = self._find_member_pair(a)
-            for pose in (self._move_onto_axis(a, Placement()), *self.alone(a)):
+            for pose in (self._move_onto_axis(a, Placement()), *self.list_poses_by_content(a)):
                 back = apply_placement(pose, inverse(two.placement))
                 yield apply_placement(one.placement, back)
                 if one.kind not in SCALARS:
@@ -235,8 +237,8 @@ class Poses:
                     for offset in offsets:
                         yield apply_placement(apply_placement(one.placement, Placement(offset * one.axis)), back)
                     continue
-                down = one.placement.rotation.T @ ours
-                turn = _turn_between(one.axis, back.rotation @ theirs, down) if ours.any() and theirs.any() else None
+                down = one.placement.rotation.T @ first
+                turn = _turn_between(one.axis, back.rotation @ second, down) if first.any() and second.any() else None
                 offsets += [] if turn is None else [turn]
                 for offset in offsets:
                     yield apply_placement(
@@ -247,9 +249,9 @@ class Poses:
 def _list_coordinate_offsets(one: Member, two: Member, sign: float) -> Iterator[float]:
     """Yield A's coordinate at B's zero by which limits, or rests of springs, agree [rad]."""
     ends = (two.limits.lower, two.limits.upper) if sign > 0 else (-two.limits.upper, -two.limits.lower)
-    for ours, theirs in zip((one.limits.lower, one.limits.upper), ends, strict=True):
-        if np.isfinite(ours) and np.isfinite(theirs) and max(abs(ours), abs(theirs)) < 1e8:
-            yield ours - theirs
+    for first, second in zip((one.limits.lower, one.limits.upper), ends, strict=True):
+        if np.isfinite(first) and np.isfinite(second) and max(abs(first), abs(second)) < 1e8:
+            yield first - second
     if one.stiffness and two.stiffness:
         yield one.rest - sign * two.rest
 
@@ -285,10 +287,10 @@ def _find_nearest_point(axis: Array, point: Array, direction: Array) -> Array:
     return np.asarray(point - (radial @ across) / square * direction)
 
 
-def _list_principal_axes(ours: Array, theirs: Array) -> Iterator[tuple[Array, Array]]:
+def _list_principal_axes(first: Array, second: Array) -> Iterator[tuple[Array, Array]]:
     """Yield the principal axes that both tensors show, those of moments that are no other's."""
-    moments, axes = np.linalg.eigh(ours)
-    _, others = np.linalg.eigh(theirs)
+    moments, axes = np.linalg.eigh(first)
+    _, others = np.linalg.eigh(second)
     scale = float(moments[2]) or 1.0
     for k in range(3):
         gap = min(abs(float(moments[k] - moments[m])) for m in range(3) if m != k)
@@ -297,8 +299,8 @@ def _list_principal_axes(ours: Array, theirs: Array) -> Iterator[tuple[Array, Ar
 
 
 def _drop_near_duplicates(numbers: Iterable[float], near: float) -> list[float]:
-    found: list[float] = []
+    result: list[float] = []
     for number in numbers:
-        if all(abs(number - other) > near for other in found):
-            found.append(number)
-    return found
+        if all(abs(number - other) > near for other in result):
+            result.append(number)
+    return result

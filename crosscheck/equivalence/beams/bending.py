@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from crosscheck.equivalence.beams.sections import Beams, Bent
+from crosscheck.equivalence.beams.sections import BeamDifference, MatchedBeams
 from crosscheck.equivalence.difference import Difference
 from crosscheck.equivalence.judge import Share, compute_effort_share
 from flexinv.analysis.solve import solve
@@ -30,7 +30,7 @@ TURN = 0.7  # [rad]
 
 
 @dataclass(frozen=True)
-class Felt:
+class BeamEffects:
     """Differences of beams with their effects; the largest difference of a torque before and after all are put right.
 
     notes : what has to be said of them: why torques could not be computed, which beams the certificate has
@@ -42,30 +42,30 @@ class Felt:
     notes: tuple[str, ...] = ()
 
 
-def compute_beam_effects(beams: Beams) -> Felt:
+def compute_beam_effects(beams: MatchedBeams) -> BeamEffects:
     """Return the differences of two machines' beams, each with what it alone does to a torque [N m], [N]."""
-    alone = tuple(beams.alone())
-    bent = list(beams.differences())
+    alone = tuple(beams.list_lone_beams())
+    bent = list(beams.list_differences())
     if not any(True for _ in beams.both):
-        return Felt(alone)
+        return BeamEffects(alone)
     mixed = beams.first.modal_damping is None or beams.second.modal_damping is None
     if mixed and (beams.first.modal_damping or beams.second.modal_damping):
         beams = replace(beams, first=apply_stated_ratio(beams.first), second=apply_stated_ratio(beams.second))
         beams = replace(beams, first=_drop_modal_damping(beams.first), second=_drop_modal_damping(beams.second))
-        bent = list(beams.differences())
+        bent = list(beams.list_differences())
     try:
-        base = beams.base()
-        wanted = compute_flexible_torques(beams.second)
+        base = beams.build_base_mechanism()
+        flexible_torques = compute_flexible_torques(beams.second)
         before, whole = (compute_flexible_torques(_apply_edits(base, some)) for some in ([], bent))
-        found = [_compute_beam_effect(base, bent, one, whole, wanted) for one in bent]
+        found = [_compute_beam_effect(base, bent, one, whole, flexible_torques) for one in bent]
     except FlexinvError as error:
         words = f"torques of links that bend are not compared: {' '.join(str(error).split())[:300]}"
-        return Felt((*alone, *(one.difference for one in bent)), notes=(words,))
+        return BeamEffects((*alone, *(one.difference for one in bent)), notes=(words,))
     notes = ("the certificate has A's beams on both sides: what beams differ by is in the table",) if found else ()
-    return Felt(
+    return BeamEffects(
         (*alone, *found),
-        compute_effort_share(before, wanted, wanted),
-        compute_effort_share(whole, wanted, wanted),
+        compute_effort_share(before, flexible_torques, flexible_torques),
+        compute_effort_share(whole, flexible_torques, flexible_torques),
         notes,
     )
 
@@ -75,14 +75,14 @@ def _drop_modal_damping(mechanism: Mechanism) -> Mechanism:
     return replace(mechanism, modal_damping=None)
 
 
-def _apply_edits(base: Mechanism, bent: Iterable[Bent]) -> Mechanism:
+def _apply_edits(base: Mechanism, bent: Iterable[BeamDifference]) -> Mechanism:
     for one in bent:
         base = one.edit(base)
     return base
 
 
 def _compute_beam_effect(
-    base: Mechanism, bent: list[Bent], one: Bent, whole: dict[str, Array], wanted: dict[str, Array]
+    base: Mechanism, bent: list[BeamDifference], one: BeamDifference, whole: dict[str, Array], wanted: dict[str, Array]
 ) -> Difference:
     """The difference with what leaving it out, alone, changes."""
     without = compute_flexible_torques(_apply_edits(base, (other for other in bent if other is not one)))

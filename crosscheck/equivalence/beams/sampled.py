@@ -13,7 +13,7 @@ from flexinv.model.mechanism import Array, Beam, Section
 
 
 @dataclass(frozen=True)
-class Sampled:
+class SampledBeam:
     """A beam's numbers over stations (n,) [-].
 
     length : (1, 1) [m]; curvature : (1, 3) [1/m]
@@ -28,20 +28,20 @@ class Sampled:
     inertia: Array
     retardation: Array
 
-    def replace_table_columns(self, name: str, columns: slice, values: Array) -> Sampled:
+    def replace_table_columns(self, name: str, columns: slice, values: Array) -> SampledBeam:
         """Return the numbers with other columns of one field [unit of the field]."""
         table = np.array(getattr(self, name))
         table[:, columns] = values
         return replace(self, **{name: table})
 
-    def beam(self, like: Beam) -> Beam:
+    def build_beam(self, like: Beam) -> Beam:
         """Return the beam of these numbers [m, N, kg] with the mesh and the root of another one."""
         damping = self.retardation * self.stiffness if self.retardation.any() else None
         section = Section(self.stations, self.stiffness, self.inertia[:, 0], self.inertia[:, 1:], damping)
         return replace(like, length=float(self.length[0, 0]), curvature=self.curvature[0], section=section)
 
 
-def sample_beam(beam: Beam, stations: Array) -> Sampled:
+def sample_beam(beam: Beam, stations: Array) -> SampledBeam:
     """Return a beam's numbers at stations [-] that include its own: between them they are linear."""
     section = beam.section
     tables = section.stiffness, np.column_stack([section.mass_per_length, section.rotary_inertia])
@@ -52,7 +52,7 @@ def sample_beam(beam: Beam, stations: Array) -> Sampled:
         else _evaluate_table(stations, section.stations, section.damping)
     )
     retardation = np.divide(damping, stiffness, out=np.zeros_like(damping), where=stiffness != 0)
-    return Sampled(stations, np.array([[beam.length]]), beam.curvature[None], stiffness, inertia, retardation)
+    return SampledBeam(stations, np.array([[beam.length]]), beam.curvature[None], stiffness, inertia, retardation)
 
 
 def collect_stations(one: Beam, two: Beam) -> Array:

@@ -10,8 +10,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from crosscheck.equivalence.alignment.seats import SAME
-from crosscheck.equivalence.beams.sampled import Sampled, collect_stations, sample_beam
+from crosscheck.equivalence.alignment.member_alignment import SAME
+from crosscheck.equivalence.beams.sampled import SampledBeam, collect_stations, sample_beam
 from crosscheck.equivalence.difference import Difference
 from crosscheck.equivalence.hints import describe_factor
 from flexinv.model.mechanism import Array, Beam, Joint, Link, Mechanism, ModalDamping
@@ -41,7 +41,7 @@ Edit = Callable[[Mechanism], Mechanism]
 
 
 @dataclass(frozen=True)
-class Bent:
+class BeamDifference:
     """A difference of beams, and the edit that gives B's value to a mechanism with A's."""
 
     difference: Difference
@@ -49,7 +49,7 @@ class Bent:
 
 
 @dataclass(frozen=True)
-class Beams:
+class MatchedBeams:
     """Two mechanisms and B's links by those of A, where both are matched; joints : B's by those of A."""
 
     first: Mechanism
@@ -60,41 +60,41 @@ class Beams:
     @property
     def both(self) -> Iterator[tuple[str, str, Beam, Beam]]:
         """Yield links of A and of B that bend in both, with their beams."""
-        for ours, theirs in self.links.items():
-            a = self.first.link_of[ours].beam
-            b = self.second.link_of[theirs].beam
+        for first, second in self.links.items():
+            a = self.first.link_of[first].beam
+            b = self.second.link_of[second].beam
             if a is not None and b is not None:
-                yield ours, theirs, a, b
+                yield first, second, a, b
 
     def _build_matched_beams(self) -> dict[str, Beam]:
         """B's beams with A's numbers at B's root, by link of B."""
-        return {theirs: sample_beam(a, collect_stations(a, b)).beam(b) for _, theirs, a, b in self.both}
+        return {second: sample_beam(a, collect_stations(a, b)).build_beam(b) for _, second, a, b in self.both}
 
-    def alone(self) -> Iterator[Difference]:
+    def list_lone_beams(self) -> Iterator[Difference]:
         """Yield the links that bend in one of both only; the other holds their shape."""
-        for ours, theirs in self.links.items():
-            bends = [self.first.link_of[ours].beam is not None, self.second.link_of[theirs].beam is not None]
+        for first, second in self.links.items():
+            bends = [self.first.link_of[first].beam is not None, self.second.link_of[second].beam is not None]
             if bends[0] != bends[1]:
                 values = ("beam", "rigid") if bends[0] else ("rigid", "beam")
                 cause = f"link that bends in {'A' if bends[0] else 'B'} only"
-                yield Difference("beam", cause, f"link {ours}", 1.0, "-", *values, structural=True)
+                yield Difference("beam", cause, f"link {first}", 1.0, "-", *values, structural=True)
 
     def describe_other_meshes(self) -> list[str]:
         """Return in words which beams have another mesh: that is discretisation, and not the machine."""
         words = [
-            f"{ours} {a.elements} of order {a.order} in A, {b.elements} of order {b.order} in B"
-            for ours, _, a, b in self.both
+            f"{first} {a.elements} of order {a.order} in A, {b.elements} of order {b.order} in B"
+            for first, _, a, b in self.both
             if (a.elements, a.order) != (b.elements, b.order)
         ]
         return [f"elements of beams, which are no part of the machine: {', '.join(words)}"] if words else []
 
-    def base(self) -> Mechanism:
+    def build_base_mechanism(self) -> Mechanism:
         """Return B with A's beams, stations and stated modal damping, on B's mesh: what differs then is no matter of a beam."""
         shapes = self._build_matched_beams()
-        stations = {theirs: self.first.joint_of[ours].station for ours, theirs in self.joints.items()}
+        stations = {second: self.first.joint_of[first].station for first, second in self.joints.items()}
         links = {
-            theirs: _move_bodies_to_stations(self.second.link_of[theirs], self.first.link_of[ours])
-            for ours, theirs in self.links.items()
+            second: _move_bodies_to_stations(self.second.link_of[second], self.first.link_of[first])
+            for first, second in self.links.items()
         }
         made = [links.get(link.name, link) for link in self.second.links]
         return replace(
@@ -104,41 +104,41 @@ class Beams:
             modal_damping=_drop_damping_time(self.first.modal_damping),
         )  # fmt: skip
 
-    def differences(self) -> Iterator[Bent]:
+    def list_differences(self) -> Iterator[BeamDifference]:
         """Yield every difference of beams with its edit [unit of each]."""
-        for ours, theirs, a, b in self.both:
+        for first, second, a, b in self.both:
             stations = collect_stations(a, b)
             tables = sample_beam(a, stations), sample_beam(b, stations)
             for name in COLUMNS if not self._stated else [name for name in COLUMNS if name != "retardation"]:
-                yield from _list_table_changes(ours, theirs, name, *tables)
-            yield from self._list_station_changes(ours, theirs)
+                yield from _list_table_changes(first, second, name, *tables)
+            yield from self._list_station_changes(first, second)
         yield from self._list_damping_changes()
 
-    def _list_station_changes(self, ours: str, theirs: str) -> Iterator[Bent]:
-        mine = self.first.link_of[ours]
-        other = self.second.link_of[theirs]
+    def _list_station_changes(self, first: str, second: str) -> Iterator[BeamDifference]:
+        mine = self.first.link_of[first]
+        other = self.second.link_of[second]
         at = {body.name: body.station for body in other.bodies}
         for body in mine.bodies:
             if body.name in at and _is_other_station(body.station, at[body.name]):
-                found = _make_station_difference(
-                    "station of body", f"body {body.name} (on link {ours})", body.station, at[body.name]
+                station_difference = _make_station_difference(
+                    "station of body", f"body {body.name} (on link {first})", body.station, at[body.name]
                 )
-                yield Bent(found, _make_body_edit(theirs, body.name, at[body.name]))
+                yield BeamDifference(station_difference, _make_body_edit(second, body.name, at[body.name]))
         for joint, partner in self.joints.items():
             one = self.first.joint_of[joint]
             two = self.second.joint_of[partner]
-            if one.parent == ours and two.parent == theirs and _is_other_station(_end(one.station), _end(two.station)):
-                found = _make_station_difference(
+            if one.parent == first and two.parent == second and _is_other_station(_end(one.station), _end(two.station)):
+                station_difference = _make_station_difference(
                     "station of joint", f"joint {joint}", _end(one.station), _end(two.station)
                 )
-                yield Bent(found, _make_joint_edit(partner, two.station))
+                yield BeamDifference(station_difference, _make_joint_edit(partner, two.station))
 
     @property
     def _stated(self) -> bool:
         """Both state the ratio of a mode: retardation times follow from it."""
         return self.first.modal_damping is not None and self.second.modal_damping is not None
 
-    def _list_damping_changes(self) -> Iterator[Bent]:
+    def _list_damping_changes(self) -> Iterator[BeamDifference]:
         one = self.first.modal_damping
         two = self.second.modal_damping
         if one is None or two is None or (one.ratio, one.mode) == (two.ratio, two.mode):
@@ -146,20 +146,22 @@ class Beams:
         size = abs(two.ratio - one.ratio)
         shown = (f"{one.ratio:.9g} at mode {one.mode}", f"{two.ratio:.9g} at mode {two.mode}")
         hints = describe_factor(two.ratio, one.ratio) if one.mode == two.mode else ()
-        found = Difference("beam", "modal damping", "all beams", size, "-", *shown, hints=hints)
-        yield Bent(found, lambda mechanism: replace(mechanism, modal_damping=_drop_damping_time(two)))
+        difference = Difference("beam", "modal damping", "all beams", size, "-", *shown, hints=hints)
+        yield BeamDifference(difference, lambda mechanism: replace(mechanism, modal_damping=_drop_damping_time(two)))
 
 
-def _drop_damping_time(stated: ModalDamping | None) -> ModalDamping | None:
+def _drop_damping_time(modal_damping: ModalDamping | None) -> ModalDamping | None:
     """A stated ratio whose time is to be computed for the mechanism that it is put into."""
-    return None if stated is None else replace(stated, seconds=None)
+    return None if modal_damping is None else replace(modal_damping, seconds=None)
 
 
-def _list_table_changes(ours: str, theirs: str, name: str, one: Sampled, two: Sampled) -> Iterator[Bent]:
+def _list_table_changes(
+    first: str, second: str, name: str, one: SampledBeam, two: SampledBeam
+) -> Iterator[BeamDifference]:
     """Yield the differences of one field of a beam's numbers: as one where a factor is common, else by column."""
     a = getattr(one, name)
     b = getattr(two, name)
-    place = f"link {ours}"
+    place = f"link {first}"
     factor = _find_common_factor(a, b)
     if np.abs(b - a).max() <= SAME * max(np.abs(a).max(), np.abs(b).max()):
         return
@@ -167,8 +169,8 @@ def _list_table_changes(ours: str, theirs: str, name: str, one: Sampled, two: Sa
         cause, words = WHOLE[name]
         hints = (words, *describe_factor(factor, 1.0))
         shown = ("stated", f"{factor:.9g} times that of A")
-        found = Difference("beam", cause, place, abs(factor - 1.0), "of it", *shown, hints=hints)
-        yield Bent(found, _make_table_edit(theirs, name, slice(None), b))
+        difference = Difference("beam", cause, place, abs(factor - 1.0), "of it", *shown, hints=hints)
+        yield BeamDifference(difference, _make_table_edit(second, name, slice(None), b))
         return
     for k, (cause, unit) in enumerate(COLUMNS[name]):
         mine = a[:, k]
@@ -180,7 +182,7 @@ def _list_table_changes(ours: str, theirs: str, name: str, one: Sampled, two: Sa
                 *describe_factor(float(other[worst]), float(mine[worst])),
                 *_describe_exchanged_axes(name, k, a, b),
             )
-            found = Difference(
+            difference = Difference(
                 "beam",
                 cause,
                 place,
@@ -190,7 +192,7 @@ def _list_table_changes(ours: str, theirs: str, name: str, one: Sampled, two: Sa
                 _format_station_values(other),
                 hints=hints,
             )
-            yield Bent(found, _make_table_edit(theirs, name, slice(k, k + 1), other[:, None]))
+            yield BeamDifference(difference, _make_table_edit(second, name, slice(k, k + 1), other[:, None]))
 
 
 def _find_common_factor(a: Array, b: Array) -> float | None:
@@ -252,7 +254,7 @@ def _make_table_edit(link: str, name: str, columns: slice, values: Array) -> Edi
     def replace_table(one: Link) -> Link:
         assert one.beam is not None
         table = sample_beam(one.beam, one.beam.section.stations).replace_table_columns(name, columns, values)
-        return replace(one, beam=table.beam(one.beam))
+        return replace(one, beam=table.build_beam(one.beam))
 
     return lambda mechanism: _apply_to_link(mechanism, link, replace_table)
 

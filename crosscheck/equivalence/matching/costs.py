@@ -1,7 +1,8 @@
 """Costs of taking a joint of one tree for a joint of another: how far their axes lie apart at zero, how their masses differ.
 
 Where axes stand at zero is a convention.  What is none is how an axis lies to the one before it: the least distance  a  of both
-lines and the angle  alpha  between them, Denavit's and Hartenberg's link length and twist.  `Costs.step` compares these.
+lines and the angle  alpha  between them, Denavit's and Hartenberg's link length and twist.  `PairCosts.compute_step_cost`
+compares these.
 """
 
 from __future__ import annotations
@@ -34,7 +35,7 @@ def _compute_limit_range(limits: Limits) -> float:
 
 
 @dataclass(frozen=True)
-class Costs:
+class PairCosts:
     """Two trees, and what a pair of their members costs."""
 
     first: Tree
@@ -43,11 +44,11 @@ class Costs:
     @cached_property
     def poses(self) -> tuple[list[Placement], list[Placement]]:
         """Return the frames of both trees' members, all joints at zero [m]."""
-        return self.first.poses(), self.second.poses()
+        return self.first.compute_poses(), self.second.compute_poses()
 
     @cached_property
-    def _axes(self) -> tuple[Axes, Axes]:
-        return Axes(self.first, self.poses[0]), Axes(self.second, self.poses[1])
+    def _axes(self) -> tuple[JointAxes, JointAxes]:
+        return JointAxes(self.first, self.poses[0]), JointAxes(self.second, self.poses[1])
 
     @cached_property
     def size(self) -> float:
@@ -55,35 +56,40 @@ class Costs:
         places = [pose.position for pose in (*self.poses[0], *self.poses[1])]
         return float(np.ptp(places, axis=0).max(initial=0.0)) or 1.0 if places else 1.0
 
-    def of(self, a: int, b: int) -> float:
+    def compute_member_cost(self, a: int, b: int) -> float:
         """Return the cost [-] of taking two members for the same, whatever they carry."""
         one = self.first.members[a]
         two = self.second.members[b]
         if one.kind != two.kind:
             return IMPOSSIBLE
-        return self._apart(a, b) + self._compute_mass_gap(a, b)
+        return self._compute_axis_gap(a, b) + self._compute_mass_gap(a, b)
 
-    def step(self, before: tuple[int, int], a: int, b: int) -> float:
+    def compute_step_cost(self, before: tuple[int, int], a: int, b: int) -> float:
         """Return the cost [-] of taking two members for the same, as they lie to a pair before them, -1 and -1 the world."""
         if self.first.members[a].kind != self.second.members[b].kind:
             return IMPOSSIBLE
         if before == (-1, -1):
-            return self.of(a, b)
-        one = self._axes[0].between(before[0], a)
-        two = self._axes[1].between(before[1], b)
+            return self.compute_member_cost(a, b)
+        one = self._axes[0].find_axis_distance(before[0], a)
+        two = self._axes[1].find_axis_distance(before[1], b)
         return abs(one[0] - two[0]) / self.size + float(abs(np.sin(one[1] - two[1]))) + self._compute_mass_gap(a, b)
 
-    def shown(self, before: tuple[int, int], a: int, b: int) -> float:
+    def compute_invariant_cost(self, before: tuple[int, int], a: int, b: int) -> float:
         """Return the cost [-] of what two members show wherever the machines and the zeros stand.
 
         That is how their axes lie to those before them, -1 and -1 the world, their mass about their axes, ranges and dampers.
         """
         if self.first.members[a].kind != self.second.members[b].kind:
             return IMPOSSIBLE
-        total = sum(_compute_relative_gap(x, y) for x, y in zip(self._own(0, a), self._own(1, b), strict=True))
-        return total if before == (-1, -1) else total + self.step(before, a, b) - self._compute_mass_gap(a, b)
+        total = sum(
+            _compute_relative_gap(x, y)
+            for x, y in zip(self._list_member_features(0, a), self._list_member_features(1, b), strict=True)
+        )
+        return (
+            total if before == (-1, -1) else total + self.compute_step_cost(before, a, b) - self._compute_mass_gap(a, b)
+        )
 
-    def _own(self, side: int, index: int) -> tuple[float, ...]:
+    def _list_member_features(self, side: int, index: int) -> tuple[float, ...]:
         """Mass, moment of inertia about the axis or in all, distance of the centre of mass from the axis, range, damping."""
         member = (self.first, self.second)[side].members[index]
         turn = float(np.trace(member.tensor))
@@ -106,7 +112,7 @@ class Costs:
         two = self.second.members[b].mass
         return abs(one - two) / (one + two or 1.0)
 
-    def _apart(self, a: int, b: int) -> float:
+    def _compute_axis_gap(self, a: int, b: int) -> float:
         """Distance of two axes at zero over the size of the machines, and the sine of the angle between them."""
         one = self.first.members[a]
         two = self.second.members[b]
@@ -122,14 +128,14 @@ class Costs:
 
 
 @dataclass
-class Axes:
+class JointAxes:
     """Axes of the joints of a tree in space, all at zero; poses : the frames of its members, known : what `between` has found."""
 
     tree: Tree
     poses: list[Placement]
     known: dict[tuple[int, int], tuple[float, float]] = field(default_factory=dict)
 
-    def between(self, before: int, index: int) -> tuple[float, float]:
+    def find_axis_distance(self, before: int, index: int) -> tuple[float, float]:
         """Return distance [m] and angle [rad] of the axes of two joints; of joints without an axis, of their places."""
         if (before, index) not in self.known:
             self.known[before, index] = self._compute_axis_distance(before, index)

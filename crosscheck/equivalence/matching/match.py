@@ -3,8 +3,9 @@
 Where one machine has a joint more, numbers in names may count otherwise: `numbers` says where structure is believed instead.
 
 Structure: children of matched members are assigned so that the sum of costs over whole subtrees is least (Kuhn and Munkres).  The
-cost of a pair is what they show wherever zeros and frames stand (`Costs.shown`), and how far their axes lie apart on carriers
-that are laid on one another (`laid_on`).  An assignment whose exchange of two costs about as little is a guess, and none is made.
+cost of a pair is what they show wherever zeros and frames stand (`PairCosts.compute_invariant_cost`), and how far their axes
+lie apart on carriers
+that are laid on one another (`overlay`).  An assignment whose exchange of two costs about as little is a guess, and none is made.
 """
 
 from __future__ import annotations
@@ -17,9 +18,9 @@ from itertools import combinations, takewhile
 
 import scipy  # its parts are loaded when they are asked for
 
-from crosscheck.equivalence.matching.costs import IMPOSSIBLE, Costs
-from crosscheck.equivalence.matching.laid_on import LaidOn
+from crosscheck.equivalence.matching.costs import IMPOSSIBLE, PairCosts
 from crosscheck.equivalence.matching.numbers import find_renumbered_joints
+from crosscheck.equivalence.matching.overlaid_trees import OverlaidTrees
 from crosscheck.equivalence.tree import SCALARS, Tree
 from flexinv.errors import InputError
 from flexinv.model.mechanism import Array
@@ -69,13 +70,13 @@ def match(first: Tree, second: Tree, stated: Mapping[str, str]) -> Match:
     pairs = {a: b for a, (b, _) in names.items()}
     how = {a: way for a, (_, way) in names.items()}
     certainty = dict.fromkeys(pairs, 1.0)
-    other, doubt = find_renumbered_joints(Costs(first, second), pairs) if not stated else ({}, 1.0)
+    other, doubt = find_renumbered_joints(PairCosts(first, second), pairs) if not stated else ({}, 1.0)
     if other:
         kept = {a: b for a, b in pairs.items() if a not in other and b not in other.values()}
         pairs = kept | other
         how = {a: how[a] for a in kept} | dict.fromkeys(other, "numbers")
         certainty = dict.fromkeys(kept, 1.0) | dict.fromkeys(other, 1.0 - doubt)
-    Assignment(first, second, pairs, how, certainty).extend(-1, -1)
+    Assignment(first, second, pairs, how, certainty).match_children(-1, -1)
     return Match(pairs, how, certainty)
 
 
@@ -104,19 +105,19 @@ def _can_match_coordinates(first: Tree, second: Tree, a: str, b: str) -> bool:
 
 def match_by_name(first: Iterable[str], second: Iterable[str], stated: Mapping[str, str]) -> dict[str, tuple[str, str]]:
     """Return by name of the first the one of the second [-], and how: "stated", "name", "prefix"."""
-    found = {a: (b, "stated") for a, b in stated.items()}
+    name = {a: (b, "stated") for a, b in stated.items()}
     rest_a = [a for a in first if a not in stated]
     rest_b = [b for b in second if b not in stated.values()]
-    found |= {a: (a, "name") for a in rest_a if a in rest_b}
-    left_a = [a for a in rest_a if a not in found]
-    left_b = [b for b in rest_b if b not in found]
+    name |= {a: (a, "name") for a in rest_a if a in rest_b}
+    left_a = [a for a in rest_a if a not in name]
+    left_b = [b for b in rest_b if b not in name]
     plain_a = _drop_common_affixes(left_a, rest_a)
     plain_b = _drop_common_affixes(left_b, rest_b)
     for a in left_a:
         same = [b for b in left_b if plain_b[b] == plain_a[a]]
         if len(same) == 1 and sum(plain_a[x] == plain_a[a] for x in left_a) == 1:
-            found[a] = (same[0], "prefix")
-    return found
+            name[a] = (same[0], "prefix")
+    return name
 
 
 def _drop_common_affixes(names: list[str], whole: list[str]) -> dict[str, str]:
@@ -138,52 +139,54 @@ class Assignment:
     how: dict[str, str]
     certainty: dict[str, float]
 
-    def extend(self, a: int, b: int) -> None:
+    def match_children(self, a: int, b: int) -> None:
         """Assign what two matched members carry to one another, and go on beyond."""
-        ours = self.first.list_moving_children(a)
-        theirs = self.second.list_moving_children(b)
-        for k in ours:
+        moving_children = self.first.list_moving_children(a)
+        second = self.second.list_moving_children(b)
+        for k in moving_children:
             joint = self.first.members[k].joint
             if joint in self.pairs:
-                self.extend(k, self.second.moving[self.pairs[joint]])
-        free = [k for k in ours if self.first.members[k].joint not in self.pairs]
+                self.match_children(k, self.second.moving[self.pairs[joint]])
+        free = [k for k in moving_children if self.first.members[k].joint not in self.pairs]
         taken = set(self.pairs.values())
-        open_ = [k for k in theirs if self.second.members[k].joint not in taken]
+        open_ = [k for k in second if self.second.members[k].joint not in taken]
         if free and open_:
             for k, other in self._solve_assignment((a, b), free, open_):
-                self.extend(k, other)
+                self.match_children(k, other)
 
     @cached_property
-    def laid_on(self) -> LaidOn:
+    def overlay(self) -> OverlaidTrees:
         """Return both trees, whose carriers can be laid on one another."""
-        return LaidOn.of(self.first, self.second)
+        return OverlaidTrees.build_for(self.first, self.second)
 
-    def _solve_assignment(self, before: tuple[int, int], ours: list[int], theirs: list[int]) -> list[tuple[int, int]]:
+    def _solve_assignment(self, before: tuple[int, int], first: list[int], second: list[int]) -> list[tuple[int, int]]:
         above = _find_moving_member(self.first, before[0]), _find_moving_member(self.second, before[1])
-        costs = self.laid_on.costs(above, ours, theirs)
+        costs = self.overlay.compute_costs(above, first, second)
         rows, columns = scipy.optimize.linear_sum_assignment(costs)
-        made = []
+        assignment = []
         for row, column in zip(rows, columns, strict=True):
             if costs[row, column] >= IMPOSSIBLE:
                 continue
-            a = self.first.members[ours[row]].joint
-            b = self.second.members[theirs[column]].joint
+            a = self.first.members[first[row]].joint
+            b = self.second.members[second[column]].joint
             self.pairs[a] = b
             self.how[a] = "structure"
             self.certainty[a] = 1.0
-            made.append((ours[row], theirs[column]))
-        self._check_exchanges(costs, list(zip(rows, columns, strict=True)), ours, theirs)
-        return made
+            assignment.append((first[row], second[column]))
+        self._check_exchanges(costs, list(zip(rows, columns, strict=True)), first, second)
+        return assignment
 
-    def _check_exchanges(self, costs: Array, chosen: list[tuple[int, int]], ours: list[int], theirs: list[int]) -> None:
+    def _check_exchanges(
+        self, costs: Array, chosen: list[tuple[int, int]], first: list[int], second: list[int]
+    ) -> None:
         """Refuse where two pairs could be exchanged at about the same cost."""
         for (r1, c1), (r2, c2) in combinations(chosen, 2):
             now = costs[r1, c1] + costs[r2, c2]
             other = costs[r1, c2] + costs[r2, c1]
             doubt = (now + ALMOST) / (other + ALMOST)
-            names = [self.first.members[ours[r]].joint for r in (r1, r2)]
+            names = [self.first.members[first[r]].joint for r in (r1, r2)]
             if other < IMPOSSIBLE and doubt > GUESS:
-                both = [self.second.members[theirs[c]].joint for c in (c1, c2)]
+                both = [self.second.members[second[c]].joint for c in (c1, c2)]
                 raise InputError(
                     f"joints {names[0]!r} and {names[1]!r} could each be {both[0]!r} or {both[1]!r}: names and structure leave "
                     f"it open; write --match {names[0]}={both[0]} (or {names[0]}={both[1]})"

@@ -11,9 +11,9 @@ from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 
 from crosscheck.equivalence.difference import Difference
-from crosscheck.equivalence.matching.costs import Costs
-from crosscheck.equivalence.matching.laid_on import compute_subtree_cost, join_fixed_links
+from crosscheck.equivalence.matching.costs import PairCosts
 from crosscheck.equivalence.matching.match import ALMOST, match_by_name
+from crosscheck.equivalence.matching.overlaid_trees import compute_subtree_cost, join_fixed_links
 from crosscheck.equivalence.tree import build_tree
 from crosscheck.lifting.assembly import list_depth_first
 from crosscheck.lifting.rigid import apply_placement, inverse, move_inertia
@@ -29,22 +29,22 @@ TURNED = (
 
 
 @dataclass(frozen=True)
-class Rooted:
-    """B as told from A's root; links : those whose frames stand elsewhere for it; found : the convention that differs."""
+class RerootedMechanism:
+    """B as told from A's root; links : those whose frames stand elsewhere for it; conventions : the convention that differs."""
 
     mechanism: Mechanism
     links: frozenset[str] = frozenset()
-    found: tuple[Difference, ...] = ()
+    conventions: tuple[Difference, ...] = ()
 
 
-def match_roots(first: Mechanism, second: Mechanism, stated: Mapping[str, str]) -> Rooted:
+def match_roots(first: Mechanism, second: Mechanism, stated: Mapping[str, str]) -> RerootedMechanism:
     """Return the second mechanism told from the first's root, where both float and more joints then hang as in the first [m].
 
     stated : joints of the second by those of the first
     """
     bases = [_find_free_base(one) for one in (first, second)]
     if bases[0] is None or bases[1] is None or not (first.is_rigid and second.is_rigid):
-        return Rooted(second)
+        return RerootedMechanism(second)
     names = [
         [j.name for j in one.joints if j.nv and j is not base] for one, base in zip((first, second), bases, strict=True)
     ]
@@ -56,10 +56,10 @@ def match_roots(first: Mechanism, second: Mechanism, stated: Mapping[str, str]) 
         root = _find_similar_root(first, second, bases[1])
     way = _list_path_joints(second, old, root)
     if root == old or any(joint.kind not in TURNED or joint.station is not None for joint in way):
-        return Rooted(second)
+        return RerootedMechanism(second)
     hints = ("the coordinates of its base are those of another body; the joints between count as before",)
-    found = Difference("convention", "root", "the tree", 1.0, "-", bases[0].child, old, hints=hints)
-    return Rooted(_move_root(second, bases[1], way), frozenset(joint.parent for joint in way), (found,))
+    difference = Difference("convention", "root", "the tree", 1.0, "-", bases[0].child, old, hints=hints)
+    return RerootedMechanism(_move_root(second, bases[1], way), frozenset(joint.parent for joint in way), (difference,))
 
 
 def _find_free_base(mechanism: Mechanism) -> Joint | None:
@@ -91,7 +91,9 @@ def _find_similar_root(first: Mechanism, second: Mechanism, base: Joint) -> str:
         way = _list_path_joints(second, base.child, link)
         if all(joint.kind in TURNED and joint.station is None for joint in way):
             told = _move_root(second, base, way) if way else second
-            costs[link] = compute_subtree_cost(Costs(one, join_fixed_links(build_tree(told, {}))[0]), (-1, -1), 0, 0)
+            costs[link] = compute_subtree_cost(
+                PairCosts(one, join_fixed_links(build_tree(told, {}))[0]), (-1, -1), 0, 0
+            )
     least = min(costs, key=lambda name: costs[name])
     return least if costs[least] < costs[base.child] - ALMOST else base.child
 
@@ -107,7 +109,7 @@ def _map_to_parent_joints(mechanism: Mechanism, root: str, among: set[str]) -> d
     for joint in mechanism.joints:
         for end in (joint.parent, joint.child):
             touching.setdefault(end, []).append(joint)
-    found: dict[str, str] = {}
+    result: dict[str, str] = {}
     seen = {WORLD, root}
     stack = [(root, "")]
     while stack:
@@ -118,9 +120,9 @@ def _map_to_parent_joints(mechanism: Mechanism, root: str, among: set[str]) -> d
                 continue
             seen.add(other)
             if joint.name in among:
-                found[joint.name] = carrier
+                result[joint.name] = carrier
             stack.append((other, joint.name if joint.name in among else carrier))
-    return found
+    return result
 
 
 def _list_path_joints(mechanism: Mechanism, root: str, link: str) -> list[Joint]:

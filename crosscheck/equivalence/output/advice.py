@@ -12,15 +12,15 @@ import numpy as np
 
 from crosscheck.engines.shared.urdf_text import compute_roll_pitch_yaw
 from crosscheck.equivalence.alignment.bases import BASE
-from crosscheck.equivalence.alignment.seats import SAME, Aligned
+from crosscheck.equivalence.alignment.member_alignment import SAME, MemberAlignment
 from crosscheck.equivalence.difference import Difference
 from crosscheck.equivalence.groups import find_counterpart
-from crosscheck.equivalence.judge import Judged
+from crosscheck.equivalence.judge import Judgement
 from crosscheck.equivalence.members import LEFT_LIMITS, SIGN, ZERO, format_vector
 from crosscheck.equivalence.tree import Member, Tree, join_bodies
 from crosscheck.lifting.description import Description
 from crosscheck.lifting.rigid import convert_to_quaternion, inverse, move_inertia
-from crosscheck.linting.bodies import Stated, check_bodies
+from crosscheck.linting.bodies import LinkStatements, check_bodies
 from flexinv.model.mechanism import WORLD, Placement
 
 SIGN_ALONE = f"{SIGN} alone"  # where the limits of both files are the same numbers
@@ -134,7 +134,7 @@ PLACED = (*FRAMED, "joint axis", SIGN, ZERO, "centre of mass", "inertia tensor")
 
 
 @dataclass(frozen=True)
-class Sides:
+class ComparedDescriptions:
     """Both descriptions, their reduced trees, and the alignment by member of the first.
 
     rehung : links of the second whose frames stand elsewhere than in its file, because it is told from another root
@@ -142,15 +142,15 @@ class Sides:
 
     descriptions: tuple[Description, Description]
     trees: tuple[Tree, Tree]
-    seats: Mapping[int, Aligned]
+    alignments: Mapping[int, MemberAlignment]
     rehung: frozenset[str] = frozenset()
 
-    def members(self, difference: Difference) -> tuple[Member, Member, Aligned] | None:
+    def find_member_pair(self, difference: Difference) -> tuple[Member, Member, MemberAlignment] | None:
         """Return the members of both that a difference is about, and their alignment; None for one of several or of none."""
-        k = self._number(difference)
-        if k is None or k not in self.seats:
+        k = self._find_member_number(difference)
+        if k is None or k not in self.alignments:
             return None
-        seat = self.seats[k]
+        seat = self.alignments[k]
         one = self.trees[0].members[k]
         two = self.trees[1].members[seat.second]
         part = difference.place.partition(" ")[2].partition(" (on link ")
@@ -160,17 +160,17 @@ class Sides:
             else (one, two, seat)
         )
 
-    def find_merged_alignment(self, difference: Difference) -> Aligned | None:
+    def find_merged_alignment(self, difference: Difference) -> MemberAlignment | None:
         """Return the seat of two members where a difference is about one of their bodies, and one file alone states it apart."""
-        k = self._number(difference)
-        if not difference.place.startswith("body ") or k is None or k not in self.seats:
+        k = self._find_member_number(difference)
+        if not difference.place.startswith("body ") or k is None or k not in self.alignments:
             return None
-        seat = self.seats[k]
+        seat = self.alignments[k]
         one = self.trees[0].members[seat.first]
         two = self.trees[1].members[seat.second]
         return seat if dict(one.parts).keys() != dict(two.parts).keys() else None
 
-    def _number(self, difference: Difference) -> int | None:
+    def _find_member_number(self, difference: Difference) -> int | None:
         numbers = {index for index, _, _ in difference.changes}
         if len(numbers) == 1:
             return numbers.pop()
@@ -188,13 +188,13 @@ def make_single_body_member(member: Member, part: str) -> Member:
     return replace(member, name=part, mass=body.mass, com=body.com, tensor=body.tensor, parts=((part, body),))
 
 
-def collect_advice(judged: Judged, sides: Sides) -> tuple[tuple[str, tuple[str, ...]], ...]:
+def collect_advice(judgement: Judgement, sides: ComparedDescriptions) -> tuple[tuple[str, tuple[str, ...]], ...]:
     """Return by difference which file looks wrong, and what to write in A to have B's machine, in B to have A's [any unit]."""
     odd = [_collect_odd_numbers(description) for description in sides.descriptions]
     found = []
-    for difference in (*judged.causes, *judged.conventions, *judged.limits):
+    for difference in (*judgement.causes, *judgement.conventions, *judgement.limits):
         merged = sides.find_merged_alignment(difference)
-        both = sides.members(difference) if difference.cause != BASE and merged is None else None
+        both = sides.find_member_pair(difference) if difference.cause != BASE and merged is None else None
         if difference.cause == BASE:
             lines = list(_describe_base_change(difference, sides))
         elif merged is not None:
@@ -223,7 +223,9 @@ def _collect_odd_numbers(description: Description) -> dict[str, list[tuple[str, 
     """By link the check and the words of what looks odd in its numbers."""
     mechanism = description.mechanism
     links = {
-        link.name: Stated(link.name, join_bodies([part.inertia for part in link.bodies]), True, bool(link.bodies))
+        link.name: LinkStatements(
+            link.name, join_bodies([part.inertia for part in link.bodies]), True, bool(link.bodies)
+        )
         for link in mechanism.links
     }
     lengths = sorted(float(np.linalg.norm(joint.placement.position)) for joint in mechanism.joints)
@@ -240,11 +242,11 @@ def _describe_doubt(cause: str, odd: Mapping[str, list[tuple[str, str]]], member
     return words[0] if words else ""
 
 
-def _describe_common_change(difference: Difference, sides: Sides) -> Iterator[str]:
+def _describe_common_change(difference: Difference, sides: ComparedDescriptions) -> Iterator[str]:
     """Yield the lines for one factor on all numbers of a kind, or for the same number in several joints."""
     if difference.place.startswith("joints ") and difference.changes:
         members = [sides.trees[0].members[k] for k, _, _ in difference.changes]
-        others = [sides.trees[1].members[sides.seats[k].second] for k, _, _ in difference.changes]
+        others = [sides.trees[1].members[sides.alignments[k].second] for k, _, _ in difference.changes]
         for n, (side, other, own, value) in enumerate(
             (("A", "B", members, difference.second), ("B", "A", others, difference.first))
         ):
@@ -258,18 +260,23 @@ def _describe_common_change(difference: Difference, sides: Sides) -> Iterator[st
         yield f"to make B like A, divide it by {factor} everywhere"
 
 
-def _describe_merged_body(difference: Difference, sides: Sides, seat: Aligned) -> Iterator[str]:
+def _describe_merged_body(
+    difference: Difference, sides: ComparedDescriptions, alignment: MemberAlignment
+) -> Iterator[str]:
     """Yield what to write of one body where it stands alone, and of the whole where it does not [kg], [m], [kg m^2]."""
-    members = sides.trees[0].members[seat.first], sides.trees[1].members[seat.second]
-    names = _find_body_names(difference, members, seat)
+    members = sides.trees[0].members[alignment.first], sides.trees[1].members[alignment.second]
+    names = _find_body_names(difference, members, alignment)
     values = difference.second, difference.first
-    wholes = move_inertia(seat.frame, members[1].inertia), move_inertia(inverse(seat.frame), members[0].inertia)
+    wholes = (
+        move_inertia(alignment.frame, members[1].inertia),
+        move_inertia(inverse(alignment.frame), members[0].inertia),
+    )
     for n, (side, other) in enumerate((("A", "B"), ("B", "A"))):
         head = f"to make {side} ({sides.descriptions[n].label}) like {other}, in"
-        if _has_reframed_link(sides, seat) and n:
+        if _has_reframed_link(sides, alignment) and n:
             continue  # the number would be one in frames that B's file has not
         if len(members[n].parts) > 1 and names[n]:
-            if not n or difference.cause == "mass" or _is_same_frame(seat):
+            if not n or difference.cause == "mass" or _is_same_frame(alignment):
                 yield f"{head} body {names[n]}, in the frame of link {members[n].name}: {difference.cause} {values[n]}"
         else:
             whole = wholes[n]
@@ -280,10 +287,12 @@ def _describe_merged_body(difference: Difference, sides: Sides, seat: Aligned) -
             yield f"{head} link {members[n].name}{apart}: {numbers}"
 
 
-def _find_body_names(difference: Difference, members: tuple[Member, Member], seat: Aligned) -> tuple[str, str]:
+def _find_body_names(
+    difference: Difference, members: tuple[Member, Member], alignment: MemberAlignment
+) -> tuple[str, str]:
     """The body that a difference is about as each side calls it; "" where a side has none that is this body and no more."""
     name = difference.place.partition(" ")[2].partition(" (on link ")[0]
-    parts = dict(members[0].parts), {own: move_inertia(seat.frame, body) for own, body in members[1].parts}
+    parts = dict(members[0].parts), {own: move_inertia(alignment.frame, body) for own, body in members[1].parts}
     # The difference was found of a body of A where it changes that part, and of one of B where it changes the whole.
     mine = 0 if any(field.startswith("part ") for _, field, _ in difference.changes) else 1
     rest = join_bodies(body for own, body in parts[mine].items() if own != name)
@@ -292,7 +301,7 @@ def _find_body_names(difference: Difference, members: tuple[Member, Member], sea
     return (other, name) if mine else (name, other)
 
 
-def _describe_base_change(difference: Difference, sides: Sides) -> Iterator[str]:
+def _describe_base_change(difference: Difference, sides: ComparedDescriptions) -> Iterator[str]:
     """Yield what stands before the root of either file so that it stands as the other does."""
     motion = difference.motion or Placement()
     for description, side, other, frame in zip(sides.descriptions, "AB", "BA", (motion, inverse(motion)), strict=True):
@@ -308,7 +317,7 @@ def _describe_base_change(difference: Difference, sides: Sides) -> Iterator[str]
 
 
 def _describe_member_change(
-    difference: Difference, sides: Sides, both: tuple[Member, Member, Aligned]
+    difference: Difference, sides: ComparedDescriptions, both: tuple[Member, Member, MemberAlignment]
 ) -> Iterator[str]:
     one, two, seat = both
     values = _convert_values(difference, both)
@@ -333,35 +342,35 @@ def _describe_member_change(
             yield f"{head}: {text}"
 
 
-def _has_moved_frame(sides: Sides, both: tuple[Member, Member, Aligned]) -> bool:
+def _has_moved_frame(sides: ComparedDescriptions, both: tuple[Member, Member, MemberAlignment]) -> bool:
     """Return True if a frame of the member or of its carrier stands elsewhere in B."""
-    carrier = sides.seats.get(both[0].parent)
+    carrier = sides.alignments.get(both[0].parent)
     return any(not _is_same_frame(seat) for seat in (both[2], carrier) if seat is not None)
 
 
-def _has_reframed_link(sides: Sides, seat: Aligned) -> bool:
+def _has_reframed_link(sides: ComparedDescriptions, alignment: MemberAlignment) -> bool:
     """Return True if B's link or the one that carries it has another frame here than in its file."""
     members = sides.trees[1].members
-    own = members[seat.second]
+    own = members[alignment.second]
     return own.name in sides.rehung or (own.parent >= 0 and members[own.parent].name in sides.rehung)
 
 
-def _is_same_frame(seat: Aligned) -> bool:
-    off = max(np.abs(seat.frame.position).max(), np.abs(seat.frame.rotation - np.eye(3)).max())
-    return bool(off <= SAME) and seat.sign > 0 and not seat.offset
+def _is_same_frame(alignment: MemberAlignment) -> bool:
+    off = max(np.abs(alignment.frame.position).max(), np.abs(alignment.frame.rotation - np.eye(3)).max())
+    return bool(off <= SAME) and alignment.sign > 0 and not alignment.offset
 
 
-def _resolve_cause_name(difference: Difference, seat: Aligned, side: int) -> str:
+def _resolve_cause_name(difference: Difference, alignment: MemberAlignment, side: int) -> str:
     """The cause as a side calls it: B's lower limit is A's upper one where the coordinate counts the other way."""
     cause = difference.cause
     if cause == SIGN and LEFT_LIMITS in difference.hints:
         return SIGN_ALONE
-    if side and seat.sign < 0 and cause in ("lower limit", "upper limit"):
+    if side and alignment.sign < 0 and cause in ("lower limit", "upper limit"):
         return "upper limit" if cause == "lower limit" else "lower limit"
     return cause
 
 
-def _convert_values(difference: Difference, both: tuple[Member, Member, Aligned]) -> tuple[str, str]:
+def _convert_values(difference: Difference, both: tuple[Member, Member, MemberAlignment]) -> tuple[str, str]:
     """Return the value of B in A's frame and coordinate, and that of A in B's."""
     one, _, seat = both
     cause = difference.cause

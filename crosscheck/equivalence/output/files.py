@@ -22,47 +22,47 @@ from crosscheck.report.junit import FORBIDDEN
 from crosscheck.verdicts.results import list_versions
 
 
-def write(found: Comparison, out: Path) -> None:
+def write(comparison: Comparison, out: Path) -> None:
     """Write index.html, results.json, junit.xml and summary.md into a folder.  Raises OSError."""
     out.mkdir(parents=True, exist_ok=True)
     copy_style(out)
     now = datetime.datetime.now().isoformat(timespec="seconds")
     stamp = {"started": now, "versions": list_versions()}
     view: dict[str, Any] = {
-        "found": found,
-        "groups": [(title, getattr(found.judged, name)) for name, title in GROUPS],
+        "found": comparison,
+        "groups": [(title, getattr(comparison.judged, name)) for name, title in GROUPS],
         "words": WORDS,
-        "verdicts": [(WORDS[f], found.verdict(f)) for f in found.told],
-        "repaired": describe_repair(found),
-        "rounding": describe_rounding(found),
+        "verdicts": [(WORDS[f], comparison.verdict(f)) for f in comparison.told],
+        "repaired": describe_repair(comparison),
+        "rounding": describe_rounding(comparison),
         "results": stamp,
         "root": "",
     }
     write_page(prepare_templates(), "compare.html.j2", out / "index.html", **view)
-    owned.write(out / "results.json", json.dumps(found.plain | stamp, indent=1, ensure_ascii=False))
-    owned.write(out / "summary.md", render_markdown(found))
-    owned.write(out / "junit.xml", render_junit(found))
+    owned.write(out / "results.json", json.dumps(comparison.plain | stamp, indent=1, ensure_ascii=False))
+    owned.write(out / "summary.md", render_markdown(comparison))
+    owned.write(out / "junit.xml", render_junit(comparison))
 
 
-def render_junit(found: Comparison) -> bytes:
+def render_junit(comparison: Comparison) -> bytes:
     """Return the comparison as JUnit XML: a test case for each family, a failure where differences count."""
-    counted = found.differences
-    root = ET.Element("testsuites", name="crosscheck compare", time=f"{found.elapsed:.3f}")
-    suite = ET.SubElement(root, "testsuite", name=_replace_forbidden(f"{found.first} and {found.second}"))
+    counted = comparison.differences
+    root = ET.Element("testsuites", name="crosscheck compare", time=f"{comparison.elapsed:.3f}")
+    suite = ET.SubElement(root, "testsuite", name=_replace_forbidden(f"{comparison.first} and {comparison.second}"))
     cases = [
         (WORDS[f], [describe_difference(d) for d in counted if d.family == f])
-        for f in found.families
-        if f in found.told
+        for f in comparison.families
+        if f in comparison.told
     ]
-    cases.append(("efforts", [describe_repair(found)] if found.unexplained else []))
-    if found.proofs:
-        doubted = found.state in (INCOMPARABLE, NOT_PROVEN)
+    cases.append(("efforts", [describe_repair(comparison)] if comparison.unexplained else []))
+    if comparison.proofs:
+        doubted = comparison.state in (INCOMPARABLE, NOT_PROVEN)
         proof = ET.SubElement(suite, "testcase", classname="compare", name="held against the readers' own models")
         if doubted:
-            ET.SubElement(proof, "error", message=_replace_forbidden(found.doubts[0])).text = _replace_forbidden(
-                "\n".join(found.doubts)
+            ET.SubElement(proof, "error", message=_replace_forbidden(comparison.doubts[0])).text = _replace_forbidden(
+                "\n".join(comparison.doubts)
             )
-        ET.SubElement(proof, "system-out").text = _replace_forbidden("\n".join(found.grounds))
+        ET.SubElement(proof, "system-out").text = _replace_forbidden("\n".join(comparison.grounds))
     for name, lines in cases:
         case = ET.SubElement(suite, "testcase", classname="compare", name=name)
         if lines:

@@ -10,13 +10,13 @@ from xml.etree import ElementTree as ET
 
 from crosscheck import output_folder as owned
 from crosscheck.equivalence.output.text import describe_difference, format_cell
-from crosscheck.equivalence.readers import Loaded
+from crosscheck.equivalence.readers import ReaderRow
 from crosscheck.report.html import copy_style, prepare_templates, write_page
 from crosscheck.report.junit import FORBIDDEN
 from crosscheck.verdicts.results import list_versions
 
 
-def write_table(file: str, rows: Sequence[Loaded], out: Path) -> None:
+def write_table(file: str, rows: Sequence[ReaderRow], out: Path) -> None:
     """Write index.html, results.json, summary.md and junit.xml of the readers of a file into a folder.  Raises OSError."""
     out.mkdir(parents=True, exist_ok=True)
     copy_style(out)
@@ -36,7 +36,7 @@ def write_table(file: str, rows: Sequence[Loaded], out: Path) -> None:
     owned.write(out / "junit.xml", _render_junit(file, rows))
 
 
-def describe_agreement(rows: Sequence[Loaded]) -> str:
+def describe_agreement(rows: Sequence[ReaderRow]) -> str:
     """Return the number of readers that make the same machine of the file as the first, in a sentence."""
     words = {
         "equal": "the same machine", "different": "another one", "cannot": "nothing: it cannot read it",
@@ -49,12 +49,12 @@ def describe_agreement(rows: Sequence[Loaded]) -> str:
     return f"Against the reader {rows[0].reader}, {'; '.join(parts)}." if parts else f"Read by {rows[0].reader} alone."
 
 
-def render_readers_table(file: str, rows: Sequence[Loaded]) -> str:
+def render_readers_table(file: str, rows: Sequence[ReaderRow]) -> str:
     """Return the table for a pull request or the summary of a CI step."""
     return "\n".join(_list_markdown_lines(file, rows)) + "\n"
 
 
-def _list_markdown_lines(file: str, rows: Sequence[Loaded]) -> Iterator[str]:
+def _list_markdown_lines(file: str, rows: Sequence[ReaderRow]) -> Iterator[str]:
     yield f"## {format_cell(Path(file).name)}, as each engine reads it"
     yield ""
     yield format_cell(describe_agreement(rows))
@@ -62,7 +62,7 @@ def _list_markdown_lines(file: str, rows: Sequence[Loaded]) -> Iterator[str]:
     yield "| reader | joints | mass [kg] | result | differences |"
     yield "|---|--:|--:|---|---|"
     for row in rows:
-        yield "| " + " | ".join(map(format_cell, (row.reader, row.joints, row.mass, row.result, row.words))) + " |"
+        yield "| " + " | ".join(map(format_cell, (row.reader, row.joints, row.mass, row.result, row.refusal))) + " |"
     for row in rows:
         if row.dropped:
             yield f"\n<details><summary>what {format_cell(row.reader)} leaves out or takes for granted</summary>\n"
@@ -70,7 +70,7 @@ def _list_markdown_lines(file: str, rows: Sequence[Loaded]) -> Iterator[str]:
             yield "\n</details>"
 
 
-def _render_junit(file: str, rows: Sequence[Loaded]) -> bytes:
+def _render_junit(file: str, rows: Sequence[ReaderRow]) -> bytes:
     root = ET.Element("testsuites", name="crosscheck compare --readers")
     suite = ET.SubElement(root, "testsuite", name=_replace_forbidden(file), tests=str(len(rows)))
     suite.set("failures", str(sum(row.result == "different" for row in rows)))
@@ -79,7 +79,7 @@ def _render_junit(file: str, rows: Sequence[Loaded]) -> bytes:
         case = ET.SubElement(suite, "testcase", classname="readers", name=row.reader)
         if row.result != "equal":
             ET.SubElement(
-                case, "failure" if row.result == "different" else "error", message=_replace_forbidden(row.words)
+                case, "failure" if row.result == "different" else "error", message=_replace_forbidden(row.refusal)
             )
     ET.indent(root)
     text: bytes = ET.tostring(root, encoding="utf-8", xml_declaration=True)

@@ -16,18 +16,23 @@ GROUPS = (
 )
 
 
-def render_text(found: Comparison) -> str:
+def render_text(comparison: Comparison) -> str:
     """Return the comparison as plain lines."""
-    lines = [f"A: {found.first}", f"B: {found.second}", found.sentence, f"joints matched: {found.matched}"]
+    lines = [
+        f"A: {comparison.first}",
+        f"B: {comparison.second}",
+        comparison.sentence,
+        f"joints matched: {comparison.matched}",
+    ]
     for name, title in GROUPS:
-        group: tuple[Difference, ...] = getattr(found.judged, name)
+        group: tuple[Difference, ...] = getattr(comparison.judged, name)
         if group:
             lines += [f"{title}:", *(f"  {describe_difference(d)}" for d in group)]
-    lines += [*describe_rounding(found), describe_repair(found)]
-    lines += [found.suspects] if found.suspects else []
-    for place, written in found.advice:
+    lines += [*describe_rounding(comparison), describe_repair(comparison)]
+    lines += [comparison.suspects] if comparison.suspects else []
+    for place, written in comparison.advice:
         lines += [f"{place}:", *(f"  {w}" for w in written)]
-    lines += [*found.grounds, *(f"note: {note}" for note in found.notes)]
+    lines += [*comparison.grounds, *(f"note: {note}" for note in comparison.notes)]
     return "\n".join(lines)
 
 
@@ -41,20 +46,20 @@ def describe_difference(difference: Difference) -> str:
     return "; ".join(parts)
 
 
-def describe_rounding(found: Comparison) -> list[str]:
+def describe_rounding(comparison: Comparison) -> list[str]:
     """Return the line on numbers that differ in what their printed digits leave open; none where there are none."""
-    count = len(found.judged.rounding)
+    count = len(comparison.judged.rounding)
     if not count:
         return []
-    effect = format_short(found.judged.rounding_effort)
+    effect = format_short(comparison.judged.rounding_effort)
     return [f"rounding: {count} numbers differ by less than their printed digits; effect {effect} N m or N"]
 
 
-def describe_repair(found: Comparison) -> str:
+def describe_repair(comparison: Comparison) -> str:
     """Return the difference of efforts before and after repair, in words."""
-    judged = found.judged
+    judged = comparison.judged
     added = [d for d in judged.causes if d.family == "feature"]
-    if judged.before <= found.tolerance and len(judged.causes) == len(added):
+    if judged.before <= comparison.tolerance and len(judged.causes) == len(added):
         whose = "efforts of the mechanisms" if added else "efforts"
         return f"{whose} agree to {format_short(judged.before)} of their ranges"
     where = f" at joint {judged.worst_joint}" if judged.worst_joint else ""
@@ -63,31 +68,31 @@ def describe_repair(found: Comparison) -> str:
     return f"{before}; with the differences put right, {format_short(judged.after)} of it is left"
 
 
-def render_markdown(found: Comparison) -> str:
+def render_markdown(comparison: Comparison) -> str:
     """Return the comparison for a pull request or the summary of a CI step."""
-    return "\n".join(_list_markdown_lines(found)) + "\n"
+    return "\n".join(_list_markdown_lines(comparison)) + "\n"
 
 
-def _list_markdown_lines(found: Comparison) -> Iterator[str]:
-    yield f"## {'✓' if found.equal else '✗'} {format_cell(found.sentence)}"
+def _list_markdown_lines(comparison: Comparison) -> Iterator[str]:
+    yield f"## {'✓' if comparison.equal else '✗'} {format_cell(comparison.sentence)}"
     yield ""
-    yield f"A: `{found.first}` · B: `{found.second}` · joints matched: {format_cell(found.matched)}"
+    yield f"A: `{comparison.first}` · B: `{comparison.second}` · joints matched: {format_cell(comparison.matched)}"
     for name, title in GROUPS:
-        group: tuple[Difference, ...] = getattr(found.judged, name)
+        group: tuple[Difference, ...] = getattr(comparison.judged, name)
         if group:
             yield from ("", f"### {title}", "", *_list_table_lines(group))
     yield ""
-    yield from (f"{format_cell(words)}\n" for words in [*describe_rounding(found), describe_repair(found)])
-    if found.advice:
+    yield from (f"{format_cell(words)}\n" for words in [*describe_rounding(comparison), describe_repair(comparison)])
+    if comparison.advice:
         yield "### What to write"
         yield ""
-        yield f"{found.suspects}\n" if found.suspects else ""
-    for place, written in found.advice:
+        yield f"{comparison.suspects}\n" if comparison.suspects else ""
+    for place, written in comparison.advice:
         yield f"* {format_cell(place)}"
         yield from (f"  * {_format_code(words)}" for words in written)
-    yield from (f"* {format_cell(words)}" for words in found.grounds)
-    yield from (f"* note: {format_cell(note)}" for note in found.notes)
-    for side, lines in found.dropped:
+    yield from (f"* {format_cell(words)}" for words in comparison.grounds)
+    yield from (f"* note: {format_cell(note)}" for note in comparison.notes)
+    for side, lines in comparison.dropped:
         yield f"\n<details><summary>what was not compared of {format_cell(side)}, and what was taken for it</summary>\n"
         yield from (f"* {format_cell(words)}" for words in lines)
         yield "\n</details>"

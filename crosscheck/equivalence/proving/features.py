@@ -16,11 +16,11 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from crosscheck.equivalence.alignment.seats import Aligned
-from crosscheck.equivalence.beams.held import make_rigid_mechanism
+from crosscheck.equivalence.alignment.member_alignment import MemberAlignment
+from crosscheck.equivalence.beams.rigid_beams import make_rigid_mechanism
 from crosscheck.equivalence.difference import Difference
 from crosscheck.equivalence.efforts import States, evaluate_efforts, map_efforts_back, map_states
-from crosscheck.equivalence.judge import Judged, Share, compute_effort_share
+from crosscheck.equivalence.judge import Judgement, Share, compute_effort_share
 from crosscheck.equivalence.proof import evaluate_reader_efforts, list_feature_names, remove_ties
 from crosscheck.equivalence.tree import Tree
 from crosscheck.lifting.description import Description
@@ -35,7 +35,7 @@ Efforts = dict[str, Array]
 
 
 @dataclass(frozen=True)
-class Ground:
+class CommonGround:
     """Common ground of two descriptions: A's reduced tree, states, alignment by joint of A.
 
     names : of B's joints by those of A
@@ -45,14 +45,14 @@ class Ground:
 
     tree: Tree
     states: States
-    seats: Mapping[str, Aligned]
+    alignments: Mapping[str, MemberAlignment]
     names: Mapping[str, str]
     starts: Mapping[str, Placement] = field(default_factory=dict)
     common: bool = True
 
 
 @dataclass(frozen=True)
-class Added:
+class FeatureEfforts:
     """Efforts that the features of one side add, in A's coordinates: all together, and by name [N m], [N]."""
 
     whole: Efforts
@@ -61,53 +61,57 @@ class Added:
 
 
 def add_feature_differences(
-    judged: Judged, sides: tuple[Description, Description], ground: Ground, ignored: Collection[str], tolerance: float
-) -> Judged:
+    judgement: Judgement,
+    sides: tuple[Description, Description],
+    ground: CommonGround,
+    ignored: Collection[str],
+    tolerance: float,
+) -> Judgement:
     """Return the judgement with the differences of features; ignored : names that are left out.
 
     tolerance : relative to the range of an effort [-]
     """
     names = sorted({name for side in sides for name in list_feature_names(side)} - set(ignored))
-    exact = not (judged.causes or judged.rounding)
-    added: list[Added | None] = [None, None]
+    exact = not (judgement.causes or judgement.rounding)
+    added: list[FeatureEfforts | None] = [None, None]
     if ground.common and any(side.dynamics is not None for side in sides):
         added = [_compute_added_efforts(side, ground, names, ignored, n) for n, side in enumerate(sides)]
     causes: list[Difference] = []
     unseen: list[Difference] = []
     for name in names:
-        found = _find_feature_difference(name, sides, ground.names, added, tolerance, exact)
-        if found is not None:
-            seen = not exact or found.share is None or found.share > tolerance
-            (causes if seen else unseen).append(found)
-    judged = replace(judged, causes=(*judged.causes, *causes), unseen=(*judged.unseen, *unseen))
+        feature_difference = _find_feature_difference(name, sides, ground.names, added, tolerance, exact)
+        if feature_difference is not None:
+            seen = not exact or feature_difference.share is None or feature_difference.share > tolerance
+            (causes if seen else unseen).append(feature_difference)
+    judgement = replace(judgement, causes=(*judgement.causes, *causes), unseen=(*judgement.unseen, *unseen))
     one, two = added
     if one is None or two is None or causes or not exact:
-        return judged
+        return judgement
     share, effort, joint = _compute_feature_share(one.whole, two.whole, one, two)
-    if share <= tolerance or share <= judged.after:
-        return judged
+    if share <= tolerance or share <= judgement.after:
+        return judgement
     return replace(
-        judged,
+        judgement,
         after=share,
-        before=max(judged.before, share),
-        before_effort=max(judged.before_effort, effort),
+        before=max(judgement.before, share),
+        before_effort=max(judgement.before_effort, effort),
         worst_joint=joint,
     )
 
 
 def _compute_added_efforts(
-    side: Description, ground: Ground, names: Iterable[str], ignored: Collection[str], number: int
-) -> Added | None:
+    side: Description, ground: CommonGround, names: Iterable[str], ignored: Collection[str], number: int
+) -> FeatureEfforts | None:
     """Efforts that a side's reader adds to its mechanism; zero where that is the source, None where it cannot be asked."""
     states = ground.states if number else _apply_start_poses(ground.states, ground.starts)
     if number:
-        states = map_states(states, ground.tree, ground.seats)
+        states = map_states(states, ground.tree, ground.alignments)
     joints = dict(ground.names) if number else {name: name for name in ground.states.qd}
     bare = evaluate_efforts(remove_ties(make_rigid_mechanism(side.mechanism)), states, joints)
     if side.dynamics is None:
         if side.unproven:
             return None
-        return _map_to_first(Added({k: np.zeros_like(v) for k, v in bare.items()}, {}, bare), ground, number)
+        return _map_to_first(FeatureEfforts({k: np.zeros_like(v) for k, v in bare.items()}, {}, bare), ground, number)
     try:
         whole = evaluate_reader_efforts(side, states, joints, ignored)
         without = {
@@ -118,18 +122,18 @@ def _compute_added_efforts(
     except InputError:
         return None
     by_name = {name: _compute_effort_difference(whole, less) for name, less in without.items()}
-    return _map_to_first(Added(_compute_effort_difference(whole, bare), by_name, whole), ground, number)
+    return _map_to_first(FeatureEfforts(_compute_effort_difference(whole, bare), by_name, whole), ground, number)
 
 
-def _map_to_first(added: Added, ground: Ground, number: int) -> Added:
+def _map_to_first(added: FeatureEfforts, ground: CommonGround, number: int) -> FeatureEfforts:
     """Efforts of B as efforts of A's coordinates."""
     if not number:
         return added
 
     def map_back(found: Efforts) -> Efforts:
-        return map_efforts_back(found, ground.tree, ground.seats)
+        return map_efforts_back(found, ground.tree, ground.alignments)
 
-    return Added(
+    return FeatureEfforts(
         map_back(added.whole), {name: map_back(own) for name, own in added.by_name.items()}, map_back(added.scale)
     )
 
@@ -156,14 +160,14 @@ def _compute_effort_difference(one: Efforts, other: Efforts) -> Efforts:
     return {name: one[name] - other[name] for name in one}
 
 
-def _compute_feature_share(one: Efforts, two: Efforts, first: Added, second: Added) -> Share:
+def _compute_feature_share(one: Efforts, two: Efforts, first: FeatureEfforts, second: FeatureEfforts) -> Share:
     scale = {k: np.maximum(np.abs(first.scale[k]), np.abs(second.scale[k])) for k in first.scale}
     return compute_effort_share(one, two, scale)
 
 
 def _find_feature_difference(
-    name: str, sides: tuple[Description, Description], joints: Mapping[str, str], added: list[Added | None], tolerance: float,
-    exact: bool,
+    name: str, sides: tuple[Description, Description], joints: Mapping[str, str], added: list[FeatureEfforts | None],
+    tolerance: float, exact: bool,
 ) -> Difference | None:  # fmt: skip
     """The difference of the features of one name, None where there is none."""
     ours = [feature for feature in sides[0].features if feature.name == name]
@@ -199,10 +203,10 @@ def _describe_features(features: list[Feature]) -> str:
     return "; ".join(words[:SHOWN]) + more if features else "none"
 
 
-def _has_equal_tables(ours: list[Feature], theirs: list[Feature], names: Mapping[str, str]) -> bool:
+def _has_equal_tables(ours: list[Feature], features: list[Feature], names: Mapping[str, str]) -> bool:
     """Compare the numbers of features, those of B with A's names of joints, in any order."""
     back = {b: a for a, b in names.items()}
-    waiting = [_make_feature_row(feature, back) for feature in theirs]
+    waiting = [_make_feature_row(feature, back) for feature in features]
     for feature in ours:
         row = _make_feature_row(feature, {})
         like = next((other for other in waiting if _close(row, other)), None)

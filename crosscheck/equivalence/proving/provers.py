@@ -36,14 +36,16 @@ def add_dynamics(description: Description) -> Description:
     first: ReaderDynamics | None = None
     for name, dynamics in _list_offering_engines(description.format):
         try:
-            found: ReaderDynamics = dynamics(description.file, description.mechanism)
+            reader_dynamics: ReaderDynamics = dynamics(description.file, description.mechanism)
         except InputError as error:
             refused.append(f"{name}: {' '.join(str(error).split())}")
             continue
-        tied = not description.mechanism.closures or found.closing(description.mechanism.neutral) is not None
+        tied = not description.mechanism.closures or reader_dynamics.closing(description.mechanism.neutral) is not None
         if tied:
-            return replace(description, dynamics=found if first is None else Joined(first, found))
-        first = found if first is None else first
+            return replace(
+                description, dynamics=reader_dynamics if first is None else CombinedDynamics(first, reader_dynamics)
+            )
+        first = reader_dynamics if first is None else first
     if first is not None:
         return replace(description, dynamics=first)
     none = f"no engine is installed that has a model of its own of {description.format.upper()}"
@@ -51,7 +53,7 @@ def add_dynamics(description: Description) -> Description:
 
 
 @dataclass(frozen=True)
-class Joined:
+class CombinedDynamics:
     """`ReaderDynamics` of two engines: efforts of the one, equations of closures of the other."""
 
     moved: ReaderDynamics

@@ -32,34 +32,42 @@ UNJUDGED = "not judged"
 
 
 @dataclass(frozen=True)
-class Ties:
-    """The result: ``HELD``, ``LOST`` or ``UNJUDGED``; words : in what they differ, or why nothing could be said."""
+class ClosureProof:
+    """The result: ``HELD``, ``LOST`` or ``UNJUDGED``; reason : in what they differ, or why nothing could be said."""
 
     state: str
-    words: str = ""
+    reason: str = ""
 
 
-def check_ties(mechanism: Mechanism, dynamics: ReaderDynamics, without: Collection[str]) -> Ties:
+def check_ties(mechanism: Mechanism, dynamics: ReaderDynamics, without: Collection[str]) -> ClosureProof:
     """Hold a mechanism's closures against its reader's own equations [m], [rad]; without : names of features left out."""
     start = dynamics.start
     guess = mechanism.neutral if start is None else start
     theirs = dynamics.closing(guess, without)
     if theirs is None:
-        return Ties(HELD) if not mechanism.closures else Ties(UNJUDGED, "closures are no part of its model")
+        return (
+            ClosureProof(HELD)
+            if not mechanism.closures
+            else ClosureProof(UNJUDGED, "closures are no part of its model")
+        )
     if not mechanism.closures:
-        return Ties(HELD) if not len(theirs[0]) else Ties(LOST, f"it ties the tree by {len(theirs[0])} equations more")
+        return (
+            ClosureProof(HELD)
+            if not len(theirs[0])
+            else ClosureProof(LOST, f"it ties the tree by {len(theirs[0])} equations more")
+        )
     try:
         places = _find_closed_configurations(mechanism, guess)
     except (ConvergenceError, InputError) as error:
-        return Ties(UNJUDGED, f"closures: {error}")
+        return ClosureProof(UNJUDGED, f"closures: {error}")
     if not places:
-        return Ties(UNJUDGED, "closures: the loops do not close near its reference configuration")
+        return ClosureProof(UNJUDGED, "closures: the loops do not close near its reference configuration")
     for place in places:
         found = dynamics.closing(place, without)
         assert found is not None
         if words := _describe_closure_gap(mechanism, place, *found):
-            return Ties(LOST, words)
-    return Ties(HELD)
+            return ClosureProof(LOST, words)
+    return ClosureProof(HELD)
 
 
 def _find_closed_configurations(mechanism: Mechanism, guess: Array) -> list[Array]:
@@ -78,7 +86,7 @@ def _describe_closure_gap(mechanism: Mechanism, place: Array, residual: Array, j
     left = float(np.abs(residual).max(initial=0.0))
     if not left <= OPEN * max(1.0, mesh.length):
         return f"where the mechanism is closed, its own equations are open by {left:.3g} m or rad"
-    ours = build_start_follower(mesh).closures(place)[1]
+    ours = build_start_follower(mesh).evaluate_closures(place)[1]
     one = _compute_row_space(ours)
     two = _compute_row_space(jacobian * list_velocity_scales(mesh))
     if len(one) != len(two):

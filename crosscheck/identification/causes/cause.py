@@ -40,7 +40,7 @@ class Cause:
 
 
 @dataclass(frozen=True)
-class Named:
+class NamedCause:
     """A cause with its size and its standard error [unit], the drop of the cost that speaks for it [-], and its evidence."""
 
     name: str

@@ -91,7 +91,7 @@ def _make_payload_undo(link: str) -> Undo:
 
     def add_payload(log: Log, mechanism: Mechanism, phi: float) -> tuple[Log, Mechanism]:
         own = mechanism.link_of[link]
-        more = Body("more", Inertia.stated(phi, own.tip if _is_at_tip(own) else own.bodies[-1].inertia.com))
+        more = Body("more", Inertia.build_unchecked(phi, own.tip if _is_at_tip(own) else own.bodies[-1].inertia.com))
         links = tuple(replace(k, bodies=(*k.bodies, more)) if k.name == link else k for k in mechanism.links)
         return log, replace(mechanism, links=links)
 

@@ -13,7 +13,7 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from crosscheck.identification.causes.cause import Named
+from crosscheck.identification.causes.cause import NamedCause
 from crosscheck.identification.filters import low_pass
 from crosscheck.identification.fit import Fit
 from crosscheck.identification.logs.log import Log
@@ -30,22 +30,22 @@ HYSTERESIS = "hysteresis between motor and link angle"
 SCALE = "scale of link over motor angle (gear), relative error"
 
 
-def compare_encoders(machine: Machine, found: Fit, log: Log) -> list[Named]:
+def compare_encoders(machine: Machine, fit: Fit, log: Log) -> list[NamedCause]:
     """Return by what motor and link angles disagree [unit of each], joint by joint, the most evident first."""
     tables = {n: t.link_angle for n, t in machine.settings.joints.items() if t.link_angle is not None}
     tables = {n: t for n, t in tables.items() if t.column in log.columns}
     if not tables:
         return []
     run = make_run(machine, log, efforts=False, once=True)
-    effort = run.response(machine.space.values(found.z))[0]
-    out: list[Named] = []
+    effort = run.response(machine.space.compute_values(fit.z))[0]
+    out: list[NamedCause] = []
     for name, table in tables.items():
-        link = log.column(table.column) * (ANGLES[table.unit] / table.over)
+        link = log.read_column(table.column) * (ANGLES[table.unit] / table.over)
         out += _compare_joint_encoders(machine, run, name, link, effort[:, run.motion.names.index(name)])
     return sorted(out, key=lambda one: -one.drop)
 
 
-def _compare_joint_encoders(machine: Machine, run: Run, name: str, link: Array, effort: Array) -> Iterator[Named]:
+def _compare_joint_encoders(machine: Machine, run: Run, name: str, link: Array, effort: Array) -> Iterator[NamedCause]:
     at = run.motion.names.index(name)
     spacing = float(run.time[1] - run.time[0])
     q = run.motion.q[:, at]
@@ -69,7 +69,7 @@ def _compare_joint_encoders(machine: Machine, run: Run, name: str, link: Array, 
         if kind == TWIST:
             unit, size, error = ("N/m" if slides else "N m/rad"), 1.0 / size, error / size**2
         words = f"their difference scatters by {left:.2g} of what it does without; the cost falls by {drop:.0f}"
-        yield Named(kind, name, unit, size, error, drop, words)
+        yield NamedCause(kind, name, unit, size, error, drop, words)
 
 
 def _find_entering_terms(own: Array, terms: dict[str, Array]) -> Iterator[tuple[str, float, float, float, float]]:

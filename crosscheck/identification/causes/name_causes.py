@@ -18,15 +18,15 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import chi2
 
-from crosscheck.identification.causes.cause import Named
+from crosscheck.identification.causes.cause import NamedCause
+from crosscheck.identification.causes.detection_limits import DetectionLimit, find_least_sizes
 from crosscheck.identification.causes.dictionary import list_possible_causes
 from crosscheck.identification.causes.encoders import compare_encoders
-from crosscheck.identification.causes.gross import Gross, Score, compute_score, list_gross_faults
-from crosscheck.identification.causes.least_seen import Least, find_least_sizes
-from crosscheck.identification.causes.rounds import Round, Search
+from crosscheck.identification.causes.gross_faults import GrossFault, Score, compute_score, list_gross_faults
+from crosscheck.identification.causes.rounds import CauseRound, CauseSearch
 from crosscheck.identification.causes.signals import find_clipped_samples, list_clipped_columns, list_quantised_columns
 from crosscheck.identification.fit import Problem, compute_jacobian
-from crosscheck.identification.identify import Identified
+from crosscheck.identification.identify import Identification
 from crosscheck.identification.logs.log import Log
 from flexinv.errors import ConvergenceError
 
@@ -46,14 +46,14 @@ LARGEST = 4  # causes named at most
 
 
 @dataclass(frozen=True)
-class Remains:
+class CauseFindings:
     """Causes of a log, the most certain first, and the least sizes of those not named that it would show."""
 
-    named: list[Named]
-    least: list[Least]
+    named: list[NamedCause]
+    least: list[DetectionLimit]
 
 
-def find_causes(known: Identified, log: Log, seen: bool = False) -> list[Named]:
+def find_causes(known: Identification, log: Log, seen: bool = False) -> list[NamedCause]:
     """Return the causes that a log shows beside what was identified [unit of each], the most certain first.
 
     seen : the parameters come from this very log, `find_remaining_causes`
@@ -61,7 +61,7 @@ def find_causes(known: Identified, log: Log, seen: bool = False) -> list[Named]:
     return find_remaining_causes(known, log, seen, hidden=False).named
 
 
-def find_remaining_causes(known: Identified, log: Log, seen: bool = False, hidden: bool = True) -> Remains:
+def find_remaining_causes(known: Identification, log: Log, seen: bool = False, hidden: bool = True) -> CauseFindings:
     """Return the causes that a log shows beside what was identified, and what it cannot show [unit of each].
 
     hidden : the least sizes are looked for, too
@@ -71,7 +71,7 @@ def find_remaining_causes(known: Identified, log: Log, seen: bool = False, hidde
     machine = known.machine
     found = known.fit
     before = () if seen else known.task.runs
-    search = Search(machine, found, find_clipped_samples(machine, log), seen, before)
+    search = CauseSearch(machine, found, find_clipped_samples(machine, log), seen, before)
     named = [*list_clipped_columns(machine, log), *list_quantised_columns(machine, found, log)]
     for _ in range(LARGEST):
         one = _find_gross_fault(search, log)
@@ -82,7 +82,7 @@ def find_remaining_causes(known: Identified, log: Log, seen: bool = False, hidde
         log = fault.undone(log, machine.mechanism, fault.size)[0]
     small, here, at = _find_small_causes(replace(search, seen=False), log)
     least = find_least_sizes(here, at, compute_evidence_threshold(len(here.causes))) if hidden else []
-    return Remains([*named, *small, *compare_encoders(machine, found, log)], least)
+    return CauseFindings([*named, *small, *compare_encoders(machine, found, log)], least)
 
 
 # ----------------------------------------------------------------------------------------------------- gross faults
@@ -91,19 +91,21 @@ def find_remaining_causes(known: Identified, log: Log, seen: bool = False, hidde
 Linear = tuple[list[Array], list[Array]]  # readings, and their slopes by the parameters
 
 
-def _find_gross_fault(search: Search, log: Log) -> tuple[Gross, Named] | None:
+def _find_gross_fault(search: CauseSearch, log: Log) -> tuple[GrossFault, NamedCause] | None:
     mechanism = search.machine.mechanism
-    level = search.task(log, mechanism)
-    told = _compute_linear_readings(search, level)
-    base = _compute_fault_score(search, level, told)
-    best: tuple[Gross, Score] | None = None
+    level = search.build_task(log, mechanism)
+    linear_readings = _compute_linear_readings(search, level)
+    base = _compute_fault_score(search, level, linear_readings)
+    best: tuple[GrossFault, Score] | None = None
     for fault in list_gross_faults(search.machine):
         at = _list_spoiled_channels(search, fault)
         if not at or base.unexplained[at].max() < LITTLE / 2.0:
             continue
-        task = search.task(fault.undone(log, mechanism, fault.size)[0], mechanism, level, fault.moves)
+        task = search.build_task(fault.undone(log, mechanism, fault.size)[0], mechanism, level, fault.moves)
         try:
-            one = _compute_fault_score(search, task, _compute_linear_readings(search, task) if fault.moves else told)
+            one = _compute_fault_score(
+                search, task, _compute_linear_readings(search, task) if fault.moves else linear_readings
+            )
         except ConvergenceError:  # nothing can follow this motion: beams would roll up along an angle in another unit
             continue
         better = one.unexplained[at].max() < min(LITTLE, HALF * base.unexplained[at].max())
@@ -114,32 +116,32 @@ def _find_gross_fault(search: Search, log: Log) -> tuple[Gross, Named] | None:
     fault, one = best
     before, after = (score.unexplained[_list_spoiled_channels(search, fault)].max() for score in (base, one))
     evidence = f"unexplained {before:.1%} as it is, {after:.1%} without it"
-    return fault, Named(fault.name, fault.place, fault.unit, fault.size, 0.0, base.value - one.value, evidence)
+    return fault, NamedCause(fault.name, fault.place, fault.unit, fault.size, 0.0, base.value - one.value, evidence)
 
 
-def _list_spoiled_channels(search: Search, fault: Gross) -> list[int]:
+def _list_spoiled_channels(search: CauseSearch, fault: GrossFault) -> list[int]:
     return [k for k, c in enumerate(search.machine.channels) if c.place in fault.places]
 
 
-def _compute_linear_readings(search: Search, task: Problem) -> Linear:
-    z = np.zeros(len(search.found.z)) if search.seen else search.found.z
-    return task.pick(task.predict(z)), compute_jacobian(task, z)
+def _compute_linear_readings(search: CauseSearch, task: Problem) -> Linear:
+    z = np.zeros(len(search.fit.z)) if search.seen else search.fit.z
+    return task.collect_counted_samples(task.predict(z)), compute_jacobian(task, z)
 
 
-def _compute_fault_score(search: Search, task: Problem, told: Linear) -> Score:
-    measured = task.pick([run.measured for run in task.runs if run.measured is not None])
-    return compute_score(measured, *told, search.found.agree, search.root)
+def _compute_fault_score(search: CauseSearch, task: Problem, linear: Linear) -> Score:
+    measured = task.collect_counted_samples([run.measured for run in task.runs if run.measured is not None])
+    return compute_score(measured, *linear, search.fit.agree, search.root)
 
 
 # ---------------------------------------------------------------------------------------------- what may be small
 
 
-def _find_small_causes(search: Search, log: Log) -> tuple[list[Named], Round, Array]:
+def _find_small_causes(search: CauseSearch, log: Log) -> tuple[list[NamedCause], CauseRound, Array]:
     """Causes by their evidence, and the log under them with their sizes."""
     causes = list(list_possible_causes(search.machine))
     at = np.zeros(len(causes))
-    named = list[Named]()
-    here = Round(search, log, causes, at, None)
+    named = list[NamedCause]()
+    here = CauseRound(search, log, causes, at, None)
     while len(named) < LARGEST:
         best = _find_strongest_cause(here, at, {one.name + one.place for one in named})
         if best is None:
@@ -147,12 +149,12 @@ def _find_small_causes(search: Search, log: Log) -> tuple[list[Named], Round, Ar
         k, one = best
         at[k] = one.size
         named.append(one)
-        here = Round(search, log, causes, at, here.wide)
+        here = CauseRound(search, log, causes, at, here.wide)
     return named, here, at
 
 
-def _find_strongest_cause(here: Round, at: Array, known: set[str]) -> tuple[int, Named] | None:
-    level = here.rest(at)
+def _find_strongest_cause(here: CauseRound, at: Array, known: set[str]) -> tuple[int, NamedCause] | None:
+    level = here.compute_weighed_residual(at)
     first: list[tuple[float, int, float]] = []
     for k, cause in enumerate(here.causes):
         if cause.name + cause.place not in known:
@@ -178,40 +180,40 @@ def compute_evidence_threshold(count: int) -> float:
     return max(EVIDENCE, float(chi2.isf(CHANCE / count, 1)))
 
 
-def _compute_cost_drop(here: Round, k: int, one: Named) -> float:
+def _compute_cost_drop(here: CauseRound, k: int, one: NamedCause) -> float:
     """The drop of the cost; what is against nature has to explain more than what can be, by as much as counts as evidence."""
     return one.drop - (EVIDENCE if here.causes[k].one_sided and one.size < 0.0 else 0.0)
 
 
-def _list_start_sizes(here: Round, at: Array, k: int, level: Array) -> list[tuple[float, float]]:
+def _list_start_sizes(here: CauseRound, at: Array, k: int, level: Array) -> list[tuple[float, float]]:
     """Sizes of a cause at which the way to the best one may start, each with about how much the cost falls."""
     cause = here.causes[k]
     one = np.eye(len(at))[k]
-    slope = (here.rest(at + cause.step * one) - level) / cause.step
+    slope = (here.compute_weighed_residual(at + cause.step * one) - level) / cause.step
     square = float(slope @ slope)
     out = []
     if square > 0.0:
         out.append((float(slope @ level) ** 2 / square, -float(slope @ level) / square))
     if here.wide and cause.tries:
-        costs = [here.above(at + size * one) for size in cause.tries]
+        costs = [here.compute_cost_above(at + size * one) for size in cause.tries]
         best = int(np.argmin(costs))
-        left = here.rest(at + cause.tries[best] * one)
+        left = here.compute_weighed_residual(at + cause.tries[best] * one)
         out.append((float(level @ level - left @ left), cause.tries[best]))
     return out
 
 
-def _fit_cause_size(here: Round, at: Array, k: int, size: float, before: Array) -> tuple[int, Named]:
+def _fit_cause_size(here: CauseRound, at: Array, k: int, size: float, before: Array) -> tuple[int, NamedCause]:
     """Follow the size of a cause where it is not linear: Gauss and Newton in one number."""
     cause = here.causes[k]
     one = np.eye(len(at))[k]
     square = 1.0
     for _ in range(FOLLOWED):
-        level = here.rest(at + size * one)
-        slope = (here.rest(at + (size + cause.step) * one) - level) / cause.step
+        level = here.compute_weighed_residual(at + size * one)
+        slope = (here.compute_weighed_residual(at + (size + cause.step) * one) - level) / cause.step
         square = float(slope @ slope)
         size -= float(slope @ level) / square
-    left = here.rest(at + size * one)
+    left = here.compute_weighed_residual(at + size * one)
     error = np.sqrt(float(left @ left) / float(here.news.sum()) / square)
     drop = here.drop(before, left)
     words = f"the cost falls by {drop:.0f}, to {left @ left / (before @ before):.0%} of what remained"
-    return k, Named(cause.name, cause.place, cause.unit, size, float(error), drop, words)
+    return k, NamedCause(cause.name, cause.place, cause.unit, size, float(error), drop, words)

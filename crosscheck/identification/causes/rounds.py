@@ -9,11 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from crosscheck.identification.causes.cause import Cause
-from crosscheck.identification.causes.wide import WideRows, build_wide_rows
+from crosscheck.identification.causes.wide_rows import WideRows, build_wide_rows
 from crosscheck.identification.fit import Fit, Problem, build_problem, compute_jacobian
 from crosscheck.identification.logs.log import Log
 from crosscheck.identification.noise import count_agreeing_samples
-from crosscheck.identification.parameters import Space
+from crosscheck.identification.parameters import ParameterSpace
 from crosscheck.identification.readings import Machine, Run, compute_wide_responses, make_run, read_measured_channels
 from flexinv.model.mechanism import Mechanism
 from flexinv.rigid.torque_regressor import compute_link_parameters
@@ -22,14 +22,14 @@ Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
-class Search:
+class CauseSearch:
     """A machine with the parameters found; cut : samples that are clipped (samples, channels).
 
     before : runs that say what efforts look like above the bandwidth
     """
 
     machine: Machine
-    found: Fit
+    fit: Fit
     cut: NDArray[np.bool_]
     seen: bool
     before: tuple[Run, ...] = ()
@@ -38,10 +38,10 @@ class Search:
     def root(self) -> Array:
         """Square root of the precision with which the parameters are known beside this log (parameters, parameters)."""
         if self.seen:
-            return np.eye(len(self.found.z))
-        return np.asarray(np.linalg.cholesky(np.linalg.inv(self.found.covariance)).T)
+            return np.eye(len(self.fit.z))
+        return np.asarray(np.linalg.cholesky(np.linalg.inv(self.fit.covariance)).T)
 
-    def task(
+    def build_task(
         self, log: Log, mechanism: Mechanism, level: Problem | None = None, moves: bool = True, once: bool = False
     ) -> Problem:
         """Return a log of a mechanism; samples count as in ``level``, motions are its own if they move.
@@ -62,7 +62,7 @@ class Search:
         return replace(level, machine=changed, runs=(run,))
 
 
-def update_space(machine: Machine, mechanism: Mechanism) -> Space:
+def update_space(machine: Machine, mechanism: Mechanism) -> ParameterSpace:
     """Return the parameters as before, with the masses [kg] that the changed mechanism has beside those of the first one."""
     if mechanism is machine.mechanism:
         return machine.space
@@ -74,22 +74,22 @@ def update_space(machine: Machine, mechanism: Mechanism) -> Space:
     return replace(machine.space, more=more)
 
 
-class Round:
+class CauseRound:
     """A log under the causes named so far: residual and directions that the parameters cannot make up for.
 
     Rows of all channels behind the low-pass come first, those above the bandwidth then, and the parameters at the end.
     """
 
     def __init__(
-        self, search: Search, log: Log, causes: Sequence[Cause], at: Array, wide: list[WideRows] | None
+        self, search: CauseSearch, log: Log, causes: Sequence[Cause], at: Array, wide: list[WideRows] | None
     ) -> None:
         self.search = search
         self.log = log
         self.causes = causes
         self.at = at.copy()
         self.task = self.build_task_at(at, None)
-        found = search.found
-        self.told = self.task.pick(self.task.predict(found.z))
+        found = search.fit
+        self.told = self.task.collect_counted_samples(self.task.predict(found.z))
         residual = self._compute_residual(self.task)
         spread = np.array([np.sqrt(np.mean(r**2)) for r in residual])
         self.weight = 1.0 / (spread * np.sqrt(found.agree))
@@ -112,22 +112,22 @@ class Round:
             if phi:
                 log, mechanism = cause.undone(log, mechanism, float(phi))
             moves = moves or (cause.moves and phi != own)
-        return self.search.task(log, mechanism, level, moves, once=level is not None)
+        return self.search.build_task(log, mechanism, level, moves, once=level is not None)
 
     def _compute_residual(self, task: Problem) -> list[Array]:
         """Measured values less the readings, which are those of the round as long as nothing else moves."""
-        measured = task.pick([run.measured for run in task.runs if run.measured is not None])
+        measured = task.collect_counted_samples([run.measured for run in task.runs if run.measured is not None])
         same = task.runs[0].response is self.task.runs[0].response
-        told = self.told if same else task.pick(task.predict(self.search.found.z))
+        told = self.told if same else task.collect_counted_samples(task.predict(self.search.fit.z))
         return [m - p for m, p in zip(measured, told, strict=True)]
 
-    def rest(self, at: Array) -> Array:
+    def compute_weighed_residual(self, at: Array) -> Array:
         """Return the weighed residual (rows,) [-] at sizes ``at`` of all causes, less what the parameters can make up for."""
         task = self.build_task_at(at, self.task)
         factor = self._compute_channel_factors(at)
         told = [f * w * e for f, w, e in zip(factor, self.weight, self._compute_residual(task), strict=True)]
-        above = [factor[w.channel] * w.rows(task.runs[0]) for w in self.wide]
-        r = np.concatenate([*told, *above, np.zeros(len(self.search.found.z))])
+        above = [factor[w.channel] * w.compute_rows(task.runs[0]) for w in self.wide]
+        r = np.concatenate([*told, *above, np.zeros(len(self.search.fit.z))])
         return np.asarray(r - self.basis @ (self.basis.T @ r))
 
     def _compute_channel_factors(self, at: Array) -> Array:
@@ -139,7 +139,7 @@ class Round:
                 out[columns.index(cause.scales)] *= 1.0 + phi
         return out
 
-    def above(self, at: Array) -> float:
+    def compute_cost_above(self, at: Array) -> float:
         """Return the cost above the bandwidth alone [-]: it needs the log only, and no torque of the model."""
         log = self.log
         for cause, phi in zip(self.causes, at, strict=True):
@@ -155,7 +155,7 @@ class Round:
         if own and rows.channel in self._own_costs:
             return self._own_costs[rows.channel]
         run = replace(self.task.runs[0], wide=compute_wide_responses(machine, log, rows.channel))
-        cost = float(np.sum(rows.rows(run) ** 2))
+        cost = float(np.sum(rows.compute_rows(run) ** 2))
         if own:
             self._own_costs[rows.channel] = cost
         return cost

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from crosscheck.identification.causes.cause import Named
+from crosscheck.identification.causes.cause import NamedCause
 from crosscheck.identification.filters import low_pass
 from crosscheck.identification.fit import Fit
 from crosscheck.identification.logs.doubts import find_clipped_extremes
@@ -23,13 +23,13 @@ EXACT = 1e-3  # part of a step by which values may miss its multiples
 HALF = 0.5  # of what remains: an angle's steps that make more of the readings are named
 
 
-def list_clipped_columns(machine: Machine, log: Log) -> Iterator[Named]:
+def list_clipped_columns(machine: Machine, log: Log) -> Iterator[NamedCause]:
     """Yield columns that stand at an extreme as a clipped signal does [unit of the channel]."""
     for channel in machine.channels:
         values = log.columns.get(channel.column, np.zeros(0))
         for side, share in find_clipped_extremes(values):
             words = f"{share:.0%} of the samples stand there, and next to none close to it"
-            yield Named(
+            yield NamedCause(
                 f"clipped {channel.sense}", channel.place, channel.unit, side * channel.factor, 0.0, np.inf, words
             )
 
@@ -56,38 +56,42 @@ def find_quantisation_step(values: Array) -> float:
     return step if np.abs(multiples - np.round(multiples)).max() < EXACT * len(levels) else 0.0
 
 
-def list_quantised_columns(machine: Machine, found: Fit, log: Log) -> Iterator[Named]:
+def list_quantised_columns(machine: Machine, fit: Fit, log: Log) -> Iterator[NamedCause]:
     """Yield columns whose steps are larger than what remains [unit of the channel], [rad], [m]."""
-    for channel, spread in zip(machine.channels, found.spread, strict=True):
+    for channel, spread in zip(machine.channels, fit.spread, strict=True):
         values = log.columns.get(channel.column, np.zeros(0))
         step = find_quantisation_step(values) * abs(channel.factor)
         if step > spread:
             words = f"{len(np.unique(values))} levels; {spread:.3g} {channel.unit} remain"
-            yield Named(f"quantisation of the {channel.sense}", channel.place, channel.unit, step, 0.0, np.inf, words)
+            yield NamedCause(
+                f"quantisation of the {channel.sense}", channel.place, channel.unit, step, 0.0, np.inf, words
+            )
     as_it_is: Array | None = None
     for name, table in machine.settings.joints.items():
-        column = log.column(table.angle.column)
+        column = log.read_column(table.angle.column)
         factor = abs(ANGLES[table.angle.unit] / table.angle.over)
         if step := find_quantisation_step(column):
             if as_it_is is None:
-                as_it_is = _compute_readings(machine, found, log)
-            part = _compute_step_share(machine, found, log, table.angle.column, step, as_it_is)
+                as_it_is = _compute_readings(machine, fit, log)
+            part = _compute_step_share(machine, fit, log, table.angle.column, step, as_it_is)
             if part > HALF:
                 words = f"{len(np.unique(column))} levels make {part:.3g} of what remains, through the accelerations"
                 slides = machine.mechanism.joint_of[name].kind == "prismatic"
                 unit = "m" if slides else "rad"
-                yield Named("quantisation of the angle", name, unit, step * factor, 0.0, np.inf, words)
+                yield NamedCause("quantisation of the angle", name, unit, step * factor, 0.0, np.inf, words)
 
 
-def _compute_readings(machine: Machine, found: Fit, log: Log) -> Array:
-    return compute_readings(machine, make_run(machine, log, efforts=False, once=True), machine.space.values(found.z))
+def _compute_readings(machine: Machine, fit: Fit, log: Log) -> Array:
+    return compute_readings(
+        machine, make_run(machine, log, efforts=False, once=True), machine.space.compute_values(fit.z)
+    )
 
 
-def _compute_step_share(machine: Machine, found: Fit, log: Log, column: str, step: float, one: Array) -> float:
+def _compute_step_share(machine: Machine, fit: Fit, log: Log, column: str, step: float, one: Array) -> float:
     """Largest part of what remains [-] that values anywhere inside their steps make; one : the readings as they are."""
     random = np.random.default_rng(0)
     values = log.columns[column]
     moved = replace(log, columns={**log.columns, column: values + step * random.uniform(-0.5, 0.5, len(values))})
-    other = _compute_readings(machine, found, moved)
+    other = _compute_readings(machine, fit, moved)
     change = np.column_stack([low_pass(c, log.spacing, machine.settings.bandwidth_Hz) for c in (other - one).T])
-    return float((np.sqrt(np.mean(change**2, axis=0)) / found.spread).max())
+    return float((np.sqrt(np.mean(change**2, axis=0)) / fit.spread).max())

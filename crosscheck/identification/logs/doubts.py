@@ -7,7 +7,7 @@ from itertools import combinations
 import numpy as np
 from numpy.typing import NDArray
 
-from crosscheck.identification.bands import Judged
+from crosscheck.identification.bands import ChannelJudgement
 from crosscheck.identification.logs.header import SLOW
 from crosscheck.identification.logs.log import Log
 from crosscheck.identification.readings import Machine
@@ -48,7 +48,7 @@ def describe_log_doubts(machine: Machine, logs: list[Log], held: list[Log]) -> l
     return [w for w in words if w]
 
 
-def describe_log_failures(machine: Machine, logs: list[Log], rows: list[Judged]) -> list[str]:
+def describe_log_failures(machine: Machine, logs: list[Log], rows: list[ChannelJudgement]) -> list[str]:
     """Return words about logs that a model explains worse than a constant does [-], with the angles that may be in degrees."""
     out = []
     for log in logs:
@@ -56,11 +56,12 @@ def describe_log_failures(machine: Machine, logs: list[Log], rows: list[Judged])
         if not failed:
             continue
         far = [
-            f'{log.name}: column {t.angle.column!r} goes over {np.ptp(log.column(t.angle.column)):.3g} rad: write unit = "deg" '
+            f"{log.name}: column {t.angle.column!r} goes over {np.ptp(log.read_column(t.angle.column)):.3g} rad: "
+            'write unit = "deg" '
             f"in [joints.{name}] angle if it is in degrees"
             for name, t in machine.settings.joints.items()
             if t.angle.unit == "rad" and machine.mechanism.joint_of[name].kind == "revolute"
-            if np.ptp(log.column(t.angle.column)) / t.angle.over > TURN
+            if np.ptp(log.read_column(t.angle.column)) / t.angle.over > TURN
         ]
         rest = [] if far else ["; --causes looks for wrong signs, units, gears and swapped columns"]
         out += [f"{log.name}: the model explains {', '.join(failed)} worse than a constant does{''.join(rest)}", *far]
@@ -97,7 +98,12 @@ def _describe_shared_samples(machine: Machine, one: Log, other: Log, consequence
     if len(common) < 20:
         return ""
     same = all(
-        np.allclose(one.column(n)[a], other.column(n)[b], rtol=0, atol=SAME * max(float(np.ptp(one.column(n))), 1e-300))
+        np.allclose(
+            one.read_column(n)[a],
+            other.read_column(n)[b],
+            rtol=0,
+            atol=SAME * max(float(np.ptp(one.read_column(n))), 1e-300),
+        )
         for n in names
     )
     if not same:

@@ -81,8 +81,8 @@ def match_joint_columns(joints: Sequence[Joint], columns: Mapping[str, Array]) -
     owners = {name: _find_column_joint(name, names) for name in columns}
     kinds: dict[str, list[Column]] = {"angle": [], "link_angle": [], "effort": []}
     for name, values in columns.items():
-        if made := _find_column_sense(name, _remove_words(name, names.get(owners[name], ())), values):
-            kinds[made[0]].append(made[1])
+        if column_sense := _find_column_sense(name, _remove_words(name, names.get(owners[name], ())), values):
+            kinds[column_sense[0]].append(column_sense[1])
     out: dict[str, dict[str, Column]] = {}
     for kind, every in kinds.items():
         for joint, own in _split_columns(joints, every, owners).items():

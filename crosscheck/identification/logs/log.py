@@ -40,7 +40,7 @@ class Log:
         """Time between samples [s]."""
         return float(self.time[-1] - self.time[0]) / (len(self.time) - 1)
 
-    def column(self, name: str) -> Array:
+    def read_column(self, name: str) -> Array:
         """Return a column (samples,) [unit of identify.toml].  Raises InputError: there is none, or it has gaps."""
         if name not in self.columns:
             near = find_nearest_word(name, list(self.columns))
@@ -56,7 +56,7 @@ class Log:
             )
         return values
 
-    def cut(self, start: float, end: float) -> Log:
+    def take_interval(self, start: float, end: float) -> Log:
         """Return the samples of [start, end) [s].  Raises InputError: fewer than 20 of them."""
         chosen = (self.time >= start - 1e-9) & (self.time < end - 1e-9)
         if chosen.sum() < 20:
@@ -92,7 +92,7 @@ def read_log(source: str | Path, time: str = "time_s", unit: str = "s") -> Log:
         start, end = (float(x) for x in part.split(":"))
     except ValueError as error:
         raise InputError(f"log {source}: @{part}, expected @START:END in seconds; write {text}@0:5") from error
-    return log.cut(start, end)
+    return log.take_interval(start, end)
 
 
 def list_column_names(source: str | Path) -> list[str]:

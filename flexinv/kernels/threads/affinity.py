@@ -54,10 +54,10 @@ def _make_processor_finder() -> Callable[[], int]:
     if not hasattr(os, "sched_setaffinity"):
         return lambda: -1
     try:
-        found: Callable[[], int] = CDLL(None).sched_getcpu
+        processor_finder: Callable[[], int] = CDLL(None).sched_getcpu
     except (AttributeError, OSError, TypeError):
         return lambda: -1
-    return found
+    return processor_finder
 
 
 processor_now = _make_processor_finder()

@@ -108,10 +108,10 @@ class _Helper:
         self.mail = mail
         self.bell = SimpleQueue[bool]()
         self.caller = processor_now()
-        self.thread = Thread(target=self._serve, name="flexinv", daemon=True)
+        self.thread = Thread(target=self._run_helper, name="flexinv", daemon=True)
         self.thread.start()
 
-    def _serve(self) -> None:
+    def _run_helper(self) -> None:
         move_from_processor(self.caller)
         tried = list[float]()
         nobody = np.zeros(CELLS, dtype=np.uint64)
@@ -141,7 +141,7 @@ class Helpers:
     def __init__(self, attend: Attend) -> None:
         self._attend = attend
         self.begin_without_helpers()
-        atexit.register(self.dismiss)
+        atexit.register(self.end_helpers)
         if hasattr(os, "register_at_fork"):
             os.register_at_fork(after_in_child=self.begin_without_helpers)
 
@@ -152,7 +152,7 @@ class Helpers:
         self._mails = np.zeros((MOST, CELLS), dtype=np.uint64)
         self._called = -np.inf
 
-    def dismiss(self) -> None:
+    def end_helpers(self) -> None:
         """Let all helpers end [-]."""
         members = self._members
         self.begin_without_helpers()

@@ -51,8 +51,8 @@ def test_it_climbs_what_it_says(rung: str) -> None:
 def test_it_agrees_and_its_model_is_the_same(rung: str) -> None:
     mechanism, case = scene(rung)
     ours, said = reference(mechanism, case)
-    theirs = dart_engine.run(mechanism, case, "dart", {})
-    for name, one in theirs.series.items():
+    result = dart_engine.run(mechanism, case, "dart", {})
+    for name, one in result.series.items():
         size = max(float(np.ptp(s.values)) for s in ours.series.values() if s.quantity == one.quantity)
         assert float(np.abs(one.values - ours.series[name].values).max()) <= EXACT * size, name
     lines = checks("", "", "", dart_engine.certify(mechanism, case, "dart"), said)
@@ -96,18 +96,18 @@ def with_build(change: Callable[[Any], None]) -> dict[str, Any]:
     return {"build": build}
 
 
-def heavier(built: Any) -> None:
-    scaled_mass(built.bodies["lower"], 1.15)
+def heavier(built_model: Any) -> None:
+    scaled_mass(built_model.bodies["lower"], 1.15)
 
 
-def moved_centre(built: Any) -> None:
-    body = built.bodies["lower"]
+def moved_centre(built_model: Any) -> None:
+    body = built_model.bodies["lower"]
     shifted = np.ravel(body.getLocalCOM()) + np.array([0.03, 0.0, 0.0])
     body.setInertia(dart_engine.dart.dynamics.Inertia(body.getMass(), shifted, tensor(body)))
 
 
-def light_gravity(built: Any) -> None:
-    built.skeleton.setGravity(0.9 * np.asarray(built.skeleton.getGravity()))
+def light_gravity(built_model: Any) -> None:
+    built_model.skeleton.setGravity(0.9 * np.asarray(built_model.skeleton.getGravity()))
 
 
 def no_rotors(mechanism: Mechanism, qdd: Any) -> Any:
@@ -126,8 +126,8 @@ def pushed_the_wrong_way(mechanism: Mechanism, qd: Any) -> Any:
     return undamped(mechanism, -qd) + without_friction(mechanism, qd)
 
 
-def longer(built: Any) -> None:
-    joint = built.bodies["lower"].getParentJoint()
+def longer(built_model: Any) -> None:
+    joint = built_model.bodies["lower"].getParentJoint()
     moved = np.asarray(joint.getTransformFromParentBodyNode().matrix()).copy()
     moved[:3, 3] *= 1.1
     joint.setTransformFromParentBodyNode(dart_engine.dart.math.Isometry3(moved))
@@ -164,8 +164,8 @@ def test_mistakes_in_the_adapter_are_named(tmp_path: Path, monkeypatch: pytest.M
             record = Record(**{**vars(record), "certificate": dart_engine.certify(mechanism, case, "dart").plain})
             save(record, tmp_path / "dart")
             stems = str(tmp_path / "dart"), str(tmp_path / "flexinv")
-            found = diagnose(str(FOLDER / "drives"), case.name, "dart", *stems, door={"module": "crosscheck_dart"})
-        names = [str(one["cause"]) for one in found["named"]][:3]
+            diagnosis = diagnose(str(FOLDER / "drives"), case.name, "dart", *stems, door={"module": "crosscheck_dart"})
+        names = [str(one["cause"]) for one in diagnosis["named"]][:3]
         if any(word in name for name in names for word in words):
             right.append(fault)
         elif len(names) == 1:

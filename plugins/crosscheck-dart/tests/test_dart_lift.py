@@ -35,8 +35,8 @@ def test_a_heavier_link_in_memory_is_named(tmp_path: Path) -> None:
     loader.setOptions(options)
     skeleton = loader.parseSkeleton(dart.common.Uri(f"file://{file}"))
     skeleton.getBodyNode("lower").setMass(2.625)
-    found = crosscheck.compare(arm(tmp_path, ('<mimic joint="grip"/>', "")), skeleton, judge=["rigid"])
-    assert [(d.cause, d.place) for d in found.differences] == [("mass", "link lower")]
+    comparison = crosscheck.compare(arm(tmp_path, ('<mimic joint="grip"/>', "")), skeleton, judge=["rigid"])
+    assert [(d.cause, d.place) for d in comparison.differences] == [("mass", "link lower")]
 
 
 def test_sdf_beyond_1_6_is_refused_in_words(tmp_path: Path) -> None:
@@ -64,9 +64,9 @@ def test_an_sdf_s_friction_and_spring_are_read_and_its_added_mass_is_named(tmp_p
 
 
 def test_a_floating_joint_floats() -> None:
-    found = crosscheck.compare(f"{CASES}/c16_floating.urdf@dart", CASES / "c16_floating.xml")
-    assert found.equal
-    assert {proof.state for _, proof in found.proofs} == {PROVEN}
+    comparison = crosscheck.compare(f"{CASES}/c16_floating.urdf@dart", CASES / "c16_floating.xml")
+    assert comparison.equal
+    assert {proof.state for _, proof in comparison.proofs} == {PROVEN}
 
 
 def skeleton(kind: str) -> Any:

@@ -41,11 +41,11 @@ def test_it_agrees_and_its_model_is_the_same(rung: str) -> None:
     flexinv = adapter(ENGINES["flexinv"])
     certify = offered(flexinv, "certify")
     assert certify is not None
-    ours = flexinv.run(mechanism, case, "flexinv", {"error": False})
+    result = flexinv.run(mechanism, case, "flexinv", {"error": False})
     theirs = drake_engine.run(mechanism, case, "drake", {})
     for name, one in theirs.series.items():
-        size = max(float(np.ptp(s.values)) for s in ours.series.values() if s.quantity == one.quantity)
-        assert float(np.abs(one.values - ours.series[name].values).max()) <= EXACT * size, name
+        size = max(float(np.ptp(s.values)) for s in result.series.values() if s.quantity == one.quantity)
+        assert float(np.abs(one.values - result.series[name].values).max()) <= EXACT * size, name
     lines = checks("", "", "", drake_engine.certify(mechanism, case, "drake"), certify(mechanism, case, "flexinv"))
     assert {line.what for line in lines} >= {"total mass", "joint-space mass matrix", "gravity torque", "joint axes"}
     assert all(line.holds for line in lines)
@@ -57,8 +57,8 @@ def test_a_spring_in_a_joint_that_turns_without_end_is_followed_over_whole_turns
     mechanism = replace(mechanism, joints=joints)
     there, then = {"shoulder": 0.0, "elbow": 0.2}, {"shoulder": 0.3, "elbow": 12.0}
     case = replace(case, motion=Motion.point_to_point(there, then, 0.8, law="quintic"))
-    ours = adapter(ENGINES["flexinv"]).run(mechanism, case, "flexinv", {"error": False})
-    expected = ours.series["torque/elbow"].values
+    result = adapter(ENGINES["flexinv"]).run(mechanism, case, "flexinv", {"error": False})
+    expected = result.series["torque/elbow"].values
     theirs = drake_engine.run(mechanism, case, "drake", {})
     # Of the spring a whole turn more or less would be 2 pi times its stiffness: a quarter of the range.
     assert np.abs(theirs.series["torque/elbow"].values - expected).max() <= EXACT * np.ptp(expected)

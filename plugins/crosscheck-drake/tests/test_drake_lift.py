@@ -39,9 +39,9 @@ def sdf(folder: Path, before: str = "", after: str = "") -> Path:
 
 
 def test_an_sdf_is_the_urdf_of_the_same_arm(tmp_path: Path) -> None:
-    found = crosscheck.compare(arm(tmp_path, *PLAIN), sdf(tmp_path))
-    assert found.equal
-    assert found.judged.after <= REPAIRED
+    comparison = crosscheck.compare(arm(tmp_path, *PLAIN), sdf(tmp_path))
+    assert comparison.equal
+    assert comparison.judged.after <= REPAIRED
 
 
 @pytest.mark.parametrize(
@@ -54,26 +54,26 @@ def test_an_sdf_is_the_urdf_of_the_same_arm(tmp_path: Path) -> None:
     ],
 )
 def test_an_edit_of_the_sdf_is_named(before: str, after: str, cause: str, place: str, tmp_path: Path) -> None:
-    found = crosscheck.compare(arm(tmp_path, *PLAIN), sdf(tmp_path, before, after))
-    assert [(d.cause, d.place) for d in found.differences] == [(cause, place)]
-    assert found.judged.after <= REPAIRED
+    comparison = crosscheck.compare(arm(tmp_path, *PLAIN), sdf(tmp_path, before, after))
+    assert [(d.cause, d.place) for d in comparison.differences] == [(cause, place)]
+    assert comparison.judged.after <= REPAIRED
 
 
 def test_printed_digits_of_an_sdf_are_rounding(tmp_path: Path) -> None:
     """A quarter turn as 1.5708 in the pose of a link is that of 1.5707963267948966."""
     turned = arm(tmp_path, *PLAIN, ('rpy="0 0.3 0.1"', 'rpy="0 0 1.5707963267948966"'))
-    found = crosscheck.compare(turned, sdf(tmp_path, "0.05 0 0.3 0 0.3 0.1", "0.05 0 0.3 0 0 1.5708"))
-    assert found.equal
-    assert found.judged.rounding
+    comparison = crosscheck.compare(turned, sdf(tmp_path, "0.05 0 0.3 0 0.3 0.1", "0.05 0 0.3 0 0 1.5708"))
+    assert comparison.equal
+    assert comparison.judged.rounding
 
 
 def test_its_reader_of_urdf_keeps_rotors_and_mimics_and_drops_dry_friction(tmp_path: Path) -> None:
     file = arm(tmp_path, (' friction="0.1"', ""), GEARED)
     assert crosscheck.compare(file, f"{file}@drake").equal
     dry = arm(tmp_path, name="dry.urdf")
-    found = crosscheck.compare(dry, f"{dry}@drake")
-    assert [(d.cause, d.place) for d in found.differences] == [("dry friction", "joint shoulder")]
-    assert any("friction" in words for _, lines in found.dropped for words in lines)
+    comparison = crosscheck.compare(dry, f"{dry}@drake")
+    assert [(d.cause, d.place) for d in comparison.differences] == [("dry friction", "joint shoulder")]
+    assert any("friction" in words for _, lines in comparison.dropped for words in lines)
 
 
 def test_a_plant_in_memory_is_a_description(tmp_path: Path) -> None:
@@ -96,22 +96,24 @@ def test_an_sdf_with_names_in_nested_models_is_itself(name: str) -> None:
 
 
 def test_names_in_nested_models_are_paths_and_a_heavier_link_is_named_by_its_own() -> None:
-    found = crosscheck.compare(CASES / "c49_duo.sdf", CASES / "c49_duo_heavy.sdf")
-    assert [(d.cause, d.place, d.size) for d in found.differences] == [("mass", "link duo::right::rod", 2.0)]
-    assert "name swing of 2 joints: called by their paths, duo::left::swing, duo::right::swing" in found.dropped[0][1]
+    comparison = crosscheck.compare(CASES / "c49_duo.sdf", CASES / "c49_duo_heavy.sdf")
+    assert [(d.cause, d.place, d.size) for d in comparison.differences] == [("mass", "link duo::right::rod", 2.0)]
+    assert (
+        "name swing of 2 joints: called by their paths, duo::left::swing, duo::right::swing" in comparison.dropped[0][1]
+    )
     assert crosscheck.compare(CASES / "c49_duo_heavy.sdf", CASES / "c49_duo.xml").equal
 
 
 def test_a_spring_of_an_sdf_is_read_from_the_plant(tmp_path: Path) -> None:
     joint = describe(CASES / "c15_plain.sdf").mechanism.joint_of["luff"]
     assert (joint.stiffness, joint.rest, joint.friction) == pytest.approx((3.0, 0.1, 0.2), rel=1e-12)  # rounding
-    found = crosscheck.compare(CASES / "c15_plain.sdf", CASES / "c15_nospring.sdf")
-    assert [(d.cause, d.place) for d in found.differences] == [("spring stiffness", "joint luff")]
+    comparison = crosscheck.compare(CASES / "c15_plain.sdf", CASES / "c15_nospring.sdf")
+    assert [(d.cause, d.place) for d in comparison.differences] == [("spring stiffness", "joint luff")]
 
 
 def test_added_mass_that_no_reader_honours_is_named() -> None:
-    found = crosscheck.compare(CASES / "c15_added.sdf", CASES / "c15_nospring.sdf")
-    assert {(d.cause, d.place) for d in found.differences} == {
+    comparison = crosscheck.compare(CASES / "c15_added.sdf", CASES / "c15_nospring.sdf")
+    assert {(d.cause, d.place) for d in comparison.differences} == {
         ("added-mass that only A has", "link boom"),
         ("dry friction", "joint luff"),
     }
@@ -148,9 +150,9 @@ def test_what_an_included_file_says_is_read_too(tmp_path: Path) -> None:
     "name", ["c16_floating.urdf@drake", "c16_floating.xml@drake", "c16_floating.urdf", "c16_floating.xml"]
 )
 def test_a_floating_joint_floats_whoever_reads_it(name: str) -> None:
-    found = crosscheck.compare(CASES / name, CASES / "c16_floating.xml")
-    assert found.equal
-    assert {proof.state for _, proof in found.proofs} == {PROVEN}
+    comparison = crosscheck.compare(CASES / name, CASES / "c16_floating.xml")
+    assert comparison.equal
+    assert {proof.state for _, proof in comparison.proofs} == {PROVEN}
 
 
 KINDS = {  # a body on a joint of each kind, on a link that turns

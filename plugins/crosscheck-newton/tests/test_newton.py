@@ -114,6 +114,6 @@ def test_mistakes_in_the_adapter_are_named(fault: str, tmp_path: Path, monkeypat
         monkeypatch.setattr(newton_engine, name, new)
     save(newton_engine.run(mechanism, case, "newton", {}), tmp_path / "newton")
     stems = str(tmp_path / "newton"), str(tmp_path / "flexinv")
-    found = diagnose(str(FOLDER / "drives"), case.name, "newton", *stems, door={"module": "crosscheck_newton"})
-    names = [str(one["cause"]) for one in found["named"]][:3]
-    assert any(word in name for name in names for word in words), found["words"]
+    diagnosis = diagnose(str(FOLDER / "drives"), case.name, "newton", *stems, door={"module": "crosscheck_newton"})
+    names = [str(one["cause"]) for one in diagnosis["named"]][:3]
+    assert any(word in name for name in names for word in words), diagnosis["words"]

@@ -71,13 +71,13 @@ def soft(tmp_path: Path) -> tuple[Mechanism, Case]:
 
 def errors(mechanism: Mechanism, case: Case, count: int) -> dict[str, float]:
     """Largest differences from the reference, over the range of the quantity."""
-    ours = adapter(ENGINES["flexinv"]).run(mechanism, case, "flexinv", {"error": False})
+    result = adapter(ENGINES["flexinv"]).run(mechanism, case, "flexinv", {"error": False})
     theirs = engine.marched(mechanism, case, count)
     sizes = {
-        quantity: max(float(np.ptp(s.values)) for s in ours.series.values() if s.quantity == quantity)
+        quantity: max(float(np.ptp(s.values)) for s in result.series.values() if s.quantity == quantity)
         for quantity in {s.quantity for s in theirs.values()}
     }
-    return {n: float(np.abs(s.values - ours.series[n].values).max()) / sizes[s.quantity] for n, s in theirs.items()}
+    return {n: float(np.abs(s.values - result.series[n].values).max()) / sizes[s.quantity] for n, s in theirs.items()}
 
 
 def test_a_soft_arm_converges_with_the_square_of_its_elements(soft: tuple[Mechanism, Case]) -> None:
@@ -97,13 +97,13 @@ def test_error_bars_hold(soft: tuple[Mechanism, Case]) -> None:
     Both are estimates: the reference adds a tenth, and the counts of elements are not quite doubled: half as much again.
     """
     mechanism, case = soft
-    ours = adapter(ENGINES["flexinv"]).run(mechanism, case, "flexinv", {"error": False})
+    result = adapter(ENGINES["flexinv"]).run(mechanism, case, "flexinv", {"error": False})
     theirs = of_package(engine, mechanism, case, "pyelastica", {})
     for name in ("torque/hub", "tip/arm/x", "tip/arm/y"):
         one = theirs.series[name]
         assert is_checked(theirs.budget, name)
         assert one.error is not None
-        assert np.abs(one.values - ours.series[name].values).max() <= 1.5 * one.error.max(), name
+        assert np.abs(one.values - result.series[name].values).max() <= 1.5 * one.error.max(), name
         assert one.error.max() <= 1e-2 * np.ptp(one.values), name
 
 

@@ -33,8 +33,8 @@ def project(program: Path, tmp_path: Path) -> Path:
 
 
 def results(folder: Path) -> dict[str, Any]:
-    found: dict[str, Any] = json.loads((folder / "results.json").read_text(encoding="utf-8"))
-    return found
+    result: dict[str, Any] = json.loads((folder / "results.json").read_text(encoding="utf-8"))
+    return result
 
 
 def test_it_holds_every_rung_that_it_climbs_and_says_why_it_leaves_the_others(project: Path) -> None:

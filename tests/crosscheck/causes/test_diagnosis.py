@@ -17,7 +17,7 @@ from crosscheck.causes.diagnosis import Answer, check_by_full_runs, diagnose, ma
 from crosscheck.causes.dictionary import DICTIONARY
 from crosscheck.causes.fit import Fit
 from crosscheck.causes.model import apply_to_record, make_model
-from crosscheck.causes.naming import Naming
+from crosscheck.causes.naming import NamedCauses
 from crosscheck.causes.repair import add_to_reference, apply_repair
 from crosscheck.causes.subject import Subject
 from crosscheck.engines import ENGINES, adapter
@@ -26,7 +26,7 @@ from crosscheck.measures.record import save
 from crosscheck.report import render
 from crosscheck.report.explanations import collect_warnings, list_certificates
 from crosscheck.report.markdown import escape
-from crosscheck.run.isolation import Children, ask
+from crosscheck.run.isolation import ChildProcesses, ask
 from crosscheck.run.questions import Question, list_questions, read_diagnosis, split_by_case
 from crosscheck.verdicts.baseline import UNBLESSED
 from crosscheck.verdicts.compare import Comparison
@@ -45,8 +45,8 @@ def harmed_question(folder: Path, place: str, cause: str, target: str, size: flo
     """Save what a harmed Pinocchio and flexinv give, and return what is asked of them."""
     mechanism, case = place.split("/")
     folder.mkdir(exist_ok=True)
-    found = load_mechanism(MODELS / mechanism)
-    subject = Subject(found, load_cases(MODELS / mechanism, found)[case])
+    result = load_mechanism(MODELS / mechanism)
+    subject = Subject(result, load_cases(MODELS / mechanism, result)[case])
     harmed = DICTIONARY[cause].change(subject, target, np.array([size]))
     for name, one in (("pinocchio", harmed), ("flexinv", subject)):
         save(adapter(ENGINES[name]).run(one.mechanism, one.case, name, {"error": False}), folder / name)
@@ -58,18 +58,18 @@ def harmed_question(folder: Path, place: str, cause: str, target: str, size: flo
 @pytest.mark.slow
 def test_a_cause_is_named_with_its_size_and_taken_out(tmp_path: Path) -> None:
     asked = harmed_question(tmp_path, "double_pendulum/swing", "viscous damping", "knee", 0.05)
-    answer, ending = ask(asked.job, 120.0, Children())
+    answer, ending = ask(asked.job, 120.0, ChildProcesses())
     assert ending.status == "ok", ending.printed
-    found = read_diagnosis(asked, answer, ending.message)
-    assert [one["cause"] for one in found.named] == ["viscous damping"]
-    assert found.words.startswith(
+    diagnosis = read_diagnosis(asked, answer, ending.message)
+    assert [one["cause"] for one in diagnosis.named] == ["viscous damping"]
+    assert diagnosis.words.startswith(
         "the viscous damping of knee differs by 0.05 N m s/rad or N s/m: explains 99.99% of the"
     )
-    assert " of the range remains of " in found.words
+    assert " of the range remains of " in diagnosis.words
     # The size is found to rounding, and so is what remains.
-    assert found.repaired is not None
-    assert found.repaired < 1e-12
-    assert found.separate == ""
+    assert diagnosis.repaired is not None
+    assert diagnosis.repaired < 1e-12
+    assert diagnosis.separate == ""
 
 
 def test_causes_that_look_alike_come_with_what_tells_them_apart(tmp_path: Path) -> None:
@@ -92,12 +92,12 @@ def test_one_question_for_each_engine_that_deviates_from_the_reference(tmp_path:
         replace(row, engine="mujoco", verdict="within"),
         replace(row, engine="mujoco", quantity="tip", verdict="within"),
     )
-    asked = list_questions(Results("now", runs=runs, comparisons=rows), plan, tmp_path)
-    assert [q.place for q in asked] == [(*here, "pinocchio", "flexinv")]
+    questions = list_questions(Results("now", runs=runs, comparisons=rows), plan, tmp_path)
+    assert [q.place for q in questions] == [(*here, "pinocchio", "flexinv")]
     elsewhere = (*rows, replace(row, quantity="tip"), replace(row, engine="mujoco", quantity="tip"))
-    asked = list_questions(Results("now", runs=runs, comparisons=elsewhere), plan, tmp_path)
-    assert {q.place[2] for q in asked} == {"pinocchio", "mujoco"}
-    assert len(asked) == 2
+    questions = list_questions(Results("now", runs=runs, comparisons=elsewhere), plan, tmp_path)
+    assert {q.place[2] for q in questions} == {"pinocchio", "mujoco"}
+    assert len(questions) == 2
     unblessed = replace(row, verdict="unjudged", message=UNBLESSED)  # the first night would ask of everything
     assert not list_questions(Results("now", runs=runs, comparisons=(unblessed,)), plan, tmp_path)
     assert not list_questions(
@@ -136,7 +136,7 @@ def test_engines_of_one_case_are_diagnosed_together_and_told_the_same(tmp_path: 
         for k, (cause, target, size) in enumerate(HARMED)
     ]
     (together,) = split_by_case([asked[0], *(replace(one, place=(*asked[0].place[:2], "x", "y")) for one in asked[1:])])
-    answer, ending = ask(together.job, 120.0, Children())
+    answer, ending = ask(together.job, 120.0, ChildProcesses())
     assert ending.status == "ok", ending.printed
     alone = [diagnose(**one.options) for one in asked]
     assert [one["words"] for one in answer["answers"]] == [one["words"] for one in alone]
@@ -166,8 +166,8 @@ def test_a_run_with_two_engines_that_deviate_diagnoses_both(root: Path, tmp_path
 
 
 def test_a_diagnosis_that_fails_says_so() -> None:
-    found = read_diagnosis(Question(("m", "c", "e", "flexinv"), {}), None, "stopped after the time limit of 1 s")
-    assert found.words == "not diagnosed: stopped after the time limit of 1 s"
+    diagnosis = read_diagnosis(Question(("m", "c", "e", "flexinv"), {}), None, "stopped after the time limit of 1 s")
+    assert diagnosis.words == "not diagnosed: stopped after the time limit of 1 s"
 
 
 @pytest.mark.parametrize(
@@ -181,20 +181,20 @@ def test_a_diagnosis_that_fails_says_so() -> None:
 def test_dynamics_without_a_certificate_are_labelled(line: Check, verdict: str, words: str) -> None:
     results = Results("now", certificates=(line,))
     case = CaseRow("m", "c")
-    assert [(sheet.verdict, sheet.words) for sheet in list_certificates(results, case)] == [(verdict, words)]
+    assert [(sheet.verdict, sheet.text) for sheet in list_certificates(results, case)] == [(verdict, words)]
     assert collect_warnings(results, case) == ({} if verdict == "within" else {"e": words})
 
 
 def test_a_cause_that_cannot_be_taken_out_is_put_into_the_reference() -> None:
     """Shear that is 4.7 times stiffer: less by the fraction 4.7 is no beam, and the other way is tried."""
     folder = MODELS / "flex_one_link"
-    found = load_mechanism(folder)
-    subject = Subject(found, load_cases(folder, found)["cycloid"])
+    mechanism = load_mechanism(folder)
+    subject = Subject(mechanism, load_cases(folder, mechanism)["cycloid"])
     cause, size = DICTIONARY["shear factor"], np.array([4.7])
     with pytest.raises(InputError, match="leaves next to nothing"):
         cause.change(subject, "link", -size)
     flexinv = adapter(ENGINES["flexinv"])
-    reference = flexinv.run(found, subject.case, "flexinv", {"error": False})
+    reference = flexinv.run(mechanism, subject.case, "flexinv", {"error": False})
     harmed = cause.change(subject, "link", size)
     record = flexinv.run(harmed.mechanism, harmed.case, "flexinv", {"error": False})
     fit = Fit(cause, "link", size, 0.0, np.zeros(0))
@@ -206,11 +206,11 @@ def test_a_cause_that_cannot_be_taken_out_is_put_into_the_reference() -> None:
 def test_a_filter_cannot_be_taken_out_and_is_put_into_the_reference() -> None:
     """Minus its time constant is no filter, which the engine's efforts would go through after its run."""
     folder = MODELS / "double_pendulum"
-    found = load_mechanism(folder)
-    subject = Subject(found, load_cases(folder, found)["swing"])
+    mechanism = load_mechanism(folder)
+    subject = Subject(mechanism, load_cases(folder, mechanism)["swing"])
     cause, size = DICTIONARY["low-pass filter"], np.array([0.01])
     target = next(iter(cause.targets(subject)))
-    engine, reference = (adapter(ENGINES[n]).run(found, subject.case, n, {}) for n in ("pinocchio", "flexinv"))
+    engine, reference = (adapter(ENGINES[n]).run(mechanism, subject.case, n, {}) for n in ("pinocchio", "flexinv"))
     harmed = apply_to_record(engine, cause.change(subject, target, size))
     fit = Fit(cause, target, size, 0.0, np.zeros(0))
     found_left = apply_repair(make_model(subject, reference), fit, "pinocchio", reference, harmed)
@@ -227,18 +227,18 @@ def test_a_repair_that_gives_no_number_leaves_the_diagnosis_without_it(monkeypat
     monkeypatch.setattr("crosscheck.causes.repair._run", lambda engine, *_: engine)
     left = {("e", "flexinv"): np.array([0.25]), ("other", "reference"): np.array([np.nan])}
     model = SimpleNamespace(base=tree, residual=lambda a, b: left[a, b])
-    found = apply_repair(model, fit, "other", "reference", "e")  # type: ignore[arg-type]
-    assert (found.left, found.where) == (0.25, "put into the reference")
+    result = apply_repair(model, fit, "other", "reference", "e")  # type: ignore[arg-type]
+    assert (result.left, result.where) == (0.25, "put into the reference")
 
 
 def test_a_size_is_corrected_by_what_full_runs_leave(tmp_path: Path) -> None:
     """The model's columns come from a coarser march: a size that is 2 % wrong is right after a full run or two."""
     folder = MODELS / "flex_one_link"
-    found = load_mechanism(folder)
-    subject = Subject(found, load_cases(folder, found)["cycloid"])
+    mechanism = load_mechanism(folder)
+    subject = Subject(mechanism, load_cases(folder, mechanism)["cycloid"])
     cause, size = DICTIONARY["section stiffness"], np.array([-0.05])
     flexinv = adapter(ENGINES["flexinv"])
-    reference = flexinv.run(found, subject.case, "flexinv", {"error": False})
+    reference = flexinv.run(mechanism, subject.case, "flexinv", {"error": False})
     harmed = cause.change(subject, "link: EI_z", size)
     record = flexinv.run(harmed.mechanism, harmed.case, "flexinv", {"error": False})
     model = make_model(subject, reference)
@@ -254,12 +254,12 @@ def test_a_size_is_corrected_by_what_full_runs_leave(tmp_path: Path) -> None:
 def test_a_cause_that_full_runs_refute_is_not_named() -> None:
     """It explains the difference in the model's columns, and half of it is left in a run with it: something else is wrong."""
     folder = MODELS / "double_pendulum"
-    found = load_mechanism(folder)
-    subject = Subject(found, load_cases(folder, found)["swing"])
-    engine, reference = (adapter(ENGINES[n]).run(found, subject.case, n, {}) for n in ("pinocchio", "flexinv"))
+    mechanism = load_mechanism(folder)
+    subject = Subject(mechanism, load_cases(folder, mechanism)["swing"])
+    engine, reference = (adapter(ENGINES[n]).run(mechanism, subject.case, n, {}) for n in ("pinocchio", "flexinv"))
     model = make_model(subject, reference)
     fit = Fit(DICTIONARY["viscous damping"], "knee", np.array([0.05]), 1e-3, np.zeros(model.torque.size))
-    naming = Naming((fit,), None, 0.1, 1e-9, "")
+    naming = NamedCauses((fit,), None, 0.1, 1e-9, "")
     settled, repaired = check_by_full_runs(Answer(model, engine, reference, naming, True, 0.0), "pinocchio", None)
     assert settled.named == ()
     assert repaired.left is not None

@@ -25,8 +25,8 @@ ROUNDING = 1e-11
 
 @cache
 def model(mechanism: str = "double_pendulum", case: str = "swing") -> Model:
-    found = load_mechanism(MODELS / mechanism)
-    return make_model(Subject(found, load_cases(MODELS / mechanism, found)[case]))
+    result = load_mechanism(MODELS / mechanism)
+    return make_model(Subject(result, load_cases(MODELS / mechanism, result)[case]))
 
 
 @cache
@@ -58,9 +58,9 @@ def test_the_size_of_a_lone_cause_is_found(mechanism: str) -> None:
     for one in two:
         size = np.array([0.03 * one.scale])
         naming = find_causes(here, compute_effect(here, one.cause, one.target, size), 1e-9, two)
-        found = {f.key: f for f in naming.named}
+        result = {f.key: f for f in naming.named}
         # Gauss-Newton stops where the difference is rounding; sizes are then as sure as that.
-        assert found[one.cause.name, one.target].size == pytest.approx(size, rel=1e-6)
+        assert result[one.cause.name, one.target].size == pytest.approx(size, rel=1e-6)
 
 
 def test_nothing_is_named_inside_the_error_bars_nor_for_noise() -> None:
@@ -87,9 +87,9 @@ def test_two_causes_at_once_are_named_as_two() -> None:
     here = model("rigid_3r", "quintic")
     once = DICTIONARY["body mass"].change(here.base, "link3", np.array([0.05]))
     twice = DICTIONARY["viscous damping"].change(once, "joint2", np.array([1.0]))
-    (found,) = find_causes(here, here.difference(twice), 1e-9).named
-    assert found.key == ("body mass + viscous damping", "link3 + joint2")
-    assert found.cause.words == (
+    (result,) = find_causes(here, here.compute_difference(twice), 1e-9).named
+    assert result.key == ("body mass + viscous damping", "link3 + joint2")
+    assert result.cause.words == (
         "two at once: mass and inertia of link3 differ by the fraction 0.05; and the viscous damping of joint2 differs by "
         "1 N m s/rad or N s/m"
     )
@@ -117,7 +117,7 @@ def test_an_engine_that_gives_something_else_is_not_taken_for_a_mechanism_almost
     sine = np.sin(10.0 * here.states.time)[:, None] * share * here.scale * [1.0, 2.0]
     residual = here.scale_efforts(sine - here.torque)
     light = fit(here, residual, list_candidates(here, {"mass scale": DICTIONARY["mass scale"]})[0], rounds=6)
-    assert light.left < UNEXPLAINED
+    assert light.residual < UNEXPLAINED
     naming = find_causes(here, residual, 1e-9, known())
     assert naming.named == ()
     assert naming.words.startswith("no single cause explains it")
@@ -141,20 +141,20 @@ def test_causes_that_a_motion_cannot_tell_apart_are_named_together() -> None:
 
 def test_a_special_case_is_named_instead_of_the_general_one() -> None:
     here = model()
-    found = find_causes(here, compute_effect(here, DICTIONARY["gravity off"], "", np.ones(1)), 1e-9, known()).names
-    assert found[0] == "gravity off"
-    assert not {"gravity magnitude", "base acceleration"} & set(found)
+    result = find_causes(here, compute_effect(here, DICTIONARY["gravity off"], "", np.ones(1)), 1e-9, known()).names
+    assert result[0] == "gravity off"
+    assert not {"gravity magnitude", "base acceleration"} & set(result)
 
 
 def test_a_model_harmed_where_closures_depend_on_it_is_closed_again() -> None:
     here = model("four_bar", "turn")
     moved = DICTIONARY["joint misplaced"].change(here.base, "B", np.array([0.01, 0.0, 0.0]))
-    assert np.abs(here.difference(moved)).max() > 1e-3
+    assert np.abs(here.compute_difference(moved)).max() > 1e-3
     # The quick way through the open tree and the full solution give the same where the closures are the same.
     heavy = DICTIONARY["body mass"].change(here.base, "coupler", np.array([0.1]))
     again = replace(heavy, mechanism=replace(heavy.mechanism, closures=(*heavy.mechanism.closures,)))
     other = replace(again, case=replace(again.case, motion=replace(again.case.motion)))
-    assert np.abs(here.torques(heavy) - here.torques(other)).max() < 1e-9
+    assert np.abs(here.compute_torques(heavy) - here.compute_torques(other)).max() < 1e-9
 
 
 @pytest.mark.parametrize(("place", "samples"), [("two_arms/carry", 76), ("walker/walk", 141)])
@@ -170,20 +170,20 @@ def test_the_samples_that_a_fit_looks_at_meet_the_instants_at_which_closures_swi
         # times are multiples of the sampling interval, to rounding
         assert np.abs(here.states.time - instant).min() < 1e-9
     assert len(here.rows) == samples
-    assert np.abs(here.difference(DICTIONARY["gravity off"].change(here.base, "", np.ones(1)))).max() > 0.1
+    assert np.abs(here.compute_difference(DICTIONARY["gravity off"].change(here.base, "", np.ones(1)))).max() > 0.1
 
 
 def test_columns_are_shared_by_equal_models_only() -> None:
     causes = {"payload": DICTIONARY["payload"]}
     columns, one = Columns(), model.__wrapped__()
-    found = columns.of(one, causes)
-    assert columns.of(model.__wrapped__(), dict(causes)) is found
-    more = columns.of(one, {**causes, "body mass": DICTIONARY["body mass"]})
+    candidates = columns.collect_candidates(one, causes)
+    assert columns.collect_candidates(model.__wrapped__(), dict(causes)) is candidates
+    more = columns.collect_candidates(one, {**causes, "body mass": DICTIONARY["body mass"]})
     assert {c.cause.name for c in more} == {"payload", "body mass"}
-    assert {c.cause.name for c in columns.of(one, causes)} == {"payload"}
+    assert {c.cause.name for c in columns.collect_candidates(one, causes)} == {"payload"}
     for other in (replace(one, scale=2.0 * one.scale), model.__wrapped__("rigid_3r", "quintic")):
-        again = columns.of(other, causes)
-        assert again is not found
+        again = columns.collect_candidates(other, causes)
+        assert again is not candidates
         fresh = list_candidates(other, causes)
         assert [(c.target, c.scale) for c in again] == [(c.target, c.scale) for c in fresh]
         assert all(np.array_equal(a.columns, b.columns) for a, b in zip(again, fresh, strict=True))
@@ -198,6 +198,6 @@ def test_a_spring_in_a_driven_joint_shows_in_rigid_and_in_flexible_mechanisms(me
     joint = here.base.mechanism.v_slices[name]
     expected = np.zeros_like(here.torque)
     expected[:, joint] = size[0] * here.states.q[:, here.base.mechanism.q_slices[name]]
-    found = compute_effect(here, cause, name, size)
+    effect = compute_effect(here, cause, name, size)
     # Marches repeat to what their Newton iterations leave, 1e-9 of the range; the spring is some hundredth of it.
-    assert np.abs(found - here.scale_efforts(expected)).max() < 1e-7
+    assert np.abs(effect - here.scale_efforts(expected)).max() < 1e-7

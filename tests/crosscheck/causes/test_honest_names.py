@@ -47,8 +47,8 @@ def short(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @cache
 def load(place: str, models: Path = MODELS) -> tuple[Mechanism, Case]:
     mechanism, case = place.split("/")
-    found = load_mechanism(models / mechanism)
-    return found, load_cases(models / mechanism, found)[case]
+    result = load_mechanism(models / mechanism)
+    return result, load_cases(models / mechanism, result)[case]
 
 
 @cache
@@ -219,12 +219,12 @@ def test_where_the_certificate_contradicts_every_cause_none_is_named(tmp_path: P
 
 def test_a_line_that_an_engine_does_not_state_is_not_left_as_it_is() -> None:
     """Nothing is known of it, so it contradicts nothing; what it states, and a cause does not change, is left."""
-    ours = Certificate(masses={"a": 1.0, "b": 2.0})
-    assert not _is_left("masses", Certificate(), ours, ours)
-    assert not _is_left("masses", Certificate(masses={"c": 1.0}), ours, ours)
+    certificate = Certificate(masses={"a": 1.0, "b": 2.0})
+    assert not _is_left("masses", Certificate(), certificate, certificate)
+    assert not _is_left("masses", Certificate(masses={"c": 1.0}), certificate, certificate)
     theirs = Certificate(masses={"a": 1.1, "b": 2.0})
-    assert _is_left("masses", theirs, ours, ours)
-    assert not _is_left("masses", theirs, ours, theirs)
+    assert _is_left("masses", theirs, certificate, certificate)
+    assert not _is_left("masses", theirs, certificate, theirs)
 
 
 @pytest.mark.slow

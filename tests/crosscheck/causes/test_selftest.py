@@ -13,7 +13,7 @@ from crosscheck.causes.dictionary import DICTIONARY
 from crosscheck.causes.fault_benches import BENCHES, Bench
 from crosscheck.causes.fit import Candidate
 from crosscheck.causes.model import make_model
-from crosscheck.causes.selftest import CLEAN, FOUND, MATTERS, RANK, Planted, _list_fault_sizes, run_bench
+from crosscheck.causes.selftest import CLEAN, FOUND, MATTERS, RANK, PlantedFault, _list_fault_sizes, run_bench
 from crosscheck.causes.subject import Subject
 from crosscheck.measures.mechanisms import read_mechanism
 from crosscheck.studies.selftest import ALL, build_summary, count_outcomes, judge_fault, judge_targets
@@ -54,7 +54,7 @@ CLOSED = ("viscous damping", "gravity off", "soft constraint", "missing body")
 FLEXIBLE = ("dry friction", "section turned", "effort sign", "lumped mass")
 
 
-def check(rows: list[Planted], least: int) -> None:
+def check(rows: list[PlantedFault], least: int) -> None:
     assert rows[0].cause == CLEAN
     assert rows[0].outcome == "silent"
     assert len([row for row in rows if row.change >= MATTERS]) >= least
@@ -112,9 +112,9 @@ def test_inertias_are_told_apart_by_a_quick_motion_and_the_certificate() -> None
     clean, *rows = run_bench(BY_LABEL["panda/quick in exudyn"], MODELS, (0.1,), causes)
     assert (clean.cause, clean.outcome) == (CLEAN, "silent")
     for cause in causes:
-        found = {row.outcome for row in rows if row.cause == cause}
-        assert "alone" in found, cause
-        assert found <= {"alone", "unseen"}, cause  # the base's inertia is in no torque
+        result = {row.outcome for row in rows if row.cause == cause}
+        assert "alone" in result, cause
+        assert result <= {"alone", "unseen"}, cause  # the base's inertia is in no torque
 
 
 @pytest.mark.slow
@@ -136,9 +136,9 @@ def test_a_closure_of_wrong_rank_is_planted_and_found_by_the_certificate() -> No
 
 
 ROWS = [
-    Planted("a", CLEAN, "", 0.0, 0.0, "silent", ()),
-    *[Planted("a", "payload", "tip", 0.1, 0.02, "alone", ("payload: tip",))] * 19,
-    Planted("a", "payload", "tip", 0.001, 1e-4, "unseen", ()),
+    PlantedFault("a", CLEAN, "", 0.0, 0.0, "silent", ()),
+    *[PlantedFault("a", "payload", "tip", 0.1, 0.02, "alone", ("payload: tip",))] * 19,
+    PlantedFault("a", "payload", "tip", 0.001, 1e-4, "unseen", ()),
 ]
 
 
@@ -146,12 +146,12 @@ ROWS = [
     ("more", "enough"),
     [
         ([], True),
-        ([Planted("a", "payload", "tip", 0.1, 0.02, "another", ("rotor inertia: hub",))], True),  # 19 of 20
-        ([Planted("a", "payload", "tip", 0.1, 0.02, "none", ())] * 2, False),  # 19 of 21
-        ([Planted("b", CLEAN, "", 0.0, 0.0, "another", ("time step",))], False),  # a false cause
+        ([PlantedFault("a", "payload", "tip", 0.1, 0.02, "another", ("rotor inertia: hub",))], True),  # 19 of 20
+        ([PlantedFault("a", "payload", "tip", 0.1, 0.02, "none", ())] * 2, False),  # 19 of 21
+        ([PlantedFault("b", CLEAN, "", 0.0, 0.0, "another", ("time step",))], False),  # a false cause
     ],
 )
-def test_the_targets_can_be_missed(more: list[Planted], enough: bool) -> None:
+def test_the_targets_can_be_missed(more: list[PlantedFault], enough: bool) -> None:
     rows = [asdict(row) | {"verdict": judge_fault(asdict(row))} for row in [*ROWS, *more]]
     assert count_outcomes(rows)["matter"] == 19 + sum(row.change >= MATTERS for row in more)
     table = StudyRow("one", "one", rows=tuple(rows))
@@ -164,7 +164,9 @@ def test_the_targets_can_be_missed(more: list[Planted], enough: bool) -> None:
 
 def test_every_cause_has_to_be_named_alone_somewhere() -> None:
     """Of all benches; one that is only in the set, or was never planted, is a target missed, and so are few causes."""
-    rows = [asdict(Planted("a", cause, "x", 0.1, 0.02, "alone", (cause,))) | {"verdict": "within"} for cause in ALL]
+    rows = [
+        asdict(PlantedFault("a", cause, "x", 0.1, 0.02, "alone", (cause,))) | {"verdict": "within"} for cause in ALL
+    ]
     rows.append(asdict(ROWS[0]) | {"verdict": "within"})
     complete = StudyRow("one", "one", rows=tuple(rows))
     assert {line["verdict"] for line in judge_targets([complete])} == {"within"}
@@ -172,8 +174,8 @@ def test_every_cause_has_to_be_named_alone_somewhere() -> None:
     assert [row["alone"] for row in build_summary([complete]).rows if row["cause"] == "beam mass"] == ["a"]
     together = [*rows[:-2], rows[-1], rows[-2] | {"outcome": "in the set"}]
     for less, missing in ((together, ALL[-1]), (rows[1:], ALL[0])):
-        found = {line["cause"]: line for line in judge_targets([StudyRow("one", "one", rows=tuple(less))])}
-        line = found["each cause named alone on at least one mechanism"]
+        result = {line["cause"]: line for line in judge_targets([StudyRow("one", "one", rows=tuple(less))])}
+        line = result["each cause named alone on at least one mechanism"]
         assert (line["verdict"], line["alone"]) == ("deviation", f"not {missing}")
         shown = [r for r in build_summary([StudyRow("one", "one", rows=tuple(less))]).rows if r["cause"] == missing]
         assert [(r["alone"], r["verdict"]) for r in shown] == [("nowhere", "deviation")]
@@ -187,7 +189,7 @@ def test_every_cause_can_sit_on_some_bench() -> None:
     for bench in BENCHES:
         folder = MODELS / bench.mechanism
         mechanism = read_mechanism(folder)
-        mechanism, case = bench.made(mechanism, load_cases(folder, mechanism)[bench.case])
+        mechanism, case = bench.make_bench_case(mechanism, load_cases(folder, mechanism)[bench.case])
         model = make_model(Subject(mechanism, case))
         known = {name: cause for name, cause in left.items() if name in bench.planted}
         for name, cause in known.items():

@@ -18,7 +18,7 @@ import pytest
 from crosscheck.causes.dictionary import DICTIONARY
 from crosscheck.causes.fault_benches import Bench
 from crosscheck.causes.model import make_model
-from crosscheck.causes.naming import Naming, find_causes
+from crosscheck.causes.naming import NamedCauses, find_causes
 from crosscheck.causes.selftest import ROUNDING, ask
 from crosscheck.causes.subject import Subject
 from crosscheck.engines import ENGINES, adapter
@@ -37,21 +37,21 @@ def case_of(motion: Motion, samples: int = 40) -> Case:
 
 def loaded(place: str) -> Subject:
     mechanism, case = place.split("/")
-    found = load_mechanism(MODELS / mechanism)
-    whole = load_cases(MODELS / mechanism, found)[case]
+    result = load_mechanism(MODELS / mechanism)
+    whole = load_cases(MODELS / mechanism, result)[case]
     spacing = whole.sample * max(1, round(whole.end / whole.sample / 40))
-    return Subject(found, replace(whole, sample=spacing, step=spacing))
+    return Subject(result, replace(whole, sample=spacing, step=spacing))
 
 
-def told(subject: Subject, harmed: Subject, engine: str) -> Naming:
+def told(subject: Subject, harmed: Subject, engine: str) -> NamedCauses:
     """What is said of an engine whose model was harmed."""
     reference = adapter(ENGINES["flexinv"]).run(subject.mechanism, subject.case, "flexinv", {"error": False})
     model = make_model(subject, reference)
     record = ask(Bench("thread", "thread", engine), harmed)
-    return find_causes(model, model.residual(record, reference), ROUNDING)
+    return find_causes(model, model.compute_residual(record, reference), ROUNDING)
 
 
-def planted(subject: Subject, cause: str, target: str, size: object, engine: str) -> Naming:
+def planted(subject: Subject, cause: str, target: str, size: object, engine: str) -> NamedCauses:
     return told(
         subject, DICTIONARY[cause].change(subject, target, np.atleast_1d(np.asarray(size, dtype=float))), engine
     )

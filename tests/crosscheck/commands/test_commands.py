@@ -21,7 +21,7 @@ from crosscheck_examples import write_models
 from crosscheck.causes.fault_benches import BENCHES
 from crosscheck.cli import main
 from crosscheck.commands import selftest
-from crosscheck.commands.shared.options import Asked
+from crosscheck.commands.shared.options import RunSelection
 from crosscheck.commands.shared.terminal import Failure
 from crosscheck.engines import ENGINES, Engine
 from crosscheck.studies import STUDIES
@@ -193,7 +193,9 @@ def test_no_line_of_the_overview_is_cut_off() -> None:
 
 def asked(models: Path, names: tuple[str, ...] = (), studies: str | None = None) -> list[str]:
     """The studies of a run."""
-    work, _ = Asked(names, models, "*", studies, "", False, 1, 60.0, None, (), False).work(lambda line: None)
+    work, _ = RunSelection(names, models, "*", studies, "", False, 1, 60.0, None, (), False).prepare_work(
+        lambda line: None
+    )
     return [study.name for study in work.studies]
 
 

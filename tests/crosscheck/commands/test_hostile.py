@@ -64,13 +64,13 @@ def test_hostile_answers_are_rows(tmp_path: Path) -> None:
 
 def test_a_wrong_end_is_told() -> None:
     row = {"code": "2", "words": "a named pipe"}
-    good = hostile.Ended(2, "Error: a named │ pipe", (), 1.0)
+    good = hostile.CommandEnd(2, "Error: a named │ pipe", (), 1.0)
     assert hostile.judge_file(row, good) == ""
     for ended, words in (
-        (hostile.Ended(None, "", (), 300.0), "it hangs"),
-        (hostile.Ended(2, f"{hostile.TRACEBACK}\na named pipe", (), 1.0), "a traceback"),
-        (hostile.Ended(2, "a named pipe", ("sleep 3000",), 1.0), "it left sleep"),
-        (hostile.Ended(0, "a named pipe", (), 1.0), "exit code 0, expected 2"),
-        (hostile.Ended(2, "no such file", (), 1.0), "other words"),
+        (hostile.CommandEnd(None, "", (), 300.0), "it hangs"),
+        (hostile.CommandEnd(2, f"{hostile.TRACEBACK}\na named pipe", (), 1.0), "a traceback"),
+        (hostile.CommandEnd(2, "a named pipe", ("sleep 3000",), 1.0), "it left sleep"),
+        (hostile.CommandEnd(0, "a named pipe", (), 1.0), "exit code 0, expected 2"),
+        (hostile.CommandEnd(2, "no such file", (), 1.0), "other words"),
     ):
         assert hostile.judge_file(row, ended).startswith(words)

@@ -30,8 +30,8 @@ def climbed(engine: str, message: str, verdict: str) -> Results:
     ],
 )
 def test_who_explains_a_rung(engine: str, message: str, verdict: str, expected: str) -> None:
-    said = study.make_tables(climbed(engine, message, verdict), (engine,))
-    (row,), ((rung,),) = said["rows"], [table["rows"] for table in said["tables"]]
+    tables = study.make_tables(climbed(engine, message, verdict), (engine,))
+    (row,), ((rung,),) = tables["rows"], [table["rows"] for table in tables["tables"]]
     assert rung["verdict"] == expected
     assert row["verdict"] == expected
     assert row["holds"] == f"{int(verdict == 'within')} of 1"

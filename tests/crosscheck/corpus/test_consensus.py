@@ -16,13 +16,13 @@ from crosscheck.corpus.consensus import (
     DISAGREEMENT,
     SINGLE,
     CaseConsensus,
-    Panel,
+    EnginePanel,
     SeriesConsensus,
     find_case_consensus,
 )
 from crosscheck.corpus.intervals import (
     FLOOR,
-    Given,
+    EngineValues,
     Interval,
     compute_hull,
     compute_intersection,
@@ -43,8 +43,8 @@ from flexinv.errors import InputError
 AUTHORS = {"a": "A", "a2": "A", "b": "B", "c": "C", "exact": "E"}
 
 
-def given(engine: str, value: float, bar: float) -> Given:
-    return Given(engine, AUTHORS[engine], np.full(3, value), np.full(3, bar))
+def given(engine: str, value: float, bar: float) -> EngineValues:
+    return EngineValues(engine, AUTHORS[engine], np.full(3, value), np.full(3, bar))
 
 
 def test_authors_that_meet_at_every_sample_agree_and_one_sample_apart_is_apart() -> None:
@@ -92,10 +92,10 @@ def task(root: Path) -> Task:
     return discover(root / "models", ["rigid_one_link/cycloid"]).tasks[0]
 
 
-def panel(*names: str, results: Results | None = None, closed: str = "") -> Panel:
+def panel(*names: str, results: Results | None = None, closed: str = "") -> EnginePanel:
     engines = {n: Engine(n, "", "", "") for n in names}
     authors = {n: Author(AUTHORS[n], n == closed) for n in names}
-    return Panel(engines, authors, results or Results(started=""))
+    return EnginePanel(engines, authors, results or Results(started=""))
 
 
 def record(task: Task, engine: str, shift: float = 0.0, bar: float | None = 1e-3, order: bool = True) -> Record:
@@ -107,7 +107,7 @@ def record(task: Task, engine: str, shift: float = 0.0, bar: float | None = 1e-3
     return Record(engine, time=task.time, series=made, budget=how)
 
 
-def found(task: Task, who: Panel, *records: Record) -> tuple[CaseConsensus, SeriesConsensus]:
+def found(task: Task, who: EnginePanel, *records: Record) -> tuple[CaseConsensus, SeriesConsensus]:
     case = find_case_consensus(task, {one.engine: one for one in records}, who)
     return case, case.series[0]
 
@@ -203,10 +203,10 @@ def test_published_numbers_stand_beside_the_consensus(
 ) -> None:
     """sin(0.1) = 0.0998 is 0.1 to its digit; sin(0.5) is the largest."""
     case, _ = found(task, panel("a", "b"), record(task, "a"), record(task, "b"))
-    told = PublishedValue(
+    published_value = PublishedValue(
         mechanism="rigid_one_link", case="cycloid", series="torque/hub", value=value, unit="N m", source="x", at_s=when
     )
-    (one,) = compare_published(case, [told])
+    (one,) = compare_published(case, [published_value])
     assert one.agrees is agrees
     assert (one.distance == 0.0) is agrees
 

@@ -13,7 +13,7 @@ import pytest
 from click.testing import CliRunner, Result
 
 from crosscheck.cli import main
-from crosscheck.corpus.audit import Audited, collect_by_class, is_target_met
+from crosscheck.corpus.audit import AuditRow, collect_by_class, is_target_met
 from crosscheck.corpus.folder import MANIFEST, compute_digest
 from crosscheck.corpus.judging import judge_answers, read_manifest
 from crosscheck.measures.series_csv import read, write_table
@@ -204,7 +204,7 @@ def test_the_same_input_gives_the_same_bytes_and_the_audit_holds(models: Path, w
 
 
 def test_an_audit_misses_its_target_by_class() -> None:
-    rows = [Audited("rigid", "a", "x", 1, 100, 100, "w", 1.0), Audited("beams", "b", "x", 1, 100, 94, "w", 0.94)]
+    rows = [AuditRow("rigid", "a", "x", 1, 100, 100, "w", 1.0), AuditRow("beams", "b", "x", 1, 100, 94, "w", 0.94)]
     assert [one.share for one in collect_by_class(rows)] == [1.0, 0.94]
     assert not is_target_met(rows)
     assert is_target_met(rows[:1])

@@ -24,7 +24,7 @@ from crosscheck.engines import ENGINES, Engine
 from crosscheck.kit.write import write
 from crosscheck.run.cluster import read_task_files, run_on_worker
 from crosscheck.run.forking import ForkServers
-from crosscheck.run.isolation import Attempt, Children, run_engine
+from crosscheck.run.isolation import Attempt, ChildProcesses, run_engine
 from crosscheck.run.runner import _run_job
 from crosscheck.run.work import Options
 from crosscheck.verdicts.plan import Task, discover
@@ -46,15 +46,15 @@ def engine(name: str, *words: str, **more: Any) -> Engine:
 
 
 @pytest.fixture(scope="module")
-def children() -> Iterator[Children]:
+def children() -> Iterator[ChildProcesses]:
     """Processes that are forked, as a run's are."""
     servers = ForkServers()
-    yield Children(servers=servers)
+    yield ChildProcesses(servers=servers)
     servers.close()
 
 
 @pytest.fixture
-def go(task: Task, tmp_path: Path, children: Children) -> Go:
+def go(task: Task, tmp_path: Path, children: ChildProcesses) -> Go:
     def call(kind: str, limit: float = LIMIT, **more: Any) -> Attempt:
         words = ("rogue_program.py", kind, str(task.folder), task.case.name, str(tmp_path), "{kit}", "{out}")
         job = {"mechanism": str(task.folder), "case": task.case.name, "options": {"error": False}}
@@ -130,9 +130,9 @@ def test_a_hang_ends_at_the_time_limit_with_all_it_started(go: Go, tmp_path: Pat
     worker = threading.Thread(target=lambda: done.append(go(kind, limit=float(limit))))
     worker.start()
     end = clock.monotonic() + LIMIT
-    while not (found := [int(f.name) for f in tmp_path.iterdir() if f.name.isdigit()]) and clock.monotonic() < end:
+    while not (result := [int(f.name) for f in tmp_path.iterdir() if f.name.isdigit()]) and clock.monotonic() < end:
         clock.sleep(0.05)
-    leader = os.getpgid(found[0])
+    leader = os.getpgid(result[0])
     family = [p for p in map(int, filter(str.isdigit, os.listdir("/proc"))) if _group(p) == leader]
     assert len(family) >= (3 if kind == "breeding" else 2)  # the child process, the program, what it started
     worker.join()
@@ -155,7 +155,7 @@ def _alive(pid: int) -> bool:
         return False
 
 
-def test_a_program_that_is_not_there_is_named(task: Task, children: Children) -> None:
+def test_a_program_that_is_not_there_is_named(task: Task, children: ChildProcesses) -> None:
     missing = Engine(
         "mine", COMMAND, "", "", settings={"command": ["./no_such_program", "{out}"], "folder": str(SHARED)}
     )
@@ -166,7 +166,7 @@ def test_a_program_that_is_not_there_is_named(task: Task, children: Children) ->
 
 
 @pytest.mark.slow
-def test_three_runs_give_error_bars(root: Path, tmp_path: Path, children: Children) -> None:
+def test_three_runs_give_error_bars(root: Path, tmp_path: Path, children: ChildProcesses) -> None:
     """The chain of rods takes the steps that it is asked for, and keeps its rods: the bar is that of its steps.
 
     A move of 0.1 s without a rest has as many steps as an order needs.
@@ -189,14 +189,14 @@ def test_three_runs_give_error_bars(root: Path, tmp_path: Path, children: Childr
     assert line["order"]["step and mesh"] > 2.0
 
 
-def test_a_program_is_asked_for_what_it_does(task: Task, children: Children) -> None:
+def test_a_program_is_asked_for_what_it_does(task: Task, children: ChildProcesses) -> None:
     job = {"mechanism": str(task.folder), "case": task.case.name, "options": {}}
     record = run_engine(engine("mine", "-c", "1", cases=["ur5/*"]), job, task.time, LIMIT, children).record
     assert (record.status, record.message) == ("skipped", "crosscheck.toml asks it for ur5/* only")
 
 
 @pytest.mark.slow
-def test_numpy_answers_loops_and_agrees(root: Path, children: Children) -> None:
+def test_numpy_answers_loops_and_agrees(root: Path, children: ChildProcesses) -> None:
     task = discover(root / "models", ["four_bar/turn"]).tasks[0]
     job = {"mechanism": str(task.folder), "case": task.case.name, "options": {}}
     ours = run_engine(ENGINES["flexinv"], job, task.time, LIMIT, children).record
@@ -213,9 +213,9 @@ def test_nothing_of_ours_is_in_reach_in_a_blind_round(
 ) -> None:
     monkeypatch.setenv("PYTHONPATH", str(root))
     monkeypatch.setenv("PROJECT", str(root / "models"))
-    seen = make_environment(tmp_path)
-    assert not [name for name, value in seen.items() if str(root) in value and name != "PATH"]
-    assert seen["PYTHONPATH"] == str(tmp_path / "hidden")
+    environment = make_environment(tmp_path)
+    assert not [name for name, value in environment.items() if str(root) in value and name != "PATH"]
+    assert environment["PYTHONPATH"] == str(tmp_path / "hidden")
     assert str(root) not in make_environment().get("PYTHONPATH", "")
 
 

@@ -12,7 +12,7 @@ import pytest
 from crosscheck.doors.registry import FMU
 from crosscheck.engines import ENGINES, Engine
 from crosscheck.measures.record import Record
-from crosscheck.run.isolation import Children, run_engine
+from crosscheck.run.isolation import ChildProcesses, run_engine
 from crosscheck.verdicts.plan import Task, discover
 
 pytestmark = [
@@ -30,7 +30,7 @@ def answer(task: Task, folder: Path, flags: tuple[str, ...] = (), **words: Any) 
     file = pendulum_fmu.build(folder, flags, **words)
     engine = Engine("plant", FMU, "fmpy", "python -m pip install fmpy", settings={"fmu": str(file), "cases": ["*"]})
     job = {"mechanism": str(task.folder), "case": task.case.name, "options": {}}
-    return run_engine(engine, job, task.time, 60.0, Children()).record
+    return run_engine(engine, job, task.time, 60.0, ChildProcesses()).record
 
 
 @pytest.mark.parametrize(
@@ -47,7 +47,7 @@ def test_an_fmu_gives_the_torques(
     record = answer(task, tmp_path, flags, kinds=kinds)
     assert record.status == "ok", record.message
     job = {"mechanism": str(task.folder), "case": task.case.name, "options": {}}
-    ours = run_engine(ENGINES["flexinv"], job, task.time, 60.0, Children()).record
+    ours = run_engine(ENGINES["flexinv"], job, task.time, 60.0, ChildProcesses()).record
     for name in ("torque/pivot", "torque/knee"):
         np.testing.assert_allclose(record.series[name].values, ours.series[name].values, rtol=0, atol=1e-13)
     assert record.settings["steps until it answers"] == steps
@@ -74,5 +74,5 @@ def test_what_is_no_fmu_is_refused(task: Task, tmp_path: Path) -> None:
     (tmp_path / "x.fmu").write_text("not a zip file")
     engine = Engine("plant", FMU, "fmpy", "", settings={"fmu": str(tmp_path / "x.fmu"), "cases": ["*"]})
     job = {"mechanism": str(task.folder), "case": task.case.name, "options": {}}
-    record = run_engine(engine, job, task.time, 60.0, Children()).record
+    record = run_engine(engine, job, task.time, 60.0, ChildProcesses()).record
     assert "x.fmu is no FMU" in record.message

@@ -12,11 +12,11 @@ import tree_fmu
 from numpy.typing import NDArray
 
 import flexinv
-from crosscheck.commands.shared.options import Asked
+from crosscheck.commands.shared.options import RunSelection
 from crosscheck.doors import fmu, registry
-from crosscheck.doors.fmu_replay import ForwardFmu, compute_tips
+from crosscheck.doors.fmu_replay import ForwardFmuAdapter, compute_tips
 from crosscheck.engines import ENGINES, adapter
-from crosscheck.engines.shared.replay import Drive
+from crosscheck.engines.shared.replay import DriveTorques
 from crosscheck.studies import STUDIES, feedforward
 from crosscheck.verdicts.plan import Task, discover
 from flexinv.errors import InputError
@@ -32,20 +32,20 @@ def arm(root: Path) -> Task:
     return discover(root / "models", ["rigid_3r/quintic"]).tasks[0]
 
 
-def opened(file: Path, **settings: Any) -> ForwardFmu:
-    found = fmu.open_adapter("plant", "models/rigid_3r", {"fmu": str(file), "cases": ["*"], **settings})
-    assert isinstance(found, ForwardFmu)
-    return found
+def opened(file: Path, **settings: Any) -> ForwardFmuAdapter:
+    adapter = fmu.open_adapter("plant", "models/rigid_3r", {"fmu": str(file), "cases": ["*"], **settings})
+    assert isinstance(adapter, ForwardFmuAdapter)
+    return adapter
 
 
-def drive(task: Task, spacing: float) -> tuple[Drive, dict[str, Array]]:
+def drive(task: Task, spacing: float) -> tuple[DriveTorques, dict[str, Array]]:
     """The torques of a case's motion between two rests, and the tips that belong to them."""
     time = np.arange(round(task.case.end / spacing) + 1) * spacing
     q, qd, qdd = task.case.motion.evaluate(task.mechanism, time)
     torque = flexinv.joint_torques(task.mechanism, q, qd, qdd)
     tips = [compute_tips(task.mechanism, row) for row in q]
     wanted = {link.name: np.array([at[link.name] for at in tips]) for link in task.mechanism.links}
-    return Drive(q[0], spacing, np.asarray(torque)[:, task.mechanism.actuated]), wanted
+    return DriveTorques(q[0], spacing, np.asarray(torque)[:, task.mechanism.actuated]), wanted
 
 
 @pytest.mark.parametrize("case", ["rigid_3r/quintic", "screw_lift", "quanser_2dsfl_rigid", "ur5"])
@@ -69,8 +69,8 @@ def test_torques_of_a_motion_make_the_motion(arm: Task, tmp_path: Path, kinds: t
     errors = []
     for spacing in (0.01, 0.005):
         given, wanted = drive(arm, spacing)
-        found = plant.replay(arm.mechanism, given)
-        errors.append(max(float(np.abs(found[name] - wanted[name]).max()) for name in wanted))
+        result = plant.replay(arm.mechanism, given)
+        errors.append(max(float(np.abs(result[name] - wanted[name]).max()) for name in wanted))
     assert errors[1] <= 1e-3
     assert 3.5 <= errors[0] / errors[1] <= 4.5
 
@@ -115,8 +115,8 @@ def test_a_plant_that_is_another_one_is_seen(arm: Task, tmp_path: Path) -> None:
     """Without gravity the arm is somewhere else: far beyond the bound of the table."""
     plant = opened(tree_fmu.build(tmp_path, "rigid_3r/quintic", forward=True, flags=("-DWEIGHTLESS",)))
     given, wanted = drive(arm, 0.01)
-    found = plant.replay(arm.mechanism, given)
-    assert max(float(np.abs(found[name] - wanted[name]).max()) for name in wanted) > 1e3 * feedforward.OF_RIGID
+    result = plant.replay(arm.mechanism, given)
+    assert max(float(np.abs(result[name] - wanted[name]).max()) for name in wanted) > 1e3 * feedforward.OF_RIGID
 
 
 @compiled
@@ -172,7 +172,7 @@ def test_a_run_tells_it_of_them_with_the_content_of_their_files(root: Path, tmp_
     for content in (b"one", b"two"):
         (tmp_path / "rigid_3r.fmu").write_bytes(content)
         config(tmp_path, stated)
-        asked = Asked(
+        run_selection = RunSelection(
             names=("rigid_3r/quintic",),
             models=root / "models",
             engines="flexinv,plants",
@@ -180,7 +180,7 @@ def test_a_run_tells_it_of_them_with_the_content_of_their_files(root: Path, tmp_
             config=tmp_path / "crosscheck.toml",
             **words,
         )
-        work, _ = asked.work(lambda _: None)
+        work, _ = run_selection.prepare_work(lambda _: None)
         options = {study.name: study.options for study in work.studies}
         assert set(options["robots"]) == {"models"}
         (job,) = options["feedforward"]["engines"]
@@ -189,7 +189,7 @@ def test_a_run_tells_it_of_them_with_the_content_of_their_files(root: Path, tmp_
     assert told[0] != told[1]  # what was kept of the other file is not taken
 
 
-def config(folder: Path, stated: str) -> registry.Doors:
+def config(folder: Path, stated: str) -> registry.ProjectEngines:
     (folder / "models").mkdir(exist_ok=True)
     (folder / "crosscheck.toml").write_text(f'[engines.plants]\nfmu = "{stated}"\n')
     return registry.collect_doors(folder / "models")
@@ -211,7 +211,7 @@ def test_the_fmus_of_many_mechanisms_are_one_engine(tmp_path: Path) -> None:
     }
     assert len(stamps) == 3
     none = fmu.open_adapter("plants", str(tmp_path / "models" / "none"), second.engines["plants"].settings or {})
-    assert isinstance(none, fmu.Fmu)
+    assert isinstance(none, fmu.FmuAdapter)
     assert none.version() == ""
 
 

@@ -20,9 +20,9 @@ def test_every_mistake_is_one_piece_of_the_program() -> None:
 
 def test_a_campaign_with_a_wrong_name_does_not_pass() -> None:
     mistake = program_faults.MISTAKES["no rotors"]
-    right = program_faults.Found(("rotor inertia dropped",), "")
-    several = program_faults.Found(("a", "b", "c", "rotor inertia"), "")
-    other, silent = program_faults.Found(("payload",), ""), program_faults.Found((), "unknown")
+    right = program_faults.FaultOutcome(("rotor inertia dropped",), "")
+    several = program_faults.FaultOutcome(("a", "b", "c", "rotor inertia"), "")
+    other, silent = program_faults.FaultOutcome(("payload",), ""), program_faults.FaultOutcome((), "unknown")
     assert [one.right(mistake) for one in (right, several, other, silent)] == [True, False, False, False]
     assert [one.wrong(mistake) for one in (right, several, other, silent)] == [False, False, True, False]
 
@@ -31,5 +31,5 @@ def test_a_campaign_with_a_wrong_name_does_not_pass() -> None:
 def test_mistakes_drawn_by_a_seed_are_named(tmp_path: Path) -> None:
     names = program_faults.drawn(COUNT, SEED)
     assert names == program_faults.drawn(COUNT, SEED)
-    for name, found in program_faults.campaign(names, tmp_path).items():
-        assert found.right(program_faults.MISTAKES[name]), f"{name}: {found.words}"
+    for name, result in program_faults.campaign(names, tmp_path).items():
+        assert result.right(program_faults.MISTAKES[name]), f"{name}: {result.words}"

@@ -18,7 +18,7 @@ from crosscheck_examples import write_models
 from crosscheck.causes.dictionary import DICTIONARY, collect_causes
 from crosscheck.cli import main
 from crosscheck.doors import config, packages, trust
-from crosscheck.doors.registry import Doors, collect_doors, compute_answer_digest
+from crosscheck.doors.registry import ProjectEngines, collect_doors, compute_answer_digest
 from crosscheck.engines import ENGINES, adapter, describe_missing_package, open_adapter
 from crosscheck.engines.base import MEMBERS, offered
 from crosscheck.verdicts.results import Results, read
@@ -223,10 +223,10 @@ def test_a_program_is_a_full_column(project: Path) -> None:
         text.replace('joint["damping"] * v[k]', '(joint["damping"] + 0.05 * (k == 1)) * v[k]')
     )
     results = run("--engines", "flexinv,mine", "--trust-commands", code=1)
-    (found,) = [d for d in results.diagnoses if d.engine == "mine"]
-    assert found.named[0]["cause"] == "viscous damping"
-    assert found.repaired is not None
-    assert found.repaired < 1e-9
+    (result,) = [d for d in results.diagnoses if d.engine == "mine"]
+    assert result.named[0]["cause"] == "viscous damping"
+    assert result.repaired is not None
+    assert result.repaired < 1e-9
     done = call("export", "double_pendulum", "--engine", "mine", "--out", "exported")
     assert done.exit_code == 0, done.output
     assert {f.name for f in Path("exported").iterdir()} == {"kit", "expected.csv", "run.txt", "README.md"}
@@ -247,11 +247,11 @@ def test_a_record_is_judged_and_diagnosed_from_its_csv_alone(project: Path) -> N
     results = run("--engines", "flexinv,simscape", code=1)
     (row,) = [c for c in results.comparisons if c.engine == "simscape" and c.quantity == "torque"]
     assert row.verdict == "deviation"  # the limits of the example are for all engines
-    (found,) = [d for d in results.diagnoses if d.engine == "simscape"]
-    assert found.where == "put into the reference"
-    assert found.repaired is not None
-    assert found.repaired < 1e-9
-    assert any("inertia" in str(one["cause"]) for one in found.named)
+    (result,) = [d for d in results.diagnoses if d.engine == "simscape"]
+    assert result.where == "put into the reference"
+    assert result.repaired is not None
+    assert result.repaired < 1e-9
+    assert any("inertia" in str(one["cause"]) for one in result.named)
     before = compute_answer_digest(collect_doors(project / "models").engines["simscape"], out.parents[2])
     (out / "meta.json").write_text("{}")
     assert compute_answer_digest(collect_doors(project / "models").engines["simscape"], out.parents[2]) != before
@@ -322,9 +322,9 @@ def test_an_installed_package_brings_engines_and_causes(tmp_path: Path, monkeypa
         "from crosscheck.causes.dictionary import DICTIONARY\n"
         "ROWS = [replace(DICTIONARY['viscous damping'], name='a guest of a cause')]\nBAD = [3]\n"
     )
-    found = packages.list_installed_engines()
-    assert found["guest"].module == "rogue_engines"
-    assert adapter(found["guest"]).version() == "0.rogue"
+    installed_engines = packages.list_installed_engines()
+    assert installed_engines["guest"].module == "rogue_engines"
+    assert adapter(installed_engines["guest"]).version() == "0.rogue"
     with pytest.warns(UserWarning, match="package guest: no causes at guest_causes:BAD"):
         known = collect_causes()
     assert set(known) - set(DICTIONARY) == {"a guest of a cause"}
@@ -356,6 +356,6 @@ def test_our_adapters_name_what_they_offer(name: str) -> None:
 
 def test_without_doors_nothing_changes(root: Path) -> None:
     known = collect_doors(root / "models")
-    assert isinstance(known, Doors)
+    assert isinstance(known, ProjectEngines)
     assert dict(known.engines) == {**ENGINES, **packages.list_installed_engines()}
     assert compute_answer_digest(ENGINES["pinocchio"], root / "models" / "ur5") == ""

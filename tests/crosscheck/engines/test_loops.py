@@ -137,12 +137,12 @@ def test_pinocchios_constraint_models_span_our_rows(kind: str, contact: pin.Cont
     tree = pinocchio_loops.Tree(replace(mechanism, closures=(replace(closure, kind=kind),)), built, data)
     position = convert_to_engine(built, q, v, v)[0][7]
     if kind == "fixed":  # frames that coincide where the ball lets them differ
-        tree.pairs(position, 0 * v[7])
-        turn = tree.look(closure.second).r.T @ tree.look(closure.first).r
+        tree.compute_frame_pairs(position, 0 * v[7])
+        turn = tree.compute_frame(closure.second).r.T @ tree.compute_frame(closure.first).r
         second = replace(closure.second, placement=Placement(closure.second.placement.position, turn))
         closure = replace(closure, kind=kind, second=second)
         tree = replace(tree, mechanism=replace(mechanism, closures=(closure,)))
-    rows = assembly.assemble_rows(tree.mechanism.closures, tree.pairs(position, 0 * v[7])).g
+    rows = assembly.assemble_rows(tree.mechanism.closures, tree.compute_frame_pairs(position, 0 * v[7])).g
     ends = [(built.link[e.link][0], built.link[e.link][1] * _se3(e)) for e in (closure.first, closure.second)]
     model = pin.RigidConstraintModel(contact, built.model, ends[0][0], ends[0][1], ends[1][0], ends[1][1])
     rigid = model.createData()
@@ -212,7 +212,7 @@ def test_a_fault_in_the_rates_is_seen(monkeypatch: pytest.MonkeyPatch) -> None:
     expected = reference(example)
     right = assembly.assemble_rows
 
-    def without_bias(*arguments: object) -> assembly.Rows:
+    def without_bias(*arguments: object) -> assembly.ClosureRows:
         rows = right(*arguments)  # type: ignore[arg-type]
         return replace(rows, bias=0 * rows.bias)
 

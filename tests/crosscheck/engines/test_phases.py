@@ -210,8 +210,8 @@ def test_what_a_closure_cannot_exert_is_no_reaction() -> None:
         case = next(iter(load_cases(MODELS / name, mechanism).values()))
         s = flexinv.solve(mechanism, case.motion, 0.1, start=case.start)
         made |= {
-            c: found.astype(int).tolist()
-            for c, found in find_determinate_parts(s.mesh, s.nodes, s.time).reaction.items()
+            c: result.astype(int).tolist()
+            for c, result in find_determinate_parts(s.mesh, s.nodes, s.time).reaction.items()
         }
     assert made["C"] == [1, 1, 0, 0, 0, 0]
     assert all(made[f"ball{k}"] == [1, 1, 1, 0, 0, 0] for k in range(1, 7))
@@ -242,7 +242,7 @@ def test_a_loop_with_a_beam_leaves_nothing_open() -> None:
     case = next(iter(load_cases(MODELS / "four_bar_flexible", mechanism).values()))
     s = flexinv.solve(mechanism, case.motion, 1e-3, end=5e-3, start=case.start)
     sure = find_determinate_parts(s.mesh, s.nodes, s.time)
-    assert all(found.all() for found in sure.wrench.values())
+    assert all(result.all() for result in sure.wrench.values())
     assert sure.reaction["C"].tolist() == [True] * 5 + [False]  # a hinge exerts no moment about its axis
 
 

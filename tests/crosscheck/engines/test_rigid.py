@@ -143,9 +143,9 @@ def test_flexinv_is_the_judge_too() -> None:
 def test_wrenches_act_on_the_child_at_the_joint_in_the_childs_frame(engine: Engine) -> None:
     mechanism = trees.tree()
     state = states(mechanism)
-    found = engine(mechanism, *state).wrench
-    assert set(found) >= {j.name for j in mechanism.joints if j.nv}
-    for name, wrench in found.items():
+    result = engine(mechanism, *state).wrench
+    assert set(result) >= {j.name for j in mechanism.joints if j.nv}
+    for name, wrench in result.items():
         joint = mechanism.joint_of[name]
         expected = np.array([kane.wrench(mechanism, joint, *row) for row in zip(*state, strict=True)])
         assert error(wrench, expected) < ROUNDING, name

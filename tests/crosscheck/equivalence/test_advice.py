@@ -39,17 +39,17 @@ def test_what_a_slip_of_the_hand_looks_like(value: tuple[float, ...], before: tu
 
 
 def test_digits_of_a_mass_that_were_exchanged(tmp_path: Path) -> None:
-    found = compare(arm(tmp_path), arm(tmp_path, (LOWER, LOWER.replace("2.375", "2.735")), name="b.urdf"))
-    assert found.differences[0].hints == ("the same digits in another order",)
+    comparison = compare(arm(tmp_path), arm(tmp_path, (LOWER, LOWER.replace("2.375", "2.735")), name="b.urdf"))
+    assert comparison.differences[0].hints == ("the same digits in another order",)
 
 
 def test_a_placeholder_is_what_to_mend(tmp_path: Path) -> None:
     placeholder = arm(tmp_path, (UPPER, 'ixx="0.1" ixy="0" ixz="0" iyy="0.1" iyz="0" izz="0.1"'), name="b.urdf")
-    found = compare(arm(tmp_path), placeholder)
-    assert found.suspects == "Of the numbers that differ 1 of B's look wrong by themselves: see what to write."
-    said = [line for _, written in found.advice for line in written]
+    comparison = compare(arm(tmp_path), placeholder)
+    assert comparison.suspects == "Of the numbers that differ 1 of B's look wrong by themselves: see what to write."
+    said = [line for _, written in comparison.advice for line in written]
     assert said[0] == "mend B: upper, 0.1 kg m^2 about every axis: looks like a placeholder"
-    assert "mend B" in render_markdown(found)
+    assert "mend B" in render_markdown(comparison)
     assert compare(placeholder, arm(tmp_path)).suspects.startswith("Of the numbers that differ 1 of A's")
     ordinary = arm(tmp_path, (LOWER, LOWER.replace("2.375", "2.5")), name="c.urdf")
     assert not any(line.startswith("mend") for line in lines(arm(tmp_path), ordinary))
@@ -114,10 +114,10 @@ child = "arm"
 axis = [0, 1, 0]
 """
         )
-    found = compare(tmp_path / "a", tmp_path / "b")
-    assert not found.equal
+    comparison = compare(tmp_path / "a", tmp_path / "b")
+    assert not comparison.equal
     text = (tmp_path / "a" / "mechanism.toml").read_text()
-    for line in (line for _, some in found.advice for line in some if line.startswith("to make A")):
+    for line in (line for _, some in comparison.advice for line in some if line.startswith("to make A")):
         new = line.partition(": ")[2]
         key = new.partition(" = ")[0]
         text = "\n".join(new if own.startswith(f"{key} = ") else own for own in text.splitlines())
@@ -130,8 +130,8 @@ def test_one_factor_on_everything_is_one_line(tmp_path: Path) -> None:
     for mass in ("4.125", "3.25", "2.375", "0.8125", "0.125"):
         text = text.replace(f'mass value="{mass}"', f'mass value="{float(mass) * 1000}"')
     (tmp_path / "b.urdf").write_text(text)
-    found = compare(arm(tmp_path), tmp_path / "b.urdf")
-    said = [line for place, written in found.advice for line in written if "mass" in place]
+    comparison = compare(arm(tmp_path), tmp_path / "b.urdf")
+    said = [line for place, written in comparison.advice for line in written if "mass" in place]
     assert said == [
         "to make A like B, multiply it by 1000 everywhere",
         "to make B like A, divide it by 1000 everywhere",
@@ -170,11 +170,11 @@ def test_every_placeholder_is_what_to_mend_however_many_there_are(tmp_path: Path
         links = "".join(f'<link name="l{k}">{body.format(1 + k / 8, *tensors[k])}</link>' for k in range(9))
         joints = "".join(joint.format(k, k - 1, "1 0 0" if k % 2 else "0 1 0") for k in range(1, 9))
         (tmp_path / f"{name}.urdf").write_text(f'<robot name="snake">{links}{joints}</robot>')
-    found = crosscheck.compare(tmp_path / "a.urdf", tmp_path / "b.urdf")
-    named = [d for d in found.judged.causes if d.cause == "inertia tensor"]
-    mended = [lines[0] for place, lines in found.advice if place.startswith("inertia tensor")]
+    comparison = crosscheck.compare(tmp_path / "a.urdf", tmp_path / "b.urdf")
+    named = [d for d in comparison.judged.causes if d.cause == "inertia tensor"]
+    mended = [lines[0] for place, lines in comparison.advice if place.startswith("inertia tensor")]
     assert len(named) == 8
     assert all(line.startswith("mend B: l") and "placeholder" in line for line in mended)
-    assert "8 of B's" in found.suspects
+    assert "8 of B's" in comparison.suspects
     told = [one.place for one in lint(tmp_path / "b.urdf").findings if one.check == "default tensor"]
     assert told == ["links l0, l1, l2, l3, l4, l5 ... (9)"]

@@ -12,7 +12,7 @@ from click.testing import CliRunner
 
 import crosscheck
 from crosscheck.cli import main
-from crosscheck.equivalence.beams.held import evaluate_section_frame, make_rigid_mechanism
+from crosscheck.equivalence.beams.rigid_beams import evaluate_section_frame, make_rigid_mechanism
 from crosscheck.equivalence.result import Comparison
 from flexinv import joint_torques
 from flexinv.analysis.evaluation import build_rigid_trajectory
@@ -42,20 +42,20 @@ def edited(name: str, before: str, after: str, folder: Path) -> Path:
     return folder
 
 
-def named(found: Comparison) -> list[tuple[str, str]]:
-    return [(d.cause, d.place) for d in [*found.differences, *found.judged.unseen]]
+def named(comparison: Comparison) -> list[tuple[str, str]]:
+    return [(d.cause, d.place) for d in [*comparison.differences, *comparison.judged.unseen]]
 
 
 @pytest.mark.parametrize("kind", EDITS)
 def test_one_number_of_a_beam_is_the_only_difference(kind: str, tmp_path: Path) -> None:
     """1e-12: the repaired file is the other one, up to the order of additions."""
     name, before, after, cause, place, size = EDITS[kind]
-    found = crosscheck.compare(MODELS / name, edited(name, before, after, tmp_path))
-    assert named(found) == [(cause, place)]
-    assert found.judged.after < 1e-12
+    comparison = crosscheck.compare(MODELS / name, edited(name, before, after, tmp_path))
+    assert named(comparison) == [(cause, place)]
+    assert comparison.judged.after < 1e-12
     if size is not None:
-        assert found.differences[0].size == pytest.approx(size, rel=1e-6)
-    assert not found.equal
+        assert comparison.differences[0].size == pytest.approx(size, rel=1e-6)
+    assert not comparison.equal
 
 
 @pytest.mark.parametrize("name", ["four_bar_flexible", "ur5_flexible_forearm", "quanser_2dsfl", "two_arms_flexible"])
@@ -64,9 +64,9 @@ def test_a_model_is_itself(name: str) -> None:
 
 
 def test_the_mesh_is_no_part_of_the_machine(tmp_path: Path) -> None:
-    found = crosscheck.compare(MODELS / ARM, edited(ARM, "elements = 1", "elements = 4", tmp_path))
-    assert found.equal
-    assert any("forearm 1 of order 4 in A, 4 of order 4 in B" in note for note in found.notes)
+    comparison = crosscheck.compare(MODELS / ARM, edited(ARM, "elements = 1", "elements = 4", tmp_path))
+    assert comparison.equal
+    assert any("forearm 1 of order 4 in A, 4 of order 4 in B" in note for note in comparison.notes)
 
 
 @pytest.mark.slow
@@ -85,8 +85,8 @@ def test_a_case_kit_is_its_mechanism(tmp_path: Path) -> None:
 def test_a_link_that_bends_in_one_file_only(tmp_path: Path) -> None:
     """The other holds the beam's shape and masses: then that is all that differs."""
     arm = mechanism(ARM)
-    found = crosscheck.compare(arm, replace(make_rigid_mechanism(arm), name="held"))
-    assert named(found) == [("link that bends in A only", "link forearm")]
+    comparison = crosscheck.compare(arm, replace(make_rigid_mechanism(arm), name="held"))
+    assert named(comparison) == [("link that bends in A only", "link forearm")]
 
 
 def mechanism(name: str) -> Mechanism:
@@ -104,8 +104,8 @@ def test_a_held_mechanism_has_the_torques_of_a_mesh_that_does_not_bend(name: str
     wrench = build_rigid_trajectory(mesh, compute_rigid_motion(mesh, q, qd, qdd)).wrench
     nodes = [(mesh.joint_node[joint.name], joint.axis) for joint in flexible.joints]
     wanted = np.column_stack([wrench[:, node, 3:] @ axis for node, axis in nodes])
-    found = joint_torques(make_rigid_mechanism(flexible), q, qd, qdd)
-    assert np.abs(found - wanted).max() < 1e-12 * np.abs(wanted).max()
+    torques = joint_torques(make_rigid_mechanism(flexible), q, qd, qdd)
+    assert np.abs(torques - wanted).max() < 1e-12 * np.abs(wanted).max()
     heavier = joint_torques(
         make_rigid_mechanism(flexible.with_body(flexible.beams[0].name, Body("more", Inertia(1e-3), 1.0))), q, qd, qdd
     )

@@ -99,9 +99,9 @@ def test_siblings_are_equal_or_repaired() -> None:
     """Three pairs of the campaign, `python tests/shared/sibling_campaign.py`; a pair that is not there is said to be absent."""
     pytest.importorskip("pinocchio")  # whose wheels bring the robots
     chosen = [pair for pair in PAIRS if "panda_collision" in pair.b or "joint_limited" in pair.b or "b1-z1" in pair.b]
-    found = list(outcomes(chosen, folders([])))
-    assert [one.words for one in found if not one.good] == []
-    assert {one.words for one in found} == {"equal", "different"}
+    result = list(outcomes(chosen, folders([])))
+    assert [one.words for one in result if not one.good] == []
+    assert {one.words for one in result} == {"equal", "different"}
     lost = next(outcomes([pair for pair in PAIRS if "robosuite" in pair.b], {"data": folders([])["data"]}))
     assert lost.absent
     assert "not on this machine" in lost.words

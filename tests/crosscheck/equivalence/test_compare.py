@@ -19,9 +19,9 @@ UPPER = '<inertial><origin xyz="0.01 0.02 0.153" rpy="0.1 0.2 0.3"/><mass value=
 
 
 def named(a: Path, b: Path, **options: object) -> list[tuple[str, str]]:
-    found = compare(a, b, **options)  # type: ignore[arg-type]
-    assert found.judged.after <= REPAIRED  # the causes put into A give B
-    return [(d.cause, d.place) for d in found.differences]
+    comparison = compare(a, b, **options)  # type: ignore[arg-type]
+    assert comparison.judged.after <= REPAIRED  # the causes put into A give B
+    return [(d.cause, d.place) for d in comparison.differences]
 
 
 # What is edited, what is named, and its size.  Sizes are those of the edit to the digits of the numbers written.
@@ -48,11 +48,11 @@ EDITS = {
 @pytest.mark.parametrize("edit", EDITS)
 def test_an_edit_is_named_alone_with_its_size(edit: str, tmp_path: Path) -> None:
     edits, cause, place, size = EDITS[edit]
-    found = compare(arm(tmp_path), arm(tmp_path, *edits, name="b.urdf"))
-    assert [(d.cause, d.place) for d in found.differences] == [(cause, place)]
-    assert found.differences[0].size == pytest.approx(size, rel=1e-9)
-    assert not found.equal
-    assert found.judged.after <= REPAIRED
+    comparison = compare(arm(tmp_path), arm(tmp_path, *edits, name="b.urdf"))
+    assert [(d.cause, d.place) for d in comparison.differences] == [(cause, place)]
+    assert comparison.differences[0].size == pytest.approx(size, rel=1e-9)
+    assert not comparison.equal
+    assert comparison.judged.after <= REPAIRED
 
 
 def test_a_file_is_itself_in_every_reader(tmp_path: Path) -> None:
@@ -69,15 +69,15 @@ def test_conventions_are_no_other_physics(tmp_path: Path) -> None:
         '<axis xyz="0 0 -1"/><limit lower="-2.0" upper="2.5"',
     )
     assert named(arm(tmp_path), arm(tmp_path, turned, name="b.urdf")) == [("sign of coordinate", "joint elbow")]
-    found = compare(arm(tmp_path), arm(tmp_path, turned, name="b.urdf"), judge=["rigid", "drive"])
-    assert found.equal
+    comparison = compare(arm(tmp_path), arm(tmp_path, turned, name="b.urdf"), judge=["rigid", "drive"])
+    assert comparison.equal
 
 
 def test_a_zero_offset_is_a_convention_of_its_size(tmp_path: Path) -> None:
     moved = ('xyz="0 0 0.1" rpy="0.2 0 0"', 'xyz="0 0 0.1" rpy="0.2 0 0"'), ('rpy="0 0.3 0.1"', 'rpy="0 0.3 0.1"')
     straight = arm(tmp_path, *moved, ('rpy="0 0.3 0.1"', 'rpy="0 0 0.1"'))
-    found = compare(straight, arm(tmp_path, ('rpy="0 0.3 0.1"', 'rpy="0 0 0.6"'), name="b.urdf"))
-    causes = {(d.cause, d.place): d.size for d in found.differences if d.family == "convention"}
+    comparison = compare(straight, arm(tmp_path, ('rpy="0 0.3 0.1"', 'rpy="0 0 0.6"'), name="b.urdf"))
+    causes = {(d.cause, d.place): d.size for d in comparison.differences if d.family == "convention"}
     assert causes == {("zero of coordinate", "joint elbow"): pytest.approx(0.5, rel=1e-9)}
 
 
@@ -92,24 +92,27 @@ def test_exchanged_bodies_are_one_cause(tmp_path: Path) -> None:
 
 
 def test_nothing_feels_the_base_and_that_is_said(tmp_path: Path) -> None:
-    found = compare(arm(tmp_path), arm(tmp_path, ('value="4.125"', 'value="9.5"'), name="b.urdf"))
-    assert found.equal
-    assert [(d.cause, d.place) for d in found.judged.unseen] == [("mass", "link base")]
+    comparison = compare(arm(tmp_path), arm(tmp_path, ('value="4.125"', 'value="9.5"'), name="b.urdf"))
+    assert comparison.equal
+    assert [(d.cause, d.place) for d in comparison.judged.unseen] == [("mass", "link base")]
     assert not compare(arm(tmp_path), tmp_path / "b.urdf", strict=True).equal
 
 
 def test_printed_digits_are_rounding(tmp_path: Path) -> None:
-    found = compare(arm(tmp_path, (LOWER, LOWER.replace("2.375", "2.37512"))), arm(tmp_path, name="b.urdf"))
-    assert found.equal
-    assert [d.cause for d in found.judged.rounding] == ["mass"]
-    assert found.judged.rounding_effort > 0.0
+    comparison = compare(arm(tmp_path, (LOWER, LOWER.replace("2.375", "2.37512"))), arm(tmp_path, name="b.urdf"))
+    assert comparison.equal
+    assert [d.cause for d in comparison.judged.rounding] == ["mass"]
+    assert comparison.judged.rounding_effort > 0.0
 
 
 def test_two_causes_are_both_needed(tmp_path: Path) -> None:
     edits = (LOWER, LOWER.replace("2.375", "2.625")), ('damping="0.3"', 'damping="0.5"')
-    found = compare(arm(tmp_path), arm(tmp_path, *edits, name="b.urdf"))
-    assert {(d.cause, d.place) for d in found.differences} == {("mass", "link lower"), ("damping", "joint shoulder")}
-    assert all((d.share or 0.0) > found.tolerance for d in found.differences)
+    comparison = compare(arm(tmp_path), arm(tmp_path, *edits, name="b.urdf"))
+    assert {(d.cause, d.place) for d in comparison.differences} == {
+        ("mass", "link lower"),
+        ("damping", "joint shoulder"),
+    }
+    assert all((d.share or 0.0) > comparison.tolerance for d in comparison.differences)
 
 
 @pytest.mark.parametrize("turn", [-0.4, 0.3, 1.1, 2.0])
@@ -134,12 +137,12 @@ def test_a_turned_axis_of_coupled_joints_is_one_cause(joint: str, tmp_path: Path
     turned = text, text.replace(f'"{xyz}"', f'"{other}"').replace('lower="0" upper="0.04"', 'lower="-0.04" upper="0"')
     file = arm(tmp_path, turned, name="b.urdf")
     assert named(arm(tmp_path), file) == [("sign of coordinate", f"joint {joint}")]
-    found = compare(arm(tmp_path), file, judge=["rigid", "drive"])
-    assert not found.equal
+    comparison = compare(arm(tmp_path), file, judge=["rigid", "drive"])
+    assert not comparison.equal
     coupled = "grip_mirror" if joint == "grip" else "grip"
-    (_, lines), *_ = found.advice
+    (_, lines), *_ = comparison.advice
     assert [line.partition(": ")[2] for line in lines] == [SIGN_LINE, SIGN_LINE]
-    assert f"coupled to it by the same law in both: {coupled}" in found.differences[0].hints
+    assert f"coupled to it by the same law in both: {coupled}" in comparison.differences[0].hints
     factor = (
         '<mimic joint="grip"/>',
         '<mimic joint="grip" multiplier="-1"/>',
@@ -157,16 +160,16 @@ def test_limits_that_were_left_as_they_were_stay(tmp_path: Path) -> None:
 def test_a_law_that_differs_beside_a_turned_axis_is_named(tmp_path: Path) -> None:
     turned = LEADS, LEADS.replace("1 0 0", "-1 0 0").replace('lower="0" upper="0.04"', 'lower="-0.04" upper="0"')
     factor = ('<mimic joint="grip"/>', '<mimic joint="grip" multiplier="2"/>')
-    found = named(arm(tmp_path), arm(tmp_path, turned, factor, name="b.urdf"))
-    assert found == [("factor of coupling", "joints grip, grip_mirror"), ("sign of coordinate", "joint grip")]
+    result = named(arm(tmp_path), arm(tmp_path, turned, factor, name="b.urdf"))
+    assert result == [("factor of coupling", "joints grip, grip_mirror"), ("sign of coordinate", "joint grip")]
 
 
 def test_renamed_joints_are_found_by_structure(tmp_path: Path) -> None:
     text = ARM.replace('"shoulder"', '"q_a"').replace('"elbow"', '"q_b"')
     (tmp_path / "b.urdf").write_text(text)
-    found = compare(arm(tmp_path), tmp_path / "b.urdf")
-    assert found.equal
-    assert "by structure" in found.matched
+    comparison = compare(arm(tmp_path), tmp_path / "b.urdf")
+    assert comparison.equal
+    assert "by structure" in comparison.matched
 
 
 def test_symmetric_fingers_are_asked_for(tmp_path: Path) -> None:
@@ -245,9 +248,9 @@ def test_a_joint_on_another_link_is_named(tmp_path: Path) -> None:
         ('<parent link="flange"/><child link="finger"/>', '<parent link="upper"/><child link="finger"/>'),
         name="b.urdf",
     )
-    found = compare(arm(tmp_path), moved)
-    assert ("parent of joint", "joint grip") in {(d.cause, d.place) for d in found.differences}
-    assert found.judged.after <= REPAIRED
+    comparison = compare(arm(tmp_path), moved)
+    assert ("parent of joint", "joint grip") in {(d.cause, d.place) for d in comparison.differences}
+    assert comparison.judged.after <= REPAIRED
 
 
 def test_a_hinge_and_a_ball_of_one_name_are_of_another_kind(tmp_path: Path) -> None:
@@ -315,16 +318,16 @@ def test_exchanged_mirror_images_are_no_turned_frames(tmp_path: Path) -> None:
 def test_efforts_are_compared_where_a_coordinate_counts_the_other_way(tmp_path: Path) -> None:
     """The range was left as it was, which the convention says; the effort limit is another thing."""
     turned, weaker = ('<axis xyz="0 1 0"/>', '<axis xyz="0 -1 0"/>'), ('effort="50"', 'effort="40"')
-    found = named(arm(tmp_path), arm(tmp_path, turned, weaker, name="b.urdf"))
-    assert found == [("sign of coordinate", "joint shoulder"), ("effort limit", "joint shoulder")]
-    assert named(arm(tmp_path), arm(tmp_path, turned, name="c.urdf")) == found[:1]
+    result = named(arm(tmp_path), arm(tmp_path, turned, weaker, name="b.urdf"))
+    assert result == [("sign of coordinate", "joint shoulder"), ("effort limit", "joint shoulder")]
+    assert named(arm(tmp_path), arm(tmp_path, turned, name="c.urdf")) == result[:1]
 
 
 def test_two_bodies_that_are_alike_are_not_exchanged_by_rounding(tmp_path: Path) -> None:
     """A frame turned by the ninth digit of pi / 2 turns a tensor by as little: rounding, whatever else has that tensor."""
     (tmp_path / "a.urdf").write_text(legs("0.01", "0.01").replace('"0.125 0 0"', '"0.125 0 0" rpy="0 1.57079632679 0"'))
     (tmp_path / "b.urdf").write_text(legs("0.01", "0.01").replace('"0.125 0 0"', '"0.125 0 0" rpy="0 1.57079632 0"'))
-    found = compare(tmp_path / "a.urdf", tmp_path / "b.urdf")
-    assert found.equal
-    assert "bodies exchanged" not in {d.cause for d in found.judged.unseen}
-    assert found.judged.rounding
+    comparison = compare(tmp_path / "a.urdf", tmp_path / "b.urdf")
+    assert comparison.equal
+    assert "bodies exchanged" not in {d.cause for d in comparison.judged.unseen}
+    assert comparison.judged.rounding

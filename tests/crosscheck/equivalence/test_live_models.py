@@ -90,10 +90,10 @@ def system() -> Any:
 @pytest.mark.parametrize("made", [robot, system])
 def test_a_tree_in_memory_is_what_it_was_made_from(made: Any, tmp_path: Path) -> None:
     (tmp_path / "crane.urdf").write_text(TEXT)
-    found = crosscheck.compare(tmp_path / "crane.urdf", made())
-    assert [d.words for d in found.differences] == []
-    assert found.equal
-    assert found.judged.before <= REPAIRED
+    comparison = crosscheck.compare(tmp_path / "crane.urdf", made())
+    assert [d.words for d in comparison.differences] == []
+    assert comparison.equal
+    assert comparison.judged.before <= REPAIRED
 
 
 def test_exudyns_tree_of_6_x_6_matrices_slides_against_its_own_axis(tmp_path: Path) -> None:
@@ -107,9 +107,9 @@ def test_exudyns_tree_of_6_x_6_matrices_slides_against_its_own_axis(tmp_path: Pa
     assert subspace[3] == 1.0
     assert np.array_equal(transform(-0.2), HT2T66Inverse(place))
     (tmp_path / "crane.urdf").write_text(TEXT)
-    found = crosscheck.compare(tmp_path / "crane.urdf", tree66())
-    assert (found.state, found.code, found.differences) == ("not comparable", 2, ())
-    assert "KinematicTree66: not reproduced, held against Exudyn" in found.sentence
+    comparison = crosscheck.compare(tmp_path / "crane.urdf", tree66())
+    assert (comparison.state, comparison.code, comparison.differences) == ("not comparable", 2, ())
+    assert "KinematicTree66: not reproduced, held against Exudyn" in comparison.sentence
     assert crosscheck.compare(tree66(), tree66()).state == "not comparable"
 
 
@@ -121,8 +121,8 @@ def test_exudyns_tree_of_6_x_6_matrices_with_hinges_is_proven() -> None:
 
 def test_another_mass_in_memory_is_named(tmp_path: Path) -> None:
     (tmp_path / "crane.urdf").write_text(TEXT)
-    found = crosscheck.compare(tmp_path / "crane.urdf", tree66(heavier=0.25))
-    assert {(d.cause, d.place) for d in found.differences} == {("mass", "link boom"), ("mass", "link stick")}
+    comparison = crosscheck.compare(tmp_path / "crane.urdf", tree66(heavier=0.25))
+    assert {(d.cause, d.place) for d in comparison.differences} == {("mass", "link boom"), ("mass", "link stick")}
 
 
 def test_what_is_no_tree_is_said(tmp_path: Path) -> None:

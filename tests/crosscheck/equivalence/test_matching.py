@@ -39,11 +39,13 @@ def chain(folder: Path, name: str, steps: Iterable[Step], called: str = "joint_{
 
 def test_the_third_of_six_is_the_fourth_of_seven(tmp_path: Path) -> None:
     six, seven = chain(tmp_path, "six.urdf", SIX), chain(tmp_path, "seven.urdf", SEVEN)
-    found = compare(six, seven)
-    assert "4 by structure, against the numbers in their names" in found.matched
-    assert ("joint that moves in B only", "joint joint_3") in [(d.cause, d.place) for d in found.differences]
-    assert not [d for d in found.differences if d.cause in ("position of joint", "orientation of joint", "joint axis")]
-    assert found.judged.after <= REPAIRED
+    comparison = compare(six, seven)
+    assert "4 by structure, against the numbers in their names" in comparison.matched
+    assert ("joint that moves in B only", "joint joint_3") in [(d.cause, d.place) for d in comparison.differences]
+    assert not [
+        d for d in comparison.differences if d.cause in ("position of joint", "orientation of joint", "joint axis")
+    ]
+    assert comparison.judged.after <= REPAIRED
     other = compare(seven, six)
     assert [(d.cause, d.place) for d in other.judged.causes if d.structural] == [
         ("joint that moves in A only", "joint joint_3")
@@ -60,9 +62,9 @@ def test_a_joint_that_is_held_leaves_the_numbers_of_all_others(called: str, tmp_
     (tmp_path / "held.urdf").write_text(
         held.replace('value="2.5"', 'value="3.75"').replace('"0.02 0 0.2"', '"0.2 0 0.2"')
     )
-    found = compare(six, tmp_path / "held.urdf")
-    assert "5 by name" in found.matched
-    assert len(found.differences) == 3
+    comparison = compare(six, tmp_path / "held.urdf")
+    assert "5 by name" in comparison.matched
+    assert len(comparison.differences) == 3
 
 
 LEG = """<link name="hip_{0}"><inertial><origin xyz="0.01 0.02 -0.1"/><mass value="{1}"/>
@@ -88,11 +90,11 @@ LYING = ("0.2 0 0.1", "0.2 0 -0.1", "-0.2 0 0.1", "-0.2 0 -0.1")  # turned by a 
 
 def test_a_base_that_is_turned_is_one_difference_and_what_to_write_puts_it_right(tmp_path: Path) -> None:
     a, b = legs(tmp_path, "a.urdf", UPRIGHT), legs(tmp_path, "b.urdf", LYING, f"{QUARTER} 0 0")
-    found = compare(a, b)
-    assert [d.cause for d in found.differences] == ["pose of base"]
-    assert found.differences[0].size == pytest.approx(math.pi / 2, rel=1e-9)
-    assert found.judged.after <= REPAIRED < found.judged.before
-    ((_, (in_a, _)),) = found.advice
+    comparison = compare(a, b)
+    assert [d.cause for d in comparison.differences] == ["pose of base"]
+    assert comparison.differences[0].size == pytest.approx(math.pi / 2, rel=1e-9)
+    assert comparison.judged.after <= REPAIRED < comparison.judged.before
+    ((_, (in_a, _)),) = comparison.advice
     origin = re.search("<origin .*/>", in_a)
     assert origin is not None
     stand = f'<link name="w"/><joint name="w" type="fixed">{origin[0]}<parent link="w"/><child link="trunk"/></joint>'
@@ -101,21 +103,21 @@ def test_a_base_that_is_turned_is_one_difference_and_what_to_write_puts_it_right
 
 def test_a_base_that_is_moved_is_felt_by_no_torque_and_named_all_the_same(tmp_path: Path) -> None:
     moved = [f"{place.removesuffix(' 0')} 0.5" for place in UPRIGHT]
-    found = compare(legs(tmp_path, "a.urdf", UPRIGHT), legs(tmp_path, "b.urdf", moved))
-    assert [(d.cause, d.size, d.unit) for d in found.differences] == [
+    comparison = compare(legs(tmp_path, "a.urdf", UPRIGHT), legs(tmp_path, "b.urdf", moved))
+    assert [(d.cause, d.size, d.unit) for d in comparison.differences] == [
         ("pose of base", pytest.approx(0.5, rel=1e-9), "m")
     ]
-    assert found.differences[0].hints == ("no torque feels it: gravity has the same direction in it",)
+    assert comparison.differences[0].hints == ("no torque feels it: gravity has the same direction in it",)
     one = compare(tmp_path / "a.urdf", legs(tmp_path, "c.urdf", ("0.25 0.1 0", *UPRIGHT[1:])))
     assert [(d.cause, d.place) for d in one.differences] == [("position of joint", "joint hip_0")]
 
 
 def test_a_leg_that_stands_elsewhere_on_a_turned_base_is_named_beside_it(tmp_path: Path) -> None:
     b = legs(tmp_path, "b.urdf", ("0.25 0 0.1", *LYING[1:]), f"{QUARTER} 0 0")
-    found = compare(legs(tmp_path, "a.urdf", UPRIGHT), b)
-    assert found.differences[0].cause == "pose of base"
-    assert {d.place for d in found.differences[1:]} == {"joint hip_0"}
-    assert found.judged.after <= REPAIRED
+    comparison = compare(legs(tmp_path, "a.urdf", UPRIGHT), b)
+    assert comparison.differences[0].cause == "pose of base"
+    assert {d.place for d in comparison.differences[1:]} == {"joint hip_0"}
+    assert comparison.judged.after <= REPAIRED
 
 
 def plated(folder: Path, turn: str) -> Path:
@@ -128,10 +130,10 @@ def plated(folder: Path, turn: str) -> Path:
 def test_digits_of_a_fixed_link_between_count_for_what_hangs_on_it(tmp_path: Path) -> None:
     """The fingers' carrier is turned by what is below its last digit; merged into the forearm, that turns the fingers."""
     a = arm(tmp_path, ('rpy="0 1.2 0"', 'rpy="0 1.200000 0"'))
-    found = compare(a, plated(tmp_path, "1.2000004"))
-    assert [d.words for d in found.differences] == []
-    assert found.judged.rounding
-    assert found.judged.rounding_effort > 0.0
+    comparison = compare(a, plated(tmp_path, "1.2000004"))
+    assert [d.words for d in comparison.differences] == []
+    assert comparison.judged.rounding
+    assert comparison.judged.rounding_effort > 0.0
     assert not compare(a, plated(tmp_path, "1.2004")).equal
 
 
@@ -143,6 +145,6 @@ def test_six_digits_of_an_mjcf_are_rounding(tmp_path: Path) -> None:
         told = f'<mujoco><compiler fusestatic="{fused}"/></mujoco></robot>'
         model = mujoco.MjModel.from_xml_string(file.read_text().replace("</robot>", told))
         mujoco.mj_saveLastXML(str(tmp_path / "arm.xml"), model)
-        found = compare(file, tmp_path / "arm.xml")
-        assert [d.words for d in found.differences] == []
-        assert found.judged.rounding
+        comparison = compare(file, tmp_path / "arm.xml")
+        assert [d.words for d in comparison.differences] == []
+        assert comparison.judged.rounding

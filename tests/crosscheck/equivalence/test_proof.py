@@ -24,7 +24,7 @@ from crosscheck.equivalence.proving.provers import add_dynamics
 from crosscheck.equivalence.result import Comparison
 from crosscheck.equivalence.sources import describe
 from crosscheck.lifting.description import Description
-from crosscheck.lifting.reader_dynamics import Answers
+from crosscheck.lifting.reader_dynamics import FunctionDynamics
 from flexinv.model.mechanism import Inertia, Joint, Mechanism
 
 DATA = Path(__file__).resolve().parents[2] / "data" / "lifting"
@@ -56,11 +56,11 @@ def data(name: str) -> Path:
 
 @pytest.mark.parametrize("pair", PAIRS, ids="-".join)
 def test_what_mujoco_does_is_in_the_mechanism_or_named(pair: tuple[str, str]) -> None:
-    found = crosscheck.compare(*map(data, pair))
-    assert [proof.state for _, proof in found.proofs] == [PROVEN, PROVEN]
-    assert [d.cause for d in found.differences] == PAIRS[pair]
-    assert found.state == ("different" if PAIRS[pair] else "equal")
-    assert not found.unexplained
+    comparison = crosscheck.compare(*map(data, pair))
+    assert [proof.state for _, proof in comparison.proofs] == [PROVEN, PROVEN]
+    assert [d.cause for d in comparison.differences] == PAIRS[pair]
+    assert comparison.state == ("different" if PAIRS[pair] else "equal")
+    assert not comparison.unexplained
 
 
 # Every third attribute; campaigns/mjcf_attributes.py has all of them, and pairs of two.
@@ -76,10 +76,10 @@ def bench(tmp_path_factory: pytest.TempPathFactory) -> Description:
 def test_what_mj_inverse_feels_is_another_machine(name: str, bench: Description, tmp_path: Path) -> None:
     text = attributes.edited(attributes.EDITS[name])
     assert attributes.own_gap(attributes.MODEL, text) > HELD
-    found = crosscheck.compare(bench, attributes.write(tmp_path, "b.xml", text))
-    assert found.state == "different"
-    assert found.differences
-    assert not found.unexplained
+    comparison = crosscheck.compare(bench, attributes.write(tmp_path, "b.xml", text))
+    assert comparison.state == "different"
+    assert comparison.differences
+    assert not comparison.unexplained
 
 
 @pytest.mark.parametrize("name", attributes.UNFELT)
@@ -145,49 +145,49 @@ WRONG: dict[str, tuple[Callable[[Mechanism], Mechanism], str]] = {
 def test_a_wrong_number_in_a_lifted_mechanism_is_found(kind: str, bench: Description) -> None:
     change, joint = WRONG[kind]
     assert prove(bench).state == PROVEN
-    found = prove(replace(bench, mechanism=change(bench.mechanism)))
-    assert found.state == LOST
-    assert joint in [one.joint for one in found.lost]
+    result = prove(replace(bench, mechanism=change(bench.mechanism)))
+    assert result.state == LOST
+    assert joint in [one.joint for one in result.lost]
 
 
 def test_a_reader_that_answers_no_number_reproduces_nothing(bench: Description) -> None:
-    silent = Answers("a reader", lambda q, qd, qdd, gravity, without: np.full_like(qd, np.nan))
-    found = prove(replace(bench, dynamics=silent))
-    assert found.state == LOST
-    assert {one.joint for one in found.lost} == {joint.name for joint in bench.mechanism.joints if joint.nv}
+    silent = FunctionDynamics("a reader", lambda q, qd, qdd, gravity, without: np.full_like(qd, np.nan))
+    result = prove(replace(bench, dynamics=silent))
+    assert result.state == LOST
+    assert {one.joint for one in result.lost} == {joint.name for joint in bench.mechanism.joints if joint.nv}
 
 
 def test_two_lifts_that_are_wrong_alike_are_not_the_same_machine(bench: Description) -> None:
     """What both have lost is seen by neither's mechanism: the readers' own models tell it."""
     wrong = replace(bench, mechanism=WRONG["damping"][0](bench.mechanism))
-    found = crosscheck.compare(wrong, wrong)
-    assert not found.differences
-    assert (found.state, found.code, found.equal) == ("not comparable", 2, False)
-    assert "joint hinge: the reader's own effort differs by" in found.sentence
+    comparison = crosscheck.compare(wrong, wrong)
+    assert not comparison.differences
+    assert (comparison.state, comparison.code, comparison.equal) == ("not comparable", 2, False)
+    assert "joint hinge: the reader's own effort differs by" in comparison.sentence
     with pytest.raises(AssertionError, match=r"Not comparable in a\.xml"):
         crosscheck.assert_same(wrong, wrong)
 
 
 def test_what_is_not_named_any_more_is_lost() -> None:
     """A feature that the lift forgets is not switched off in the reader's own model."""
-    found = describe(data("gravcomp"))
-    assert prove(found).state == PROVEN
-    assert prove(replace(found, features=())).state == LOST
+    result = describe(data("gravcomp"))
+    assert prove(result).state == PROVEN
+    assert prove(replace(result, features=())).state == LOST
 
 
 @pytest.mark.parametrize("kind", ["factor", "offset", "none", "more"])
 def test_a_wrong_closure_is_found(kind: str) -> None:
-    found = describe(data("joint_equality"))
-    closure = found.mechanism.closures[0]
+    result = describe(data("joint_equality"))
+    closure = result.mechanism.closures[0]
     closures = {
         "factor": (replace(closure, factors=((closure.factors[0][0], 1.0), (closure.factors[1][0], -2.001))),),
         "offset": (replace(closure, offset=1e-6),),
         "none": (),
         "more": (closure, replace(closure, name="d", factors=((closure.factors[0][0], 1.0),))),
     }
-    assert prove(found).state == PROVEN
-    assert prove(found).reason == ""
-    wrong = prove(replace(found, mechanism=replace(found.mechanism, closures=closures[kind])))
+    assert prove(result).state == PROVEN
+    assert prove(result).reason == ""
+    wrong = prove(replace(result, mechanism=replace(result.mechanism, closures=closures[kind])))
     assert wrong.state == LOST
     assert "equations" in wrong.words
 
@@ -195,48 +195,48 @@ def test_a_wrong_closure_is_found(kind: str) -> None:
 def test_a_loop_of_bodies_is_held_against_the_rows_of_the_reader(tmp_path: Path) -> None:
     """A weld whose frame is turned by a hundred thousandth is another one."""
     text = attributes.MODEL.replace("</tendon>", '</tendon><equality><weld body1="hand" body2="leg"/></equality>')
-    found = describe(attributes.write(tmp_path, "loop.xml", text))
-    assert (prove(found).state, prove(found).reason) == (PROVEN, "")
-    closure = found.mechanism.closures[0]
+    result = describe(attributes.write(tmp_path, "loop.xml", text))
+    assert (prove(result).state, prove(result).reason) == (PROVEN, "")
+    closure = result.mechanism.closures[0]
     turn = np.array([[1.0, -1e-5, 0.0], [1e-5, 1.0, 0.0], [0.0, 0.0, 1.0]])
     first = replace(closure.first, placement=replace(closure.first.placement, rotation=turn))
-    wrong = replace(found.mechanism, closures=(replace(closure, first=first),))
-    assert prove(replace(found, mechanism=wrong)).state == LOST
+    wrong = replace(result.mechanism, closures=(replace(closure, first=first),))
+    assert prove(replace(result, mechanism=wrong)).state == LOST
 
 
 # --- what nobody can be asked of ------------------------------------------------------------------------------------
 
 
 def test_a_mechanism_of_ours_is_the_source_itself(root: Path) -> None:
-    found = crosscheck.compare(root / "models" / "rigid_3r", root / "models" / "rigid_3r")
-    assert found.equal
-    assert {proof.state for _, proof in found.proofs} == {SOURCE}
+    comparison = crosscheck.compare(root / "models" / "rigid_3r", root / "models" / "rigid_3r")
+    assert comparison.equal
+    assert {proof.state for _, proof in comparison.proofs} == {SOURCE}
 
 
 def test_a_urdf_is_held_against_pinocchio(tmp_path: Path) -> None:
-    found = prove(add_dynamics(describe(arm(tmp_path, ('<mimic joint="grip"/>', "")))))
-    assert found.state == PROVEN
-    assert found.reader.startswith("Pinocchio")
-    assert "MuJoCo" not in found.reader
+    result = prove(add_dynamics(describe(arm(tmp_path, ('<mimic joint="grip"/>', "")))))
+    assert result.state == PROVEN
+    assert result.reader.startswith("Pinocchio")
+    assert "MuJoCo" not in result.reader
 
 
 def test_a_joint_that_mimics_another_is_held_against_mujoco(tmp_path: Path) -> None:
     """Pinocchio's parser leaves it independent: its model has no equation for it."""
-    found = add_dynamics(describe(arm(tmp_path)))
-    assert (prove(found).state, prove(found).reason) == (PROVEN, "")
-    assert "its closures against MuJoCo" in prove(found).reader
-    (closure,) = found.mechanism.closures
+    result = add_dynamics(describe(arm(tmp_path)))
+    assert (prove(result).state, prove(result).reason) == (PROVEN, "")
+    assert "its closures against MuJoCo" in prove(result).reader
+    (closure,) = result.mechanism.closures
     wrong = replace(closure, factors=(closure.factors[0], (closure.factors[1][0], 1.0)))
-    lost = prove(replace(found, mechanism=replace(found.mechanism, closures=(wrong,))))
+    lost = prove(replace(result, mechanism=replace(result.mechanism, closures=(wrong,))))
     assert lost.state == LOST
 
 
 def test_a_urdf_that_pinocchio_refuses_is_held_against_mujoco(tmp_path: Path) -> None:
     """Pinocchio's parser takes a joint of six axes at the root only."""
     edits = ('<joint name="elbow" type="revolute">', '<joint name="elbow" type="floating">')
-    found = add_dynamics(describe(arm(tmp_path, edits)))
-    assert found.dynamics is None or prove(found).state in (PROVEN, LOST)
-    assert (found.dynamics is None) == bool(found.unproven)
+    result = add_dynamics(describe(arm(tmp_path, edits)))
+    assert result.dynamics is None or prove(result).state in (PROVEN, LOST)
+    assert (result.dynamics is None) == bool(result.unproven)
 
 
 def unproven(tmp_path: Path) -> tuple[Description, Path]:
@@ -246,11 +246,11 @@ def unproven(tmp_path: Path) -> tuple[Description, Path]:
 
 def test_without_a_reader_nothing_is_called_the_same(tmp_path: Path) -> None:
     one, file = unproven(tmp_path)
-    found = crosscheck.compare(one, file)
-    assert not found.differences
-    assert (found.state, found.code) == ("not proven", 2)
-    assert found.sentence.startswith("Not proven to be the same machine")
-    assert "no engine is installed that has a model of its own of URDF" in found.sentence
+    comparison = crosscheck.compare(one, file)
+    assert not comparison.differences
+    assert (comparison.state, comparison.code) == ("not proven", 2)
+    assert comparison.sentence.startswith("Not proven to be the same machine")
+    assert "no engine is installed that has a model of its own of URDF" in comparison.sentence
     with pytest.raises(AssertionError, match="Not proven"):
         crosscheck.assert_same(one, file)
     allowed = crosscheck.assert_same(one, file, unproven=True)
@@ -265,8 +265,8 @@ def test_a_difference_is_one_without_proof_too(tmp_path: Path) -> None:
 
 
 def test_a_reader_without_dynamics_is_not_proven(tmp_path: Path) -> None:
-    found = replace(describe(arm(tmp_path)), reader="some reader")
-    assert prove(add_dynamics(found)).state == UNPROVEN
+    result = replace(describe(arm(tmp_path)), reader="some reader")
+    assert prove(add_dynamics(result)).state == UNPROVEN
 
 
 # --- what is left out, and what every output says --------------------------------------------------------------------
@@ -275,9 +275,9 @@ def test_a_reader_without_dynamics_is_not_proven(tmp_path: Path) -> None:
 def outputs(folder: Path, *words: str) -> tuple[int, dict[str, str]]:
     """Return the exit code, and every output by its name."""
     run = CliRunner().invoke(main, ["compare", *words, "--out", str(folder)])
-    found = {name: (folder / name).read_text() for name in ("index.html", "results.json", "junit.xml", "summary.md")}
-    found["terminal"] = " ".join(run.output.split())
-    return run.exit_code, found
+    result = {name: (folder / name).read_text() for name in ("index.html", "results.json", "junit.xml", "summary.md")}
+    result["terminal"] = " ".join(run.output.split())
+    return run.exit_code, result
 
 
 def test_what_is_ignored_is_repeated_in_every_output(tmp_path: Path) -> None:
@@ -288,23 +288,25 @@ def test_what_is_ignored_is_repeated_in_every_output(tmp_path: Path) -> None:
     for name, text in said.items():
         assert "left out: gravcomp, of B" in text, name
         assert "left out: gravcmp, which neither has; what they have is gravcomp" in text, name
-    found = crosscheck.compare(*files, ignore=["gravcomp"])
-    assert "left out: gravcomp, of B" in found.sentence
-    assert found.judged.after <= HELD
+    comparison = crosscheck.compare(*files, ignore=["gravcomp"])
+    assert "left out: gravcomp, of B" in comparison.sentence
+    assert comparison.judged.after <= HELD
 
 
 def test_another_feature_is_not_left_out_with_it(tmp_path: Path) -> None:
     text = data("gravcomp").read_text().replace("<worldbody>", '<option density="1000"/><worldbody>')
     file = attributes.write(tmp_path, "b.xml", text)
-    found = crosscheck.compare(data("pendulum"), file, ignore=["gravcomp"])
-    assert [d.cause for d in found.differences] == ["fluid that only B has"]
+    comparison = crosscheck.compare(data("pendulum"), file, ignore=["gravcomp"])
+    assert [d.cause for d in comparison.differences] == ["fluid that only B has"]
     assert crosscheck.compare(data("pendulum"), file, ignore=["gravcomp", "fluid"]).equal
 
 
 @pytest.fixture
 def read_here(monkeypatch: pytest.MonkeyPatch) -> None:
     """Files are read in this process, so that what a test changes in it is seen."""
-    monkeypatch.setattr("crosscheck.run.guarded.Guard.call", lambda guard, function, *words: function(*words))
+    monkeypatch.setattr(
+        "crosscheck.run.reading_limits.ReadingLimits.call", lambda guard, function, *words: function(*words)
+    )
 
 
 @pytest.mark.usefixtures("read_here")
@@ -349,8 +351,8 @@ def test_equal_features_of_bodies_with_other_names_are_no_difference(tmp_path: P
 
 def test_an_equal_feature_is_not_named_beside_another_mass(tmp_path: Path) -> None:
     text = data("gravcomp").read_text().replace('mass="0.9"', 'mass="0.91"')
-    found = crosscheck.compare(data("gravcomp"), attributes.write(tmp_path, "b.xml", text))
-    assert [d.cause for d in found.differences] == ["mass"]
+    comparison = crosscheck.compare(data("gravcomp"), attributes.write(tmp_path, "b.xml", text))
+    assert [d.cause for d in comparison.differences] == ["mass"]
 
 
 def test_a_feature_that_no_torque_can_tell_counts_when_it_is_asked_for(tmp_path: Path) -> None:
@@ -359,9 +361,9 @@ def test_a_feature_that_no_torque_can_tell_counts_when_it_is_asked_for(tmp_path:
         text = data("gravcomp").read_text().replace('gravcomp="1"', f'gravcomp="{value}"')
         weightless = text.replace("<worldbody>", '<option gravity="0 0 0"/><worldbody>')
         files.append(attributes.write(tmp_path, f"{value}.xml", weightless))
-    found = crosscheck.compare(*files)
-    assert found.equal
-    assert [d.cause for d in found.judged.unseen] == ["gravcomp"]
+    comparison = crosscheck.compare(*files)
+    assert comparison.equal
+    assert [d.cause for d in comparison.judged.unseen] == ["gravcomp"]
     assert crosscheck.compare(*files, strict=True).state == "different"
 
 
@@ -372,9 +374,9 @@ def test_a_floating_base_that_starts_elsewhere_is_asked_where_it_stands(tmp_path
         text = f"""<mujoco><worldbody><body name="base" gravcomp="0.5" {place}><freejoint name="float"/>
           <inertial pos="0.01 0 0.1" mass="2" diaginertia="0.03 0.02 0.04"/></body></worldbody></mujoco>"""
         files.append(attributes.write(tmp_path, f"{k}.xml", text))
-    found = crosscheck.compare(*files)
-    assert {d.cause for d in found.differences} <= {"pose at zero"}
-    assert not found.unexplained
+    comparison = crosscheck.compare(*files)
+    assert {d.cause for d in comparison.differences} <= {"pose at zero"}
+    assert not comparison.unexplained
 
 
 def test_actuators_that_are_switched_off_are_told_by_name(tmp_path: Path) -> None:
@@ -397,7 +399,7 @@ def test_readers_of_one_file_say_their_state(tmp_path: Path) -> None:
 
 
 def test_the_words_of_a_comparison_are_in_its_sentence() -> None:
-    found = crosscheck.compare(data("ball"), data("ball_spring"))
-    assert isinstance(found, Comparison)
-    assert "engines' own features different" in found.sentence
-    assert found.plain["proofs"]["ball.xml"]["state"] == PROVEN
+    comparison = crosscheck.compare(data("ball"), data("ball_spring"))
+    assert isinstance(comparison, Comparison)
+    assert "engines' own features different" in comparison.sentence
+    assert comparison.plain["proofs"]["ball.xml"]["state"] == PROVEN

@@ -38,7 +38,7 @@ def test_a_reader_that_breaks_is_its_row_alone(monkeypatch: pytest.MonkeyPatch) 
     monkeypatch.setattr(readers, "describe", broken)
     rows = compare_readers(str(CASES / LOOP), "mujoco,pinocchio")
     assert [row.result for row in rows] == ["equal", "cannot"]
-    assert rows[1].words.endswith("the reader pinocchio fails: KeyError: 3")
+    assert rows[1].refusal.endswith("the reader pinocchio fails: KeyError: 3")
 
 
 def test_where_the_reference_refuses_the_next_reader_takes_its_place(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -97,8 +97,8 @@ def test_which_body_a_tie_names_first_is_no_difference(
 def test_a_loop_in_another_place_is_a_difference(tmp_path: Path) -> None:
     """The check can fail: the tie 1 mm farther out on the coupler."""
     other = loop(tmp_path, "b.xml", CONNECT.replace("0.2 0 0", "0.201 0 0"))
-    found = crosscheck.compare(CASES / LOOP, other)
-    assert [d.cause for d in found.differences] == ["point of closure"]
+    comparison = crosscheck.compare(CASES / LOOP, other)
+    assert [d.cause for d in comparison.differences] == ["point of closure"]
 
 
 STAGE_HEAD = """#usda 1.0

@@ -40,9 +40,12 @@ def both(folder: Path, *edits: tuple[str, str]) -> tuple[Path, Path]:
 
 
 def test_another_root_is_a_convention(tmp_path: Path) -> None:
-    found = crosscheck.compare(*both(tmp_path))
-    assert {(d.family, d.cause) for d in found.differences} == {("convention", "root"), ("convention", "pose at zero")}
-    assert found.judged.before <= REPAIRED
+    comparison = crosscheck.compare(*both(tmp_path))
+    assert {(d.family, d.cause) for d in comparison.differences} == {
+        ("convention", "root"),
+        ("convention", "pose at zero"),
+    }
+    assert comparison.judged.before <= REPAIRED
     assert crosscheck.compare(*both(tmp_path), judge=RIGID).equal
 
 
@@ -58,11 +61,11 @@ def test_another_root_is_a_convention(tmp_path: Path) -> None:
 def test_what_differs_is_named_from_another_root_too(
     before: str, after: str, cause: str, place: str, size: float, tmp_path: Path
 ) -> None:
-    found = crosscheck.compare(*both(tmp_path, (before, after)), judge=RIGID)
-    named = {(d.cause, d.place): d.size for d in found.differences}
+    comparison = crosscheck.compare(*both(tmp_path, (before, after)), judge=RIGID)
+    named = {(d.cause, d.place): d.size for d in comparison.differences}
     assert (cause, place) in named
     assert named[cause, place] == pytest.approx(size, rel=1e-9)
-    assert found.judged.after <= REPAIRED
+    assert comparison.judged.after <= REPAIRED
     assert (
         len(named) == 1 or cause == "position of joint"
     )  # one end of a joint moved is two distances: it and what hangs there
@@ -70,17 +73,17 @@ def test_what_differs_is_named_from_another_root_too(
 
 def test_numbers_in_frames_that_a_file_has_not_are_not_told(tmp_path: Path) -> None:
     """Told from the pelvis, the torso of B has its frame at the waist: B's file has another, so only A's number is written."""
-    found = crosscheck.compare(*both(tmp_path, ('pos=".01 0 .15"', 'pos=".01 .03 .15"')))
-    written = [line for place, lines in found.advice if place == "centre of mass of link torso" for line in lines]
+    comparison = crosscheck.compare(*both(tmp_path, ('pos=".01 0 .15"', 'pos=".01 .03 .15"')))
+    written = [line for place, lines in comparison.advice if place == "centre of mass of link torso" for line in lines]
     assert [line.partition(" (")[0] for line in written] == ["to make A"]
 
 
 def test_a_ball_between_is_left_where_it_is(tmp_path: Path) -> None:
     """Three coordinates of a ball count in the frame of the link that it carries: turned about they are others."""
     ball = ('axis="0 0 -1" range="-60 45"', 'type="ball"')
-    found = crosscheck.compare(*both(tmp_path, ball))
-    assert "root" not in {d.cause for d in found.differences}
-    assert ("kind of joint", "joint waist") in {(d.cause, d.place) for d in found.differences}
+    comparison = crosscheck.compare(*both(tmp_path, ball))
+    assert "root" not in {d.cause for d in comparison.differences}
+    assert ("kind of joint", "joint waist") in {(d.cause, d.place) for d in comparison.differences}
 
 
 URDF = """<robot name="m"><link name="pelvis"><inertial><origin xyz="0.01 0.02 0.03"/><mass value="5"/>

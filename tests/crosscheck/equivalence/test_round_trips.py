@@ -68,9 +68,9 @@ def test_what_is_exported_is_what_it_was(name: str, form: str, tmp_path: Path) -
             written(source.mechanism, form, tmp_path)
         return
     file = written(source.mechanism, form, tmp_path)
-    found = compare(replace(source, mechanism=sayable(source.mechanism, form), features=()), file)
-    assert [d.words for d in found.differences] == []
-    assert found.equal
+    comparison = compare(replace(source, mechanism=sayable(source.mechanism, form), features=()), file)
+    assert [d.words for d in comparison.differences] == []
+    assert comparison.equal
 
 
 @pytest.mark.parametrize(("name", "feature"), [("kuka_kr300", "spring"), ("elastic_drives", "elastic-drive")])
@@ -78,8 +78,8 @@ def test_what_no_format_has_a_word_for_is_named(name: str, feature: str, tmp_pat
     """A spring between two points and an elastic drive whose link is moved stand in our own formats alone."""
     source = described(name)
     file = written(source.mechanism, "urdf", tmp_path)
-    found = compare(replace(source, mechanism=sayable(source.mechanism, "urdf")), file)
-    assert [d.cause for d in found.differences] == [f"{feature} that only A has"]
+    comparison = compare(replace(source, mechanism=sayable(source.mechanism, "urdf")), file)
+    assert [d.cause for d in comparison.differences] == [f"{feature} that only A has"]
     assert compare(source, source).equal
 
 
@@ -90,8 +90,8 @@ def edited(name: str, form: str, folder: Path, change: Callable[[str], str]) -> 
     text = file.read_text()
     assert change(text) != text
     file.write_text(change(text))
-    found = compare(replace(source, mechanism=sayable(source.mechanism, form), features=()), file)
-    return [d.cause for d in found.differences]
+    comparison = compare(replace(source, mechanism=sayable(source.mechanism, form), features=()), file)
+    return [d.cause for d in comparison.differences]
 
 
 LOST = {

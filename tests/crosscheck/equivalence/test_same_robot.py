@@ -83,11 +83,11 @@ def test_the_zero_of_a_screw_is_told_with_its_turns(offset: float) -> None:
     first = machine("tree 1")
     screw = next(joint for joint in first.joints if joint.kind == "helical")
     second = recounted(told_first(first), {screw.name: (1.0, offset)}).mechanism
-    found = compare(first, second)
-    assert {(d.cause, d.place): d.size for d in found.differences} == {
+    comparison = compare(first, second)
+    assert {(d.cause, d.place): d.size for d in comparison.differences} == {
         ("zero of coordinate", f"joint {screw.name}"): pytest.approx(abs(offset), rel=1e-9)
     }
-    assert found.judged.after <= REPAIRED
+    assert comparison.judged.after <= REPAIRED
 
 
 def test_a_screw_that_stands_elsewhere_has_no_other_zero() -> None:
@@ -122,15 +122,15 @@ def ur5(folder: Path, quarters: int, digits: int | None = None) -> tuple[Path, P
 @pytest.mark.parametrize("quarters", range(4))
 def test_a_turned_base_and_other_frames_are_the_same_machine(quarters: int, tmp_path: Path) -> None:
     """A link of a UR5 that is round about its joint decides nothing: nothing differs but where the base is turned to."""
-    found = compare(*ur5(tmp_path, quarters))
-    assert [(d.family, d.cause) for d in found.differences] == [("convention", "pose of base")] * bool(quarters)
-    assert found.judged.before <= REPAIRED
+    comparison = compare(*ur5(tmp_path, quarters))
+    assert [(d.family, d.cause) for d in comparison.differences] == [("convention", "pose of base")] * bool(quarters)
+    assert comparison.judged.before <= REPAIRED
     assert compare(tmp_path / "a.urdf", tmp_path / "b.xml", judge=["rigid", "drive", "limits"]).judged.causes == ()
 
 
 def test_rounded_numbers_turn_no_sign_and_no_zero(tmp_path: Path) -> None:
     """Numbers of four digits: nowhere is it shorter to tell a turned joint than to tell what was rounded."""
-    found = compare(*ur5(tmp_path, 0, digits=4))
-    told = [*found.judged.causes, *found.judged.conventions]
+    comparison = compare(*ur5(tmp_path, 0, digits=4))
+    told = [*comparison.judged.causes, *comparison.judged.conventions]
     assert not [d.words for d in told if d.cause in ("sign of coordinate", "zero of coordinate") and d.size > 1e-3]
     assert not [d.words for d in told if d.unit in ("rad", "m") and d.size > 1e-3]

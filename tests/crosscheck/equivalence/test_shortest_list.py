@@ -50,23 +50,23 @@ def hand(
 @pytest.mark.parametrize("angle", [-math.pi / 4, math.pi / 2, 0.1])
 def test_a_finger_whose_zero_moved_did_not_move_its_centre_of_mass(angle: float, tmp_path: Path) -> None:
     """The joint's frame is turned about its axis, and the limits keep their numbers: one edit, and one thing that is told."""
-    found = compare(hand(tmp_path, "a.urdf"), hand(tmp_path, "b.urdf", rpy=f"0 0 {angle!r}"))
-    ((cause, place, size),) = ((d.cause, d.place, d.size) for d in found.differences)
+    comparison = compare(hand(tmp_path, "a.urdf"), hand(tmp_path, "b.urdf", rpy=f"0 0 {angle!r}"))
+    ((cause, place, size),) = ((d.cause, d.place, d.size) for d in comparison.differences)
     assert (cause, place) == ("zero of coordinate", "joint to_finger")
     assert size == pytest.approx(abs(angle), rel=1e-9)
-    assert found.judged.after <= REPAIRED
+    assert comparison.judged.after <= REPAIRED
 
 
 @pytest.mark.parametrize("angle", [-math.pi / 4, math.pi / 2, 0.1])
 def test_limits_that_move_with_a_zero_are_no_other_difference(angle: float, tmp_path: Path) -> None:
-    found = compare(hand(tmp_path, "a.urdf"), hand(tmp_path, "b.urdf", rpy=f"0 0 {angle!r}", moved=-angle))
-    assert [(d.cause, d.place) for d in found.differences] == [("zero of coordinate", "joint to_finger")]
+    comparison = compare(hand(tmp_path, "a.urdf"), hand(tmp_path, "b.urdf", rpy=f"0 0 {angle!r}", moved=-angle))
+    assert [(d.cause, d.place) for d in comparison.differences] == [("zero of coordinate", "joint to_finger")]
 
 
 def test_a_centre_of_mass_on_the_other_side_of_its_joint_turned_no_zero(tmp_path: Path) -> None:
     """Half a turn of the joint would bring it there, too; but its frame is the same in both files."""
-    found = compare(hand(tmp_path, "a.urdf"), hand(tmp_path, "b.urdf", com="-0.03 0 0.01"))
-    assert [(d.cause, d.place, d.size) for d in found.differences] == [
+    comparison = compare(hand(tmp_path, "a.urdf"), hand(tmp_path, "b.urdf", com="-0.03 0 0.01"))
+    assert [(d.cause, d.place, d.size) for d in comparison.differences] == [
         ("centre of mass", "link finger", pytest.approx(0.06, rel=1e-9))
     ]
 
@@ -74,8 +74,8 @@ def test_a_centre_of_mass_on_the_other_side_of_its_joint_turned_no_zero(tmp_path
 def test_a_centre_of_mass_that_went_round_the_axis_turned_no_zero(tmp_path: Path) -> None:
     """By an angle that no limit moved by, in a frame that stayed."""
     com = f"{0.03 * math.cos(0.3)!r} {0.03 * math.sin(0.3)!r} 0.01"
-    found = compare(hand(tmp_path, "a.urdf"), hand(tmp_path, "b.urdf", com=com))
-    assert [(d.cause, d.place) for d in found.differences] == [("centre of mass", "link finger")]
+    comparison = compare(hand(tmp_path, "a.urdf"), hand(tmp_path, "b.urdf", com=com))
+    assert [(d.cause, d.place) for d in comparison.differences] == [("centre of mass", "link finger")]
 
 
 def test_a_tilt_beside_a_small_zero_is_told_apart_where_limits_say_so(tmp_path: Path) -> None:
@@ -85,17 +85,17 @@ def test_a_tilt_beside_a_small_zero_is_told_apart_where_limits_say_so(tmp_path: 
     turn = Rotation.from_euler("x", 0.3) * Rotation.from_euler("y", tilt) * Rotation.from_euler("x", zero)
     roll, pitch, yaw = turn.as_euler("xyz").tolist()
     b = hand(tmp_path, "b.urdf", elbow=(f"{roll!r} {pitch!r} {yaw!r}", -zero))
-    found = compare(hand(tmp_path, "a.urdf"), b)
-    assert {d.cause: d.size for d in found.differences} == {
+    comparison = compare(hand(tmp_path, "a.urdf"), b)
+    assert {d.cause: d.size for d in comparison.differences} == {
         "orientation of joint": pytest.approx(tilt, rel=1e-6), "zero of coordinate": pytest.approx(zero, rel=1e-6),
     }  # fmt: skip
-    assert found.judged.after <= REPAIRED
+    assert comparison.judged.after <= REPAIRED
 
 
 def test_a_turn_about_another_axis_is_one_difference(tmp_path: Path) -> None:
     """Degrees for radians turn a joint anyhow: no part of that is a zero."""
-    found = compare(hand(tmp_path, "a.urdf"), hand(tmp_path, "b.urdf", elbow=("0.3 0.5 0.4", 0.0)))
-    assert [(d.cause, d.place) for d in found.differences] == [("orientation of joint", "joint to_lower")]
+    comparison = compare(hand(tmp_path, "a.urdf"), hand(tmp_path, "b.urdf", elbow=("0.3 0.5 0.4", 0.0)))
+    assert [(d.cause, d.place) for d in comparison.differences] == [("orientation of joint", "joint to_lower")]
 
 
 CAP = Inertia(0.5, np.array([0.0, 0.02, 0.05]), np.diag([4e-4, 3e-4, 2e-4]))
@@ -115,8 +115,8 @@ def capped(folder: Path, name: str, com: tuple[float, float, float], merged: boo
     """The hand with a cap fixed to its lower link, or one body of both; com : of the lower link without it [m]."""
     tensor = np.array([[0.02, 0.001, 0.0], [0.001, 0.03, 0.002], [0.0, 0.002, 0.025]])
     lower = Inertia(2.0, np.array(com), tensor)
-    seat = Placement(np.array([float(x) for x in PLACE.split()]))
-    parts = [text_of("lower", join_bodies([lower, move_inertia(seat, cap)]) if merged else lower)]
+    placement = Placement(np.array([float(x) for x in PLACE.split()]))
+    parts = [text_of("lower", join_bodies([lower, move_inertia(placement, cap)]) if merged else lower)]
     if not merged:
         parts += [text_of("cap", cap), '<joint name="weld" type="fixed"><parent link="lower"/><child link="cap"/>']
         parts += [f'<origin xyz="{PLACE}"/></joint>']
@@ -130,11 +130,11 @@ def test_a_body_that_the_other_file_merged_is_named_alone(tmp_path: Path) -> Non
     """The centre of mass of one of two bodies has another sign; of both together, centre and tensor differ."""
     a = capped(tmp_path, "a.urdf", (0.02, 0.03, 0.1), merged=False)
     b = capped(tmp_path, "b.urdf", (0.02, -0.03, 0.1), merged=True)
-    for found in (compare(a, b), compare(b, a)):
-        assert [(d.cause, d.place, d.size) for d in found.differences] == [
+    for result in (compare(a, b), compare(b, a)):
+        assert [(d.cause, d.place, d.size) for d in result.differences] == [
             ("centre of mass", "body lower (on link lower)", pytest.approx(0.06, rel=1e-9))
         ]
-        assert found.judged.after <= REPAIRED
+        assert result.judged.after <= REPAIRED
     c = capped(tmp_path, "c.urdf", (0.02, 0.03, 0.1), merged=True)
     assert not compare(a, c).differences
     # What to write in B is the whole as A has it, which is C.
@@ -176,11 +176,11 @@ def test_a_body_is_named_alone_however_the_other_file_splits_what_is_fixed(tmp_p
         cap, cap_part = halves(CAP)
         a = welded(tmp_path, "a.urdf", {"lower": LOWER_LINK, "cap": CAP})
         b = welded(tmp_path, "b.urdf", {"lower": lower, "lower_part": lower_part, "cap": cap, "cap_part": cap_part})
-        for found in (compare(a, b), compare(b, a)):
-            assert [(d.cause, d.place, d.size) for d in found.differences] == [
+        for result in (compare(a, b), compare(b, a)):
+            assert [(d.cause, d.place, d.size) for d in result.differences] == [
                 ("centre of mass", "body lower (on link lower)", pytest.approx(0.06, rel=1e-9))
             ] * count
-            assert found.judged.after <= REPAIRED
+            assert result.judged.after <= REPAIRED
     # B's own "lower" is a part of A's: what to write in B is said of the whole.
     ((_, (in_a, in_b)),) = compare(a, b).advice
     assert "in body lower, in the frame of link lower: centre of mass 0.02 -0.03 0.1" in in_a
@@ -233,19 +233,19 @@ def standing(folder: Path, name: str, base: float, zero: float, way: float) -> P
 def test_a_base_that_turned_against_the_zero_on_it_moved_no_limits(angle: float, tmp_path: Path) -> None:
     """The first joint stands where it stood; that base and zero moved, and not its limits, shows the link that carries it."""
     a, b = hand(tmp_path, "a.urdf"), standing(tmp_path, "b.urdf", -angle, angle, -angle)
-    for found in (compare(a, b), compare(b, a)):
-        assert {(d.cause, d.place): d.size for d in found.differences} == {
+    for result in (compare(a, b), compare(b, a)):
+        assert {(d.cause, d.place): d.size for d in result.differences} == {
             ("pose of base", "the machine"): pytest.approx(abs(angle), rel=1e-9),
             ("zero of coordinate", "joint to_upper"): pytest.approx(abs(angle), rel=1e-9),
         }
-        assert found.judged.after <= REPAIRED
+        assert result.judged.after <= REPAIRED
 
 
 @pytest.mark.parametrize("way", [-math.pi, 0.3])
 def test_limits_of_a_first_joint_that_moved_turned_no_base(way: float, tmp_path: Path) -> None:
     a, b = hand(tmp_path, "a.urdf"), standing(tmp_path, "b.urdf", 0.0, 0.0, way)
-    for found in (compare(a, b), compare(b, a)):
-        assert [(d.cause, d.place) for d in found.differences] == [
+    for result in (compare(a, b), compare(b, a)):
+        assert [(d.cause, d.place) for d in result.differences] == [
             ("lower limit", "joint to_upper"), ("upper limit", "joint to_upper"),
         ]  # fmt: skip
 
@@ -254,8 +254,8 @@ def test_limits_of_a_first_joint_that_moved_turned_no_base(way: float, tmp_path:
 def test_a_plinth_with_another_frame_is_no_difference(turn: float, tmp_path: Path) -> None:
     """Its frame alone is turned, and the joint on it back: nothing that moves stands elsewhere or counts otherwise."""
     a, b = hand(tmp_path, "a.urdf"), standing(tmp_path, "b.urdf", -turn, turn, 0.0)
-    for found in (compare(a, b), compare(b, a)):
-        assert not found.differences
+    for result in (compare(a, b), compare(b, a)):
+        assert not result.differences
 
 
 def test_one_of_two_bodies_may_have_a_tensor_that_no_body_has(tmp_path: Path) -> None:

@@ -154,15 +154,15 @@ class TestWithUsd:
         pytest.importorskip("pxr", reason="USD is not installed (python -m pip install usd-core)")
 
     def test_a_joint_from_the_child_counts_the_other_way_and_nothing_else_differs(self, tmp_path: Path) -> None:
-        found = crosscheck.compare(*both(tmp_path))
-        assert [(d.cause, d.place) for d in found.differences] == [("sign of coordinate", "joint slide")]
+        comparison = crosscheck.compare(*both(tmp_path))
+        assert [(d.cause, d.place) for d in comparison.differences] == [("sign of coordinate", "joint slide")]
 
     def test_a_stage_is_not_the_source_itself_and_not_proven(self, tmp_path: Path) -> None:
         """usd-core computes no dynamics: twice the same stage is not proven to be one machine, unless that is asked for."""
         stage = both(tmp_path)[1]
-        found = crosscheck.compare(stage, stage)
-        assert (found.state, found.code) == ("not proven", 2)
-        assert "usd-core reads the stage and computes no dynamics" in found.sentence
+        comparison = crosscheck.compare(stage, stage)
+        assert (comparison.state, comparison.code) == ("not proven", 2)
+        assert "usd-core reads the stage and computes no dynamics" in comparison.sentence
         assert crosscheck.compare(stage, stage, unproven=True).code == 0
 
     @pytest.mark.parametrize(
@@ -176,11 +176,11 @@ class TestWithUsd:
         ],
     )
     def test_an_edit_is_named(self, before: str, after: str, cause: str, place: str, tmp_path: Path) -> None:
-        found = crosscheck.compare(*both(tmp_path, before, after))
-        named = {(d.cause, d.place) for d in found.differences} - {("sign of coordinate", "joint slide")}
+        comparison = crosscheck.compare(*both(tmp_path, before, after))
+        named = {(d.cause, d.place) for d in comparison.differences} - {("sign of coordinate", "joint slide")}
         assert named == ({(cause, place)} if cause else set())
         if not cause:  # a URDF states no gravity: what the other says is taken, and told
-            assert any("0.0981" in words for _, lines in found.dropped for words in lines)
+            assert any("0.0981" in words for _, lines in comparison.dropped for words in lines)
 
     def test_masses_come_from_shapes_where_none_is_stated(self, tmp_path: Path) -> None:
         """A box of 20 cm x 40 cm x 10 cm of 500 kg/m^3: 4 kg, and its moments; what has no shape is an error."""
@@ -197,8 +197,8 @@ class TestWithUsd:
         stage = both(tmp_path, SWING, f'def PhysicsJoint "swing"{AT}{locked}{limits("rotY", -90, 45)}    }}')[1]
         for order, same in ((names, True), (names[::-1], False)):
             (tmp_path / "crane.urdf").write_text(universal(order))
-            found = crosscheck.compare(tmp_path / "crane.urdf", stage)
-            assert (not [d.words for d in found.differences if d.place != "joint slide"]) is same
+            comparison = crosscheck.compare(tmp_path / "crane.urdf", stage)
+            assert (not [d.words for d in comparison.differences if d.place != "joint slide"]) is same
         assert any("no order of its two free rotations" in words for words in describe(stage).dropped)
 
     def test_a_slide_and_a_turn_of_one_joint_are_two_joints(self, tmp_path: Path) -> None:
@@ -210,9 +210,9 @@ class TestWithUsd:
         assert joints["swing.rotZ"].parent == joints["swing.transZ"].child
 
     def test_a_joint_whose_axes_are_all_free_ties_nothing(self, tmp_path: Path) -> None:
-        found = describe(both(tmp_path, "PhysicsPrismaticJoint", "PhysicsJoint")[1])
-        assert {joint.kind for joint in found.mechanism.joints} == {"revolute", "free"}
-        assert any("all of its axes are free" in words for words in found.dropped)
+        result = describe(both(tmp_path, "PhysicsPrismaticJoint", "PhysicsJoint")[1])
+        assert {joint.kind for joint in result.mechanism.joints} == {"revolute", "free"}
+        assert any("all of its axes are free" in words for words in result.dropped)
 
     def test_joints_without_a_word_and_stages_without_bodies_are_refused(self, tmp_path: Path) -> None:
         with pytest.raises(InputError, match="'slide' of type PhysicsDistanceJoint"):

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from crosscheck.identification.bands import Judged, Scatter, compute_margins, fit_scatter, judge, predict
+from crosscheck.identification.bands import ChannelJudgement, Scatter, compute_margins, fit_scatter, judge, predict
 from crosscheck.identification.fit import build_problem, fit
 from crosscheck.identification.identify import read_machine
 from crosscheck.identification.logs.log import Log
@@ -26,12 +26,12 @@ def test_the_law_of_what_remains_is_told_by_residuals() -> None:
     random = np.random.default_rng(2)
     rate = random.uniform(0.0, 1.0, 2000)
     unsure = np.full_like(rate, 0.05)
-    held = random.normal(size=len(rate)) * np.sqrt(true.at(rate) ** 2 + unsure**2)
-    told = fit_scatter(rate, held, unsure, 1.0, 0.01)
-    assert told is not None
+    held = random.normal(size=len(rate)) * np.sqrt(true.evaluate_scatter(rate) ** 2 + unsure**2)
+    scatter = fit_scatter(rate, held, unsure, 1.0, 0.01)
+    assert scatter is not None
     for v in (0.02, 0.1, 0.5, 0.9):
         at = np.array([v])
-        assert told.at(at)[0] == pytest.approx(true.at(at)[0], rel=0.25)
+        assert scatter.evaluate_scatter(at)[0] == pytest.approx(true.evaluate_scatter(at)[0], rel=0.25)
 
 
 def test_what_chance_makes_of_one_scatter_is_no_law_of_rates() -> None:
@@ -64,11 +64,11 @@ def test_slow_and_fast_samples_of_other_logs_have_bands_of_their_own(tmp_path: P
     machine = read_machine(base)
     one, *others = (make_run(machine, noisy(tmp_path, seed)) for seed in range(4))
     task = build_problem(machine, (one,))
-    found = fit(task)
-    margin = compute_margins(task, found)
-    slow, fast = list[Judged](), list[Judged]()
+    result = fit(task)
+    margin = compute_margins(task, result)
+    slow, fast = list[ChannelJudgement](), list[ChannelJudgement]()
     for run in others:
-        rate, told = np.abs(run.motion.qd), predict(machine, found, margin, run)
+        rate, told = np.abs(run.motion.qd), predict(machine, result, margin, run)
         slow += judge(machine, run, told, run.counted & (rate < SLOW))
         fast += judge(machine, run, told, run.counted & (rate > 2.0 * SLOW))
     assert np.mean([row.coverage for row in slow]) > 0.75

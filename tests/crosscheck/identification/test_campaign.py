@@ -11,7 +11,7 @@ import pytest
 from crosscheck.identification.fit import build_problem, fit
 from crosscheck.identification.identify import read_machine
 from crosscheck.identification.readings import make_run
-from crosscheck.identification.response import Measured
+from crosscheck.identification.response import MeasuredMotion
 from crosscheck.identification.table import list_parameter_rows
 
 COUPLER = """bandwidth_Hz = 25
@@ -43,7 +43,7 @@ def test_intervals_of_a_random_chain_hold_the_truth() -> None:
 
 
 def test_a_truth_outside_of_every_interval_is_counted() -> None:
-    told = [campaign.Told("a", "friction", "x", "y", k > 3, 0.1) for k in range(10)]
+    told = [campaign.ParameterOutcome("a", "friction", "x", "y", k > 3, 0.1) for k in range(10)]
     assert campaign.summary(told)["friction"] == (10, 0.6, 0.1)
 
 
@@ -67,7 +67,7 @@ def test_the_stiffness_of_a_coupler_that_bends_is_found(root: Path, tmp_path: Pa
     ramp = np.clip(time / 1.8, 0.0, 1.0)
     q = np.radians(20.0) + 4 * np.pi * (ramp - np.sin(2 * np.pi * ramp) / (2 * np.pi))
     qd, qdd = np.gradient(q, time), np.gradient(np.gradient(q, time), time)
-    motion = Measured(time, ("A",), q[:, None], qd[:, None], qdd[:, None])
+    motion = MeasuredMotion(time, ("A",), q[:, None], qd[:, None], qdd[:, None])
     truth = {("beam stiffness", "coupler"): 0.7, ("viscous friction", "A"): 0.08}
     z = np.array([np.log(truth[p.key] / p.known) / p.error for p in machine.space.parameters])
     log = campaign.logged(machine, motion, z, np.random.default_rng(3))

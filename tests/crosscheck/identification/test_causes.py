@@ -13,10 +13,10 @@ import pytest
 from numpy.typing import NDArray
 
 import crosscheck
-from crosscheck.identification.causes.cause import Named
+from crosscheck.identification.causes.cause import NamedCause
 from crosscheck.identification.causes.encoders import DELAY, SCALE, TWIST
 from crosscheck.identification.causes.name_causes import find_causes, find_remaining_causes
-from crosscheck.identification.identify import Identified, read_machine, read_of
+from crosscheck.identification.identify import Identification, read_machine, read_of
 from crosscheck.identification.logs.log import Log, read_log
 from crosscheck.identification.parameters import KINDS
 from crosscheck.identification.readings import apply_delay, apply_first_order_lag
@@ -26,7 +26,7 @@ STIFF, LATER = 2e4, 0.003  # [N m/rad], [s] of the link angle
 
 
 @pytest.fixture(scope="module")
-def known(tmp_path_factory: pytest.TempPathFactory) -> tuple[Identified, Log]:
+def known(tmp_path_factory: pytest.TempPathFactory) -> tuple[Identification, Log]:
     """The arm identified on one log, and another log of it, with a second encoder at the shoulder."""
     folder: Path = tmp_path_factory.mktemp("models") / "arm"
     logged_arm.write_arm(folder)
@@ -51,14 +51,14 @@ def without_encoder(log: Log) -> Log:
     return replace(log, columns={k: v for k, v in log.columns.items() if k != "link1"})
 
 
-def test_nothing_is_named_on_an_untouched_log(known: tuple[Identified, Log]) -> None:
-    found, log = known
-    assert find_causes(found, without_encoder(log)) == []
+def test_nothing_is_named_on_an_untouched_log(known: tuple[Identification, Log]) -> None:
+    result, log = known
+    assert find_causes(result, without_encoder(log)) == []
 
 
-def test_motor_and_link_angle_disagree_by_twist_and_delay(known: tuple[Identified, Log]) -> None:
-    found, log = known
-    named = {one.name: one for one in find_causes(found, log)}
+def test_motor_and_link_angle_disagree_by_twist_and_delay(known: tuple[Identification, Log]) -> None:
+    result, log = known
+    named = {one.name: one for one in find_causes(result, log)}
     assert set(named) == {TWIST, DELAY}
     assert named[TWIST].size == pytest.approx(STIFF, rel=0.05)
     assert named[DELAY].size == pytest.approx(LATER, rel=0.05)
@@ -92,38 +92,38 @@ SPOIL: dict[str, Callable[[Array], Array]] = {
     ],
 )
 def test_a_planted_fault_is_named_first_with_its_size(
-    known: tuple[Identified, Log], name: str, place: str, column: str, spoiled: str, size: float | None
+    known: tuple[Identification, Log], name: str, place: str, column: str, spoiled: str, size: float | None
 ) -> None:
     """To a tenth: neighbours below 10 Hz, a delay and a lag, differ by their second order only."""
-    found, log = known
+    result, log = known
     values = SPOIL[spoiled](log.columns[column])
     size = float(values.max()) if size is None else size
-    first = find_causes(found, without_encoder(changed(log, column, values)))[0]
+    first = find_causes(result, without_encoder(changed(log, column, values)))[0]
     assert (first.name.split(", the column")[0], first.place) == (name, place)
     assert first.size == pytest.approx(size, rel=0.1)
     assert name in first.words
 
 
 @pytest.mark.slow
-def test_efforts_that_all_come_late_are_one_cause(known: tuple[Identified, Log]) -> None:
+def test_efforts_that_all_come_late_are_one_cause(known: tuple[Identification, Log]) -> None:
     """A filter of the whole drive amplifier delays every joint: one name, and not one of each joint."""
-    found, log = known
+    result, log = known
     late = log
     for column in ("t1", "t2"):
         late = changed(late, column, apply_delay(log.columns[column], log.spacing, 0.008))
-    (only,) = find_causes(found, without_encoder(late))
+    (only,) = find_causes(result, without_encoder(late))
     assert (only.name, only.place) == ("delay of the efforts", "all joints")
     assert only.size == pytest.approx(0.008, rel=0.1)
 
 
 @pytest.mark.slow
-def test_a_payload_forgotten_on_the_last_link_is_named(known: tuple[Identified, Log]) -> None:
+def test_a_payload_forgotten_on_the_last_link_is_named(known: tuple[Identification, Log]) -> None:
     """That link has one body alone, as every link of a URDF: the payload is told at its centre of mass."""
-    found, log = known
-    every = {one.name: one for one in planted_faults.planted(found, without_encoder(log))}
+    result, log = known
+    every = {one.name: one for one in planted_faults.planted(result, without_encoder(log))}
     payload = every["payload beside what is known"]
     assert payload.place.endswith(", at its centre of mass")
-    good, words = planted_faults.verdict(payload, find_causes(found, payload.log), set())
+    good, words = planted_faults.verdict(payload, find_causes(result, payload.log), set())
     assert good, words
 
 
@@ -136,68 +136,70 @@ def test_a_motion_that_no_solver_can_follow_is_no_hypothesis(root: Path) -> None
     folder = root / "models" / "quanser_2dsfl"
     part, known = f"{folder / 'record.csv'}@0:5", read_machine(folder)
     free = tuple(one for one in known.settings.free if not KINDS[one.parameter].solved)
-    found = crosscheck.identify(known.mechanism, [part], settings=known.settings.model_copy(update={"free": free}))
-    log = read_of(found.machine, part)
-    column = found.machine.channels[0].column
-    first = find_causes(found, changed(log, column, -log.columns[column]))[0]
+    identification = crosscheck.identify(
+        known.mechanism, [part], settings=known.settings.model_copy(update={"free": free})
+    )
+    log = read_of(identification.machine, part)
+    column = identification.machine.channels[0].column
+    first = find_causes(identification, changed(log, column, -log.columns[column]))[0]
     assert (first.name, first.place) == ("wrong sign of the effort", "shoulder")
 
 
-def test_the_campaign_plants_every_kind_and_judges_it(known: tuple[Identified, Log]) -> None:
+def test_the_campaign_plants_every_kind_and_judges_it(known: tuple[Identification, Log]) -> None:
     """What `python tests/shared/planted_faults.py` does with a real log: one of its faults, found and not found."""
-    found, log = known
-    every = {(one.name, one.place): one for one in planted_faults.planted(found, without_encoder(log))}
+    result, log = known
+    every = {(one.name, one.place): one for one in planted_faults.planted(result, without_encoder(log))}
     kinds = {name for name, _ in every}
     assert {"delay of the effort", "first-order lag of the effort", "wrong sign of the effort"} <= kinds
     assert {"torque constant, relative error", "tilt of gravity"} <= kinds
     sign = every["wrong sign of the effort", "elbow"]
-    named = find_causes(found, sign.log)
+    named = find_causes(result, sign.log)
     assert planted_faults.verdict(sign, named, set())[0]
     assert not planted_faults.verdict(every["wrong sign of the effort", "shoulder"], named, set())[0]
     assert not planted_faults.verdict(sign, [], set())[0]
 
 
-def test_swapped_columns_are_named(known: tuple[Identified, Log]) -> None:
-    found, log = known
+def test_swapped_columns_are_named(known: tuple[Identification, Log]) -> None:
+    result, log = known
     for one, other, kind in (("t1", "t2", "efforts"), ("q1", "q2", "angles")):
         swapped = changed(changed(log, one, log.columns[other]), other, log.columns[one])
-        named = find_causes(found, without_encoder(swapped))
+        named = find_causes(result, without_encoder(swapped))
         assert (named[0].name, named[0].place) == (f"swapped columns of the {kind}", "shoulder and elbow")
         assert len(named) == 1
 
 
-def test_a_tilted_base_is_named_with_its_angle(known: tuple[Identified, Log], tmp_path: Path) -> None:
+def test_a_tilted_base_is_named_with_its_angle(known: tuple[Identification, Log], tmp_path: Path) -> None:
     """3 degrees about y, which both axes turn about; about x gravity leaves the plane by its cosine only."""
-    found, log = known
+    result, log = known
     tilt = np.radians(3.0)
     tilted = f"gravity_m_per_s2 = [{-9.81 * np.sin(tilt)}, 0, {-9.81 * np.cos(tilt)}]"
     table = logged_arm.frame(tmp_path, 1, text=logged_arm.MECHANISM.replace("gravity_m_per_s2 = [0, 0, -9.81]", tilted))
     spoiled = replace(log, columns={name: table[name].to_numpy() for name in ("q1", "q2", "t1", "t2")})
-    first = find_causes(found, spoiled)[0]
+    first = find_causes(result, spoiled)[0]
     assert (first.name, first.place) == ("tilt of gravity", "the world's y axis")
     assert abs(first.size) == pytest.approx(tilt, rel=0.15)
 
 
 @pytest.fixture(scope="module")
-def real(root: Path) -> tuple[Identified, Log, list[Named]]:
+def real(root: Path) -> tuple[Identification, Log, list[NamedCause]]:
     """The measured arm, its log, and what that shows as it is."""
     folder = root / "models" / "kuka_kr300"
-    found = crosscheck.identify(folder, [folder / "run_A.csv.gz"])
+    identification = crosscheck.identify(folder, [folder / "run_A.csv.gz"])
     log = read_log(folder / "run_A.csv.gz")
-    return found, log, find_causes(found, log)
+    return identification, log, find_causes(identification, log)
 
 
 @pytest.mark.slow
-def test_a_real_log_shows_its_two_encoders_and_no_more(real: tuple[Identified, Log, list[Named]]) -> None:
-    found, log, as_it_is = real
+def test_a_real_log_shows_its_two_encoders_and_no_more(real: tuple[Identification, Log, list[NamedCause]]) -> None:
+    result, log, as_it_is = real
     assert {one.name for one in as_it_is} == {DELAY, TWIST, SCALE}
-    assert {one.name for one in find_causes(found, log, seen=True)} == {one.name for one in as_it_is}
+    assert {one.name for one in find_causes(result, log, seen=True)} == {one.name for one in as_it_is}
     later = {one.place: one.size for one in as_it_is if one.name == DELAY}
     assert all(
         size == pytest.approx(0.003, abs=2e-4) for size in later.values()
     )  # real: the link angles come 3 ms later
     column = "axis1_link_angle_rad"
-    named = find_causes(found, changed(log, column, apply_delay(log.columns[column], log.spacing, 0.008)))
+    named = find_causes(result, changed(log, column, apply_delay(log.columns[column], log.spacing, 0.008)))
     size = next(one.size for one in named if (one.name, one.place) == (DELAY, "axis1"))
     assert size - later["axis1"] == pytest.approx(0.008, rel=0.05)
 
@@ -210,25 +212,25 @@ def test_a_real_log_shows_its_two_encoders_and_no_more(real: tuple[Identified, L
     ids=["delay", "lag"],
 )
 def test_small_faults_in_a_real_log_are_seen_above_the_bandwidth(
-    real: tuple[Identified, Log, list[Named]], axis: int, kind: str, spoil: Callable[..., Array], size: float
+    real: tuple[Identification, Log, list[NamedCause]], axis: int, kind: str, spoil: Callable[..., Array], size: float
 ) -> None:
     """Behind 10 Hz these are below evidence; above, the torque turns the motor's own inertia by whole radians too late."""
-    found, log, as_it_is = real
+    result, log, as_it_is = real
     column = f"axis{axis}_motor_torque_Nm"
-    named = find_causes(found, changed(log, column, spoil(log.columns[column], log.spacing, size)))
+    named = find_causes(result, changed(log, column, spoil(log.columns[column], log.spacing, size)))
     assert (named[0].name, named[0].place) == (f"{kind} of the effort", f"axis{axis}")
     assert abs(named[0].size - size) < 3.0 * named[0].error + 0.05 * size  # an angle's own noise biases by some percent
     assert {one.name for one in named[1:]} <= {one.name for one in as_it_is}
 
 
 @pytest.mark.slow
-def test_what_would_hide_in_a_log_is_told(real: tuple[Identified, Log, list[Named]]) -> None:
+def test_what_would_hide_in_a_log_is_told(real: tuple[Identification, Log, list[NamedCause]]) -> None:
     """A fault twice as large as the least size that is told is named, one of a quarter is not."""
-    found, log, _ = real
-    told = {(one.name, one.place): one.size for one in find_remaining_causes(found, log).least}
+    result, log, _ = real
+    told = {(one.name, one.place): one.size for one in find_remaining_causes(result, log).least}
     least = told["torque constant, relative error", "axis1"]
     for factor, seen in ((2.0, True), (0.25, False)):
         values = (1.0 + factor * least) * log.columns["axis1_motor_torque_Nm"]
-        named = find_causes(found, changed(log, "axis1_motor_torque_Nm", values))
+        named = find_causes(result, changed(log, "axis1_motor_torque_Nm", values))
         assert (("torque constant, relative error", "axis1") in {(o.name, o.place) for o in named}) == seen
     assert told["delay of the effort", "axis1"] <= 0.002

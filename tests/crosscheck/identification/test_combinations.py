@@ -11,15 +11,15 @@ import pytest
 import crosscheck
 from crosscheck.identification.combinations import count_narrowed_directions, list_combinations
 from crosscheck.identification.fit import Fit
-from crosscheck.identification.parameters import Parameter, Space
+from crosscheck.identification.parameters import Parameter, ParameterSpace
 
 EMPTY = np.zeros(0)
 
 
-def seen(*columns: list[float]) -> tuple[Space, Fit]:
+def seen(*columns: list[float]) -> tuple[ParameterSpace, Fit]:
     """Four numbers, known to 1 before, and logs whose readings change by these columns."""
     names = [f"p{k}" for k in range(len(columns))]
-    space = Space(tuple(Parameter("effort offset", n, "N m", 0.0, 1.0, False) for n in names), {})
+    space = ParameterSpace(tuple(Parameter("effort offset", n, "N m", 0.0, 1.0, False) for n in names), {})
     slopes = np.array(columns).T
     covariance = np.linalg.inv(slopes.T @ slopes + np.eye(len(columns)))
     return space, Fit(np.zeros(len(columns)), covariance, EMPTY, EMPTY, 1.0, EMPTY, (), ())
@@ -42,8 +42,8 @@ def seen(*columns: list[float]) -> tuple[Space, Fit]:
 def test_columns_that_are_sums_of_others_are_found(
     columns: tuple[list[float], ...], expected: dict[str, set[str]]
 ) -> None:
-    space, found = seen(*columns)
-    together = {one.key[1]: {place for _, place in one.others} for one in list_combinations(space, found)}
+    space, result = seen(*columns)
+    together = {one.key[1]: {place for _, place in one.others} for one in list_combinations(space, result)}
     assert together == expected
 
 
@@ -55,8 +55,8 @@ def test_a_centre_of_mass_is_told_with_its_mass_only(tmp_path: Path) -> None:
     """Efforts of a planar arm hold  m c  and  I + m c^2:  mass, centre and inertia share two numbers."""
     logged_arm.write_arm(tmp_path / "arm")
     logged_arm.frame(tmp_path / "arm", 0).to_csv(tmp_path / "one.csv", index=False)
-    found = crosscheck.identify(tmp_path / "arm", [tmp_path / "one.csv"])
-    together = {one.key: set(one.others) for one in list_combinations(found.machine.space, found.fit)}
+    identification = crosscheck.identify(tmp_path / "arm", [tmp_path / "one.csv"])
+    together = {one.key: set(one.others) for one in list_combinations(identification.machine.space, identification.fit)}
     assert together["com x", "upper"] == {("mass", "upper"), ("Iyy", "upper")}
     assert not any(kind == "com z" for kind, _ in together)
-    assert any(text.startswith("com x of upper cannot be told apart from") for text in found.words)
+    assert any(text.startswith("com x of upper cannot be told apart from") for text in identification.words)

@@ -17,7 +17,7 @@ from crosscheck.identification.excitation import find_exciting_motion
 from crosscheck.identification.filters import low_pass
 from crosscheck.identification.fit import build_problem, fit
 from crosscheck.identification.identified_file import write_identified
-from crosscheck.identification.identify import Identified, judge_blocks, read_machine
+from crosscheck.identification.identify import Identification, judge_blocks, read_machine
 from crosscheck.identification.logs.doubts import describe_log_doubts
 from crosscheck.identification.logs.log import Log, read_log
 from crosscheck.identification.parameters import apply_values
@@ -39,11 +39,11 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope="module")
-def found(folder: Path) -> Identified:
+def found(folder: Path) -> Identification:
     return crosscheck.identify(folder, [folder / "one.csv"], [folder / "two.csv"])
 
 
-def test_the_truth_lies_in_the_intervals(found: Identified) -> None:
+def test_the_truth_lies_in_the_intervals(found: Identification) -> None:
     """Friction and the static moment of the forearm, which its torque tells; 90 % intervals hold these with this seed."""
     table = {(row.parameter, row.place): row for row in found.parameters}
     for key, truth in ((("viscous friction", "shoulder"), 4.0), (("coulomb friction", "shoulder"), 2.0)):
@@ -53,7 +53,7 @@ def test_the_truth_lies_in_the_intervals(found: Identified) -> None:
         assert row.high - row.low < 0.2 * (row.before_high - row.before_low)
 
 
-def test_what_no_torque_shows_keeps_its_prior(found: Identified) -> None:
+def test_what_no_torque_shows_keeps_its_prior(found: Identification) -> None:
     """Products of inertia of the upper arm with its axis: a joint on the ground never shows them."""
     for name in ("Ixy", "Iyz"):
         row = next(r for r in found.parameters if (r.parameter, r.place) == (name, "upper"))
@@ -61,7 +61,7 @@ def test_what_no_torque_shows_keeps_its_prior(found: Identified) -> None:
         assert any(name in words and words.startswith("upper") for words in found.words)
 
 
-def test_an_unseen_motion_is_predicted_inside_its_bands(found: Identified) -> None:
+def test_an_unseen_motion_is_predicted_inside_its_bands(found: Identification) -> None:
     """Noise of 0.05 N m behind 10 Hz is 0.014 N m of torques of some 10 N m."""
     for row in found.judged:
         assert row.explained > 0.999
@@ -69,7 +69,7 @@ def test_an_unseen_motion_is_predicted_inside_its_bands(found: Identified) -> No
         assert row.width < 5.0
 
 
-def test_blocks_judge_each_other(folder: Path, found: Identified) -> None:
+def test_blocks_judge_each_other(folder: Path, found: Identification) -> None:
     for row in judge_blocks(found.machine, read_log(folder / "one.csv"), 4):
         assert row.explained > 0.999
         assert row.coverage > 0.75  # of four blocks, a quarter of the log each
@@ -190,7 +190,7 @@ def test_a_parquet_file_is_read_or_says_what_it_needs(folder: Path, tmp_path: Pa
         with pytest.raises(InputError, match="pip install pyarrow"):
             read_log(tmp_path / "one.parquet")
         return
-    assert np.array_equal(read_log(tmp_path / "one.parquet").column("t1"), table["t1"])
+    assert np.array_equal(read_log(tmp_path / "one.parquet").read_column("t1"), table["t1"])
 
 
 def test_a_mat_file_is_read(folder: Path, tmp_path: Path) -> None:
@@ -199,7 +199,7 @@ def test_a_mat_file_is_read(folder: Path, tmp_path: Path) -> None:
     table = pd.read_csv(folder / "one.csv")
     savemat(tmp_path / "one.mat", {name: table[name].to_numpy() for name in table.columns})
     log = read_log(tmp_path / "one.mat")
-    assert np.array_equal(log.column("t1"), table["t1"])
+    assert np.array_equal(log.read_column("t1"), table["t1"])
 
 
 @pytest.mark.parametrize("damaged", [b"hello", bytes(range(256)) * 8])
@@ -261,13 +261,13 @@ def test_a_parameter_that_nothing_shows_keeps_its_prior_in_words(folder: Path, t
     text = (base / "identify.toml").read_text()
     free = '[[free]]\nparameter = "gravity tilt x"\nerror = 0.01\n'
     (base / "identify.toml").write_text(text + free.replace("tilt x", "tilt y") + free)
-    found = crosscheck.identify(base, [folder / "one.csv"])
-    row = next(r for r in found.parameters if r.parameter == "gravity tilt x")
+    identification = crosscheck.identify(base, [folder / "one.csv"])
+    row = next(r for r in identification.parameters if r.parameter == "gravity tilt x")
     assert not row.identifiable
-    assert any(words.startswith("world: gravity tilt x") for words in found.words)
+    assert any(words.startswith("world: gravity tilt x") for words in identification.words)
 
 
-def test_what_was_identified_loads_like_any_mechanism(folder: Path, found: Identified, tmp_path: Path) -> None:
+def test_what_was_identified_loads_like_any_mechanism(folder: Path, found: Identification, tmp_path: Path) -> None:
     """Its torques with rotors and friction are those that were predicted, less the offsets of the sensors."""
     write_identified(found, folder / "mechanism.toml", tmp_path / "identified.toml")
     arm = load_mechanism(tmp_path / "identified.toml")
@@ -328,7 +328,7 @@ def test_a_page_says_it_all_and_limits_decide(folder: Path, tmp_path: Path) -> N
     assert "Parameters before and after" in (out / "index.html").read_text()  # a run that is one study: no click away
 
 
-def test_a_proposed_motion_tells_more_and_keeps_the_limits(folder: Path, found: Identified) -> None:
+def test_a_proposed_motion_tells_more_and_keeps_the_limits(folder: Path, found: Identification) -> None:
     log = read_log(folder / "one.csv")
     proposal = find_exciting_motion(found.machine, found.fit, log, 8.0)
     seen = found.shown[0][0].motion
@@ -356,8 +356,8 @@ def test_a_first_identify_toml_is_proposed(folder: Path, tmp_path: Path) -> None
     assert settings.joints["shoulder"].effort.column == "torque1 [N m]"
     widths = {tuple(f.place): f.relative for f in settings.free if f.parameter == "mass properties"}
     assert widths == {("*",): 0.2, ("fore",): pytest.approx(np.log1p(0.1 * 8.4 / 2.4), rel=0.01)}
-    found = crosscheck.identify(base, [tmp_path / "log.csv"])
-    assert all(row.explained > 0.99 for row in found.seen)
+    identification = crosscheck.identify(base, [tmp_path / "log.csv"])
+    assert all(row.explained > 0.99 for row in identification.seen)
     done = CliRunner().invoke(
         Main(), ["identify", "arm", "--models", str(base.parent), "--log", str(tmp_path / "log.csv"), "--propose"]
     )
@@ -373,8 +373,8 @@ def test_four_fifths_of_the_measured_arm_predict_the_last(root: Path) -> None:
     run = make_run(machine, read_log(folder / "run_A.csv.gz"))
     last = (run.time >= 6.92)[:, None]
     task = build_problem(machine, (run,), (run.counted & ~last,))
-    found = fit(task)
-    told = predict(machine, found, compute_margins(task, found), run)
+    result = fit(task)
+    told = predict(machine, result, compute_margins(task, result), run)
     seen = judge(machine, run, told, run.counted & ~last)
     assert all(row.explained > 0.99 for row in seen[:3])
     assert all(row.explained > 0.95 for row in seen[3:])

@@ -88,8 +88,8 @@ def test_points_of_rigid_links_read_what_their_geometry_says(logged: Path) -> No
     """The zero of the marker and the gain of the accelerometer are found; what they read otherwise is the geometry's."""
     arm = machine(logged, POINTS)
     run = make_run(arm, read_log(logged / "log.csv"))
-    found = fit(build_problem(arm, (run,)))
-    values = arm.space.values(found.z)
+    result = fit(build_problem(arm, (run,)))
+    values = arm.space.compute_values(result.z)
     assert values["marker zero", "tip.x"] == pytest.approx(0.015, abs=1e-6)  # the low-pass passes constants to rounding
     assert values["marker zero", "tip.z"] == pytest.approx(0.0, abs=1e-6)
     # accelerations come of splines through samples 4 ms apart: relative errors of (w h)^2 / 12 for w up to 2 pi 0.5
@@ -110,17 +110,17 @@ def test_a_marker_on_a_beam_sees_it_bend(tmp_path: Path) -> None:
     time = np.linspace(0.0, 0.6, 151)
     angle = 0.8 * (time / 0.6) ** 3 * (10 - 15 * (time / 0.6) + 6 * (time / 0.6) ** 2)
     run = make_run(bending, Log("made", time, {"q": angle}), efforts=False)
-    told = compute_readings(bending, run, bending.space.values(np.zeros(1)))
+    readings = compute_readings(bending, run, bending.space.compute_values(np.zeros(1)))
     given = Motion.from_samples(run.motion.time, {"hub": run.motion.q[:, 0]})
     solution = solve(bending.mechanism, given, 0.004)
-    raw = run.response(bending.space.values(np.zeros(1)))[2]
+    raw = run.response(bending.space.compute_values(np.zeros(1)))[2]
     assert (
         np.abs(raw[:, 0] - solution.tip["strip"][:, 0]).max() < 1e-9
     )  # the same march: a section more is no other element
     bent = np.abs(solution.deflection["strip"]).max()
     assert bent > 1e-3
     assert np.abs(raw[:, 1] - 0.5 * raw[:, 0]).max() > 0.1 * bent
-    assert told.shape == (151, 2)
+    assert readings.shape == (151, 2)
 
 
 def test_a_rate_that_is_measured_takes_the_place_of_the_slope(logged: Path) -> None:

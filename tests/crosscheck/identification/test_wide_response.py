@@ -26,21 +26,23 @@ def shaken(seed: int = 0, count: int = 3000) -> tuple[Array, Array]:
 @pytest.mark.parametrize("late", [0.0, 0.002, -0.003])
 def test_a_delay_turns_the_phase_and_leaves_the_size(late: float) -> None:
     angle, effort = shaken()
-    seen = compute_wide_response(angle, apply_delay(effort, SPACING, late), SPACING, BANDWIDTH)
-    assert seen is not None
-    inner = seen.frequency < 60.0  # a spline through samples knows the delayed signal far below the sampling rate only
-    turned = seen.ratio[inner] * np.exp(2j * np.pi * seen.frequency[inner] * late)
+    wide_response = compute_wide_response(angle, apply_delay(effort, SPACING, late), SPACING, BANDWIDTH)
+    assert wide_response is not None
+    inner = (
+        wide_response.frequency < 60.0
+    )  # a spline through samples knows the delayed signal far below the sampling rate only
+    turned = wide_response.ratio[inner] * np.exp(2j * np.pi * wide_response.frequency[inner] * late)
     assert (
         np.abs(turned / INERTIA - 1.0).max() < 0.15
     )  # 0.1 of noise, on the average of 20 segments 0.03 each: five of them
-    assert np.median(seen.coherence) > 0.95
+    assert np.median(wide_response.coherence) > 0.95
 
 
 def test_noise_alone_shows_no_coherence() -> None:
     angle, effort = shaken()
-    seen = compute_wide_response(angle, np.random.default_rng(1).permutation(effort), SPACING, BANDWIDTH)
-    assert seen is not None
-    assert np.median(seen.coherence) < 0.2
+    wide_response = compute_wide_response(angle, np.random.default_rng(1).permutation(effort), SPACING, BANDWIDTH)
+    assert wide_response is not None
+    assert np.median(wide_response.coherence) < 0.2
 
 
 def test_a_log_that_is_too_short_or_too_slow_shows_nothing() -> None:
@@ -55,9 +57,9 @@ def test_logs_together_say_what_is_expected() -> None:
     first, second = (one for one in some if one is not None)
     both = join_responses([first, second])
     assert both.segments == first.segments + second.segments
-    told = build_expectation(first, [second])
-    assert told.known
-    assert np.abs(told.ratio / INERTIA - 1.0).max() < 0.15
+    expectation = build_expectation(first, [second])
+    assert expectation.known
+    assert np.abs(expectation.ratio / INERTIA - 1.0).max() < 0.15
     assert not build_expectation(first, []).known
 
 

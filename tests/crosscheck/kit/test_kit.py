@@ -69,20 +69,20 @@ def test_a_kit_is_enough_for_numpy_alone(
 ) -> None:
     folder, task = kit(root, tmp_path, name, case), one(root, name, case)
     ask(program, folder, tmp_path / "out")
-    theirs = read_answer(tmp_path / "out", task.mechanism, task.case, "numpy")
+    answer = read_answer(tmp_path / "out", task.mechanism, task.case, "numpy")
     ours = read(folder / "expected" / "series.csv")[1]
     torques = [n for n in ours if n.startswith("torque/")]
     size = max(float(np.ptp(ours[n].values)) for n in torques)
     for n in torques:
-        error = float(np.abs(theirs.series[n].values - ours[n].values).max())
-        bar = theirs.series[n].error
+        error = float(np.abs(answer.series[n].values - ours[n].values).max())
+        bar = answer.series[n].error
         assert error <= enough * size
         assert bar is None or error <= float(bar.max())
     said = json.loads((folder / "expected" / "certificate.json").read_text())
     assert all(
-        line.holds for line in checks("", "", "", build_certificate(theirs.certificate), build_certificate(said))
+        line.holds for line in checks("", "", "", build_certificate(answer.certificate), build_certificate(said))
     )
-    assert bool(theirs.certificate) == (program == "rigid.py")
+    assert bool(answer.certificate) == (program == "rigid.py")
 
 
 def test_the_sign_of_an_axial_force_is_the_one_that_the_kit_states(root: Path) -> None:

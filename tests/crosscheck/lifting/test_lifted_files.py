@@ -54,23 +54,23 @@ def weighed(description: Description, proof: str = PROVEN) -> campaign.Row:
 
 
 def test_a_lift_that_loses_something_is_wrong() -> None:
-    found = describe(DATA / "pendulum.xml")
-    link = next(link for link in found.mechanism.links if link.bodies)
+    result = describe(DATA / "pendulum.xml")
+    link = next(link for link in result.mechanism.links if link.bodies)
     body = link.bodies[0]
     heavy = replace(body.inertia, mass=body.inertia.mass * (1.0 + 1e-6))
     heavier = replace(link, bodies=(Body(body.name, heavy), *link.bodies[1:]))
-    links = tuple(heavier if one is link else one for one in found.mechanism.links)
-    changed = replace(found, mechanism=replace(found.mechanism, links=links))
-    assert weighed(found).outcome == campaign.RIGHT
+    links = tuple(heavier if one is link else one for one in result.mechanism.links)
+    changed = replace(result, mechanism=replace(result.mechanism, links=links))
+    assert weighed(result).outcome == campaign.RIGHT
     assert weighed(changed).outcome == campaign.WRONG  # 1e-6 of the mass is 1e-6 of the torque: above 1e-9 of its range
     assert weighed(changed, LOST).outcome == campaign.INCOMPARABLE
-    assert weighed(found, LOST).outcome == campaign.DOUBTED
+    assert weighed(result, LOST).outcome == campaign.DOUBTED
 
 
 def test_dry_friction_is_judged_by_its_number() -> None:
-    found = describe(DATA / "pendulum.xml")
-    joints = tuple(replace(joint, friction=joint.friction + 0.1) for joint in found.mechanism.joints)
-    row = weighed(replace(found, mechanism=replace(found.mechanism, joints=joints)))
+    result = describe(DATA / "pendulum.xml")
+    joints = tuple(replace(joint, friction=joint.friction + 0.1) for joint in result.mechanism.joints)
+    row = weighed(replace(result, mechanism=replace(result.mechanism, joints=joints)))
     assert row.outcome == campaign.WRONG
     assert "dry friction" in row.joint
 

@@ -30,9 +30,9 @@ def test_what_is_called_otherwise_is_said_once_for_a_name() -> None:
 
 def test_a_stage_with_names_below_different_parents_is_itself_and_the_mjcf_that_it_is_of() -> None:
     file = CASES / "c48b_two_arms.usda"
-    found = crosscheck.compare(CASES / "c48b_two_arms.xml", file, unproven=True)
-    assert found.equal
-    assert dict(found.dropped)[file.name][0].startswith("name tool of 2 bodies: called by their paths")
+    comparison = crosscheck.compare(CASES / "c48b_two_arms.xml", file, unproven=True)
+    assert comparison.equal
+    assert dict(comparison.dropped)[file.name][0].startswith("name tool of 2 bodies: called by their paths")
     assert crosscheck.compare(file, file, unproven=True).equal
 
 
@@ -42,8 +42,8 @@ def test_a_heavier_one_of_two_links_of_one_name_is_named_by_its_path(tmp_path: P
     text = file.read_text()
     assert text.count("physics:mass = 0.9") == 1
     other.write_text(text.replace("physics:mass = 0.9", "physics:mass = 1.2"))
-    found = crosscheck.compare(file, other)
-    assert [(d.cause, d.place) for d in found.differences] == [("mass", "link twoarms/stand/arm2/tool")]
+    comparison = crosscheck.compare(file, other)
+    assert [(d.cause, d.place) for d in comparison.differences] == [("mass", "link twoarms/stand/arm2/tool")]
 
 
 UNNAMED = """<mujoco><compiler angle="radian"/><worldbody>
@@ -58,9 +58,9 @@ def test_joints_without_a_name_stand_beside_one_that_looks_like_theirs(name: str
     """The named joint is the second of four: in a file with other names it is matched by what it does."""
     (tmp_path / "a.xml").write_text(UNNAMED.format(name=name))
     (tmp_path / "b.xml").write_text(UNNAMED.format(name="knee").replace('"a"', '"x"').replace('"c"', '"z"'))
-    found = crosscheck.compare(tmp_path / "a.xml", tmp_path / "b.xml")
-    assert found.equal
-    assert f"{name} is knee" in found.notes[0]
+    comparison = crosscheck.compare(tmp_path / "a.xml", tmp_path / "b.xml")
+    assert comparison.equal
+    assert f"{name} is knee" in comparison.notes[0]
 
 
 def test_a_joint_without_a_name_is_not_the_one_that_bears_its_number(tmp_path: Path) -> None:

@@ -74,23 +74,23 @@ SLIDING = {  # on a slide: nothing turns
 @pytest.mark.parametrize("more", TURNING)
 def test_a_number_of_a_hinge_is_in_the_unit_of_its_schema(more: str, tmp_path: Path) -> None:
     field, value = TURNING[more]
-    found = stage(tmp_path, joint("Revolute", "j", "/one", "/two", more))
-    assert getattr(found.mechanism.joint_of["j"], field) == pytest.approx(value, rel=SINGLE)
-    assert not found.features
+    result = stage(tmp_path, joint("Revolute", "j", "/one", "/two", more))
+    assert getattr(result.mechanism.joint_of["j"], field) == pytest.approx(value, rel=SINGLE)
+    assert not result.features
 
 
 @pytest.mark.parametrize("more", SLIDING)
 def test_a_number_of_a_slide_is_in_the_unit_of_its_schema(more: str, tmp_path: Path) -> None:
     field, value = SLIDING[more]
-    found = stage(tmp_path, joint("Prismatic", "j", "/one", "/two", more))
-    assert getattr(found.mechanism.joint_of["j"], field) == pytest.approx(value, rel=SINGLE)
+    result = stage(tmp_path, joint("Prismatic", "j", "/one", "/two", more))
+    assert getattr(result.mechanism.joint_of["j"], field) == pytest.approx(value, rel=SINGLE)
 
 
 def test_a_ball_has_the_number_of_all_its_axes_per_degree(tmp_path: Path) -> None:
-    found = stage(
+    result = stage(
         tmp_path, joint("Spherical", "j", "/one", "/two", "float newton:damping = 3\nfloat newton:armature = 50")
     )
-    ball = found.mechanism.joint_of["j"]
+    ball = result.mechanism.joint_of["j"]
     assert ball.damping == pytest.approx(3e-4 * 180 / np.pi, rel=SINGLE)
     assert ball.rotor_inertia == pytest.approx(50e-4, rel=SINGLE)
 
@@ -115,9 +115,9 @@ def test_limits_of_engines_are_read(more: str, speed: float, effort: float, tmp_
 def test_angles_of_mujoco_are_what_the_scene_says(angle: str, rest: float, tmp_path: Path) -> None:
     scene = f'def PhysicsScene "s"\n{{\nuniform token mjc:compiler:angle = "{angle}"\n}}\n'
     more = "double mjc:stiffness = 40\n double mjc:springref = 0.3"
-    found = stage(tmp_path, joint("Revolute", "j", "/one", "/two", more), scene=scene)
-    assert found.mechanism.joint_of["j"].rest == pytest.approx(rest, rel=SINGLE)
-    assert not any("springref" in words for words in found.dropped)
+    result = stage(tmp_path, joint("Revolute", "j", "/one", "/two", more), scene=scene)
+    assert result.mechanism.joint_of["j"].rest == pytest.approx(rest, rel=SINGLE)
+    assert not any("springref" in words for words in result.dropped)
 
 
 MIMICS = {  # q_follower - factor q_leader = offset
@@ -143,18 +143,18 @@ def test_a_mimic_of_either_schema_is_a_coupling(more: str, tmp_path: Path) -> No
 def test_a_mimic_that_is_switched_off_is_none(tmp_path: Path) -> None:
     more = "rel newton:mimicJoint = </a>\nbool newton:mimicEnabled = 0"
     parts = joint("Revolute", "a", "/one", "/two", ""), joint("Revolute", "b", "/one", "/three", more)
-    found = stage(tmp_path, *parts)
-    assert not found.mechanism.closures
-    assert not found.features
+    result = stage(tmp_path, *parts)
+    assert not result.mechanism.closures
+    assert not result.features
 
 
 @pytest.mark.parametrize(("kind", "target"), [("Prismatic", "/a"), ("Revolute", "/nothing")])
 def test_a_mimic_that_has_no_law_is_named(kind: str, target: str, tmp_path: Path) -> None:
     more = f"rel newton:mimicJoint = <{target}>"
     parts = joint("Revolute", "a", "/one", "/two", ""), joint(kind, "b", "/one", "/three", more)
-    found = stage(tmp_path, *parts)
-    assert [(one.name, one.place) for one in found.features] == [("mimic", "joint b")]
-    assert found.dropped[-1].startswith("mimic of /b: of ")
+    result = stage(tmp_path, *parts)
+    assert [(one.name, one.place) for one in result.features] == [("mimic", "joint b")]
+    assert result.dropped[-1].startswith("mimic of /b: of ")
 
 
 def test_higher_orders_of_a_mimic_are_named(tmp_path: Path) -> None:
@@ -180,32 +180,32 @@ NAMED = {  # by what is written at a joint, at a body, in a scene: name and plac
 @pytest.mark.parametrize(("at_joint", "at_body", "in_scene"), NAMED)
 def test_what_no_mechanism_says_is_a_feature(at_joint: str, at_body: str, in_scene: str, tmp_path: Path) -> None:
     scene = f'def PhysicsScene "s"\n{{\n{in_scene}\n}}\n'
-    found = stage(tmp_path, joint("Revolute", "j", "/one", "/two", at_joint), scene=scene, body=at_body)
-    assert [(one.name, one.place) for one in found.features] == [NAMED[at_joint, at_body, in_scene]]
+    result = stage(tmp_path, joint("Revolute", "j", "/one", "/two", at_joint), scene=scene, body=at_body)
+    assert [(one.name, one.place) for one in result.features] == [NAMED[at_joint, at_body, in_scene]]
 
 
 def test_a_spring_of_a_ball_is_a_feature(tmp_path: Path) -> None:
-    found = stage(tmp_path, joint("Spherical", "j", "/one", "/two", "double mjc:stiffness = 3"))
-    assert [(one.name, one.place) for one in found.features] == [("ball-spring", "joint j")]
+    result = stage(tmp_path, joint("Spherical", "j", "/one", "/two", "double mjc:stiffness = 3"))
+    assert [(one.name, one.place) for one in result.features] == [("ball-spring", "joint j")]
 
 
 def test_joints_of_a_type_that_usd_does_not_know_and_tendons_are_features(tmp_path: Path) -> None:
     gear = 'def PhysxPhysicsGearJoint "gear"\n{\nfloat physics:gearRatio = 3\n}\n'
     tendon = 'def MjcTendon "tendon"\n{\n}\n'
     axis = joint("Revolute", "j", "/one", "/two", "", "PhysxTendonAxisRootAPI:t")
-    found = stage(tmp_path, gear, tendon, axis)
-    assert {(one.name, one.place) for one in found.features} == {
+    result = stage(tmp_path, gear, tendon, axis)
+    assert {(one.name, one.place) for one in result.features} == {
         ("tendon", "prim /j"), ("gear", "prim /gear"), ("tendon", "prim /tendon"),
     }  # fmt: skip
 
 
 @pytest.mark.parametrize("key", ["newton:gravityEnabled", "mjc:flag:gravity"])
 def test_gravity_that_a_scene_switches_off_does_not_pull(key: str, tmp_path: Path) -> None:
-    found = stage(
+    result = stage(
         tmp_path, joint("Revolute", "j", "/one", "/two", ""), scene=f'def PhysicsScene "s"\n{{\nbool {key} = 0\n}}\n'
     )
-    assert not found.mechanism.gravity.any()
-    assert found.gravity_stated
+    assert not result.mechanism.gravity.any()
+    assert result.gravity_stated
 
 
 @pytest.mark.parametrize(
@@ -214,17 +214,17 @@ def test_gravity_that_a_scene_switches_off_does_not_pull(key: str, tmp_path: Pat
 def test_what_a_flag_of_the_scene_switches_off_is_none_and_said(flag: str, field: str, tmp_path: Path) -> None:
     more = "double mjc:stiffness = 3\ndouble mjc:damping = 3\ndouble mjc:frictionloss = 3"
     scene = f'def PhysicsScene "s"\n{{\nbool mjc:flag:{flag} = 0\n}}\n'
-    found = stage(tmp_path, joint("Revolute", "j", "/one", "/two", more), scene=scene)
-    made = found.mechanism.joint_of["j"]
+    result = stage(tmp_path, joint("Revolute", "j", "/one", "/two", more), scene=scene)
+    made = result.mechanism.joint_of["j"]
     rest = {"stiffness", "damping", "friction"} - {field}
     assert getattr(made, field) == 0.0
     assert all(getattr(made, one) > 0.0 for one in rest)
-    assert any(f"mjc:flag:{flag} of the scene" in words for words in found.dropped)
+    assert any(f"mjc:flag:{flag} of the scene" in words for words in result.dropped)
 
 
 def test_a_whole_tensor_goes_before_principal_moments(tmp_path: Path) -> None:
-    found = stage(tmp_path, body="double[] newton:inertia = [100, 200, 300, 10, 20, 30]")
-    two = next(link for link in found.mechanism.links if link.name == "two").bodies[0].inertia
+    result = stage(tmp_path, body="double[] newton:inertia = [100, 200, 300, 10, 20, 30]")
+    two = next(link for link in result.mechanism.links if link.name == "two").bodies[0].inertia
     expected = 1e-4 * np.array([[100, 10, 20], [10, 200, 30], [20, 30, 300]])
     assert two.tensor == pytest.approx(expected, rel=1e-14)  # doubles
 
@@ -242,6 +242,6 @@ def test_a_stage_is_not_proven_and_says_why() -> None:
     ],
 )
 def test_a_stage_and_the_mjcf_that_it_is_of_have_the_same_numbers(first: str, second: str) -> None:
-    found = crosscheck.compare(CASES / first, CASES / second)
-    assert not found.differences
-    assert not found.unexplained
+    comparison = crosscheck.compare(CASES / first, CASES / second)
+    assert not comparison.differences
+    assert not comparison.unexplained

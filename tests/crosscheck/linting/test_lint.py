@@ -57,9 +57,9 @@ WRONG = {
 @pytest.mark.parametrize("edit", WRONG)
 def test_each_check_speaks_where_it_should(edit: str, tmp_path: Path) -> None:
     text, check, place, words = WRONG[edit]
-    found = lint(arm(tmp_path, text)).findings
-    assert [f for f in found if f.check == check and f.place == place and words in f.why], found
-    assert all(f.write for f in found)
+    result = lint(arm(tmp_path, text)).findings
+    assert [f for f in result if f.check == check and f.place == place and words in f.why], result
+    assert all(f.write for f in result)
 
 
 def test_a_sound_arm_has_its_mimic_only(tmp_path: Path) -> None:

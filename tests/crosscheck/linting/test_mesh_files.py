@@ -57,10 +57,10 @@ def test_a_corrupt_mesh_is_a_finding(kind: str, tmp_path: Path) -> None:
     if name.endswith((".stl", ".obj")) and ("there" in words or "finite" in words or "no tri" in words):
         pytest.importorskip("trimesh", reason="trimesh is not installed (python -m pip install trimesh)")
     (tmp_path / name).write_bytes(content)
-    (found,) = findings(tmp_path, name)
-    assert (found.check, found.level) == ("mesh", "error")
-    assert words in found.given
-    assert len(found.given) <= 200
+    (result,) = findings(tmp_path, name)
+    assert (result.check, result.level) == ("mesh", "error")
+    assert words in result.given
+    assert len(result.given) <= 200
 
 
 @pytest.mark.parametrize(
@@ -76,22 +76,22 @@ def test_what_is_no_regular_file_is_not_opened(kind: str, words: str, tmp_path: 
     mesh = tmp_path / "m.stl"
     make = {"pipe": os.mkfifo, "device": lambda m: m.symlink_to("/dev/zero"), "folder": os.mkdir}
     make.get(kind, lambda m: m.symlink_to(m.name))(mesh)
-    (found,) = findings(tmp_path, "m.stl")
-    assert (found.level, found.given) == ("error", words)
+    (result,) = findings(tmp_path, "m.stl")
+    assert (result.level, result.given) == ("error", words)
 
 
 def test_a_mesh_of_gigabytes_is_not_read(tmp_path: Path) -> None:
     (tmp_path / "m.stl").write_bytes(stl(9, TRIANGLE))
     os.truncate(tmp_path / "m.stl", 8 << 30)
-    (found,) = findings(tmp_path, "m.stl")
-    assert found.level == "warning"
-    assert found.given == f"{8 << 30} bytes, more than {LARGEST}"
+    (result,) = findings(tmp_path, "m.stl")
+    assert result.level == "warning"
+    assert result.given == f"{8 << 30} bytes, more than {LARGEST}"
 
 
 def test_bytes_behind_the_triangles_are_a_warning(tmp_path: Path) -> None:
     (tmp_path / "m.stl").write_bytes(stl(1, TRIANGLE) + b"more")
-    (found,) = findings(tmp_path, "m.stl")
-    assert (found.level, found.given) == ("warning", "4 bytes after the 1 triangles of the header")
+    (result,) = findings(tmp_path, "m.stl")
+    assert (result.level, result.given) == ("warning", "4 bytes after the 1 triangles of the header")
 
 
 def test_materials_of_a_mesh_are_left_alone(tmp_path: Path) -> None:
@@ -103,8 +103,8 @@ def test_materials_of_a_mesh_are_left_alone(tmp_path: Path) -> None:
 
 def test_a_scale_that_is_no_number(tmp_path: Path) -> None:
     (tmp_path / "m.obj").write_text(f"{CORNERS}f 1 2 3\n")
-    (found,) = findings(tmp_path, "m.obj", ' scale="nan 1 1"')
-    assert (found.check, found.given) == ("number", 'scale="nan 1 1"')
+    (result,) = findings(tmp_path, "m.obj", ' scale="nan 1 1"')
+    assert (result.check, result.given) == ("number", 'scale="nan 1 1"')
 
 
 def test_a_sound_mesh_is_no_finding(tmp_path: Path) -> None:

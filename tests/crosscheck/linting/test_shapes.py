@@ -27,9 +27,9 @@ def pad(folder: Path, *edits: tuple[str, str]) -> list[Finding]:
 
 def test_a_pad_that_collides_weighs_what_each_reader_makes_of_it(tmp_path: Path) -> None:
     """By hand pi 0.05^2 0.03 m^3 of 1000 kg/m^3: 0.2356 kg, which is what MuJoCo's reader adds."""
-    (found,) = pad(tmp_path)
-    assert (found.place, found.given, found.level) == ("link pad", "collides, and has no <inertial>", "warning")
-    assert found.why == (
+    (result,) = pad(tmp_path)
+    assert (result.place, result.given, result.level) == ("link pad", "collides, and has no <inertial>", "warning")
+    assert result.why == (
         "MuJoCo takes 0.236 kg, 1000 kg/m^3 of its shape, PyBullet and DART take 1 kg, Pinocchio and Drake nothing"
     )
     links = describe(f"{CASES / 'c33_pad.urdf'}@mujoco").mechanism.links
@@ -39,8 +39,8 @@ def test_a_pad_that_collides_weighs_what_each_reader_makes_of_it(tmp_path: Path)
 
 
 def test_a_pad_that_is_only_seen(tmp_path: Path) -> None:
-    (found,) = pad(tmp_path, ("collision>", "visual>"))
-    assert found.why == "PyBullet and DART take 1 kg, MuJoCo, Pinocchio and Drake nothing"
+    (result,) = pad(tmp_path, ("collision>", "visual>"))
+    assert result.why == "PyBullet and DART take 1 kg, MuJoCo, Pinocchio and Drake nothing"
     links = describe(f"{tmp_path / 'pad.urdf'}@mujoco").mechanism.links
     assert sum(body.inertia.mass for link in links for body in link.bodies) == pytest.approx(1.1, rel=1e-12)  # rounding
 
@@ -54,8 +54,8 @@ def test_a_pad_that_is_only_seen(tmp_path: Path) -> None:
     ],
 )
 def test_every_shape_has_its_words(shape: str, words: str, tmp_path: Path) -> None:
-    (found,) = pad(tmp_path, ('<cylinder length="0.03" radius="0.05"/>', shape))
-    assert found.why.startswith(words)
+    (result,) = pad(tmp_path, ('<cylinder length="0.03" radius="0.05"/>', shape))
+    assert result.why.startswith(words)
 
 
 @pytest.mark.parametrize(
@@ -79,9 +79,9 @@ def test_two_hyphens_in_a_comment_are_read_and_found() -> None:
 def test_a_primitive_fitted_to_a_mesh_that_is_missing_is_read_and_found() -> None:
     file = CASES / "c36_fitmesh.xml"
     assert crosscheck.compare(file, file).equal
-    (found,) = lint(file).findings
-    assert (found.check, found.level) == ("file", "warning")
-    assert "not_here.obj" in found.given
+    (result,) = lint(file).findings
+    assert (result.check, result.level) == ("file", "warning")
+    assert "not_here.obj" in result.given
 
 
 @pytest.mark.parametrize(

@@ -40,23 +40,23 @@ def levels(order: float, size: float = 1e-2, count: int = 3) -> list[np.ndarray]
 def test_the_order_is_found_and_the_bar_is_the_error(order: float, value: int) -> None:
     """Up to order 2; of a higher one the bar believes 2 all the same: it is longer, by the extrapolation's own error."""
     runs = levels(order)
-    found = compute_error_bar(runs, value)
-    assert found.how == "Richardson"
-    assert found.order == pytest.approx(order, abs=1e-9)  # the error has one power of h, so only rounding is left
+    error_bar = compute_error_bar(runs, value)
+    assert error_bar.how == "Richardson"
+    assert error_bar.order == pytest.approx(order, abs=1e-9)  # the error has one power of h, so only rounding is left
     error = np.abs(runs[value] - EXACT)
-    assert (found.bar >= error * (1 - 1e-9)).all()  # equal at the largest values, wider at zeros
+    assert (error_bar.bar >= error * (1 - 1e-9)).all()  # equal at the largest values, wider at zeros
     if order <= FORMAL:
-        assert found.bar.max() == pytest.approx(error.max(), rel=1e-6)
+        assert error_bar.bar.max() == pytest.approx(error.max(), rel=1e-6)
 
 
 def test_an_order_that_is_too_high_makes_no_short_bar() -> None:
     """A mesh error of order 5 covers a step error of order 2 in the first runs; the next run stays inside the bar."""
     runs = [EXACT + SHAPE * (1e-2 * h**5 + 1e-5 * h**2) for h in (1.0, 0.5, 0.25, 0.125)]
-    found = compute_error_bar(runs[:3])
-    assert found.order == pytest.approx(5.0, abs=0.2)
-    assert found.order is not None
-    assert (np.abs(runs[3] - runs[2]) <= found.bar).all()
-    believed = np.abs(runs[2] - runs[1]) / (2.0**found.order - 1.0)  # what Richardson's formula would say
+    error_bar = compute_error_bar(runs[:3])
+    assert error_bar.order == pytest.approx(5.0, abs=0.2)
+    assert error_bar.order is not None
+    assert (np.abs(runs[3] - runs[2]) <= error_bar.bar).all()
+    believed = np.abs(runs[2] - runs[1]) / (2.0**error_bar.order - 1.0)  # what Richardson's formula would say
     assert np.abs(runs[3] - runs[2]).max() > 0.9 * believed.max()
 
 
@@ -66,10 +66,10 @@ def test_runs_that_do_not_converge_get_the_largest_difference() -> None:
     growing = levels(2.0)[::-1]
     noise = list(EXACT + 0.016 * np.random.default_rng(2).standard_normal((3, TIME.size)))
     for runs, how in ((swinging, "largest difference"), (slow, UNORDERED), (growing, UNORDERED), (noise, UNORDERED)):
-        found = compute_error_bar(runs)
-        assert (found.how, found.order) == (how, None)
-        assert has_no_order({"how": {"step": found.how}}) == (how == UNORDERED)
-        assert found.bar.max() == pytest.approx(max(np.abs(runs[-1] - one).max() for one in runs))
+        error_bar = compute_error_bar(runs)
+        assert (error_bar.how, error_bar.order) == (how, None)
+        assert has_no_order({"how": {"step": error_bar.how}}) == (how == UNORDERED)
+        assert error_bar.bar.max() == pytest.approx(max(np.abs(runs[-1] - one).max() for one in runs))
 
 
 def test_rounding_has_no_order() -> None:
@@ -81,12 +81,12 @@ def test_rounding_has_no_order() -> None:
 
 def test_the_bar_of_an_extrapolated_result_covers_its_error_and_is_shorter_than_that_of_the_runs() -> None:
     runs = [EXACT + 1e-2 * SHAPE * (h**2 + 0.3 * h**4) for h in (1.0, 0.5, 0.25)]
-    found = compute_extrapolated_bar(runs)
+    extrapolated_bar = compute_extrapolated_bar(runs)
     error = np.abs((4.0 * runs[2] - runs[1]) / 3.0 - EXACT)
-    assert (found.bar >= error).all()
-    assert found.bar.max() < np.abs(runs[1] - EXACT).max()
+    assert (extrapolated_bar.bar >= error).all()
+    assert extrapolated_bar.bar.max() < np.abs(runs[1] - EXACT).max()
     coarse, fine = (a * 3 / 4 + 0.3 * b * 15 / 16 for a, b in ((1.0, 1.0), (1 / 4, 1 / 16)))  # |L1 - L0|, |L2 - L1|
-    assert found.order == pytest.approx(np.log2(coarse / fine))
+    assert extrapolated_bar.order == pytest.approx(np.log2(coarse / fine))
     wild = compute_extrapolated_bar([EXACT + 1e-2 * SHAPE * s for s in (1.0, -0.5, 0.25)])
     assert wild.how == "largest difference"
 

@@ -15,7 +15,7 @@ from scipy.spatial.transform import Rotation
 from crosscheck.causes.dictionary import DICTIONARY
 from crosscheck.causes.evidence import Evidence
 from crosscheck.causes.model import Model, make_model
-from crosscheck.causes.naming import Naming, find_causes
+from crosscheck.causes.naming import NamedCauses, find_causes
 from crosscheck.causes.selftest import make_loose_closure
 from crosscheck.causes.subject import Subject
 from crosscheck.engines import ENGINES, adapter
@@ -36,8 +36,8 @@ MODELS = Path(__file__).resolve().parents[3] / "models"
 
 def load(place: str) -> tuple[Mechanism, Case]:
     mechanism, case = place.split("/")
-    found = load_mechanism(MODELS / mechanism)
-    return found, load_cases(MODELS / mechanism, found)[case]
+    result = load_mechanism(MODELS / mechanism)
+    return result, load_cases(MODELS / mechanism, result)[case]
 
 
 def says(mechanism: Mechanism, case: Case, engine: str) -> Certificate:
@@ -56,9 +56,9 @@ def lines(place: str, engine: str, harmed: Subject | None = None) -> tuple[Check
 @pytest.mark.parametrize("engine", ["pinocchio", "mujoco", "exudyn"])
 @pytest.mark.parametrize("place", ["double_pendulum/swing", "rigid_one_link/cycloid", "panda/pick", "talos_arm/wave"])
 def test_rigid_engines_have_the_same_mechanism(place: str, engine: str) -> None:
-    found = lines(place, engine)
-    assert is_certified(found), [line for line in found if not line.holds]
-    assert {line.what for line in found} >= {
+    result = lines(place, engine)
+    assert is_certified(result), [line for line in result if not line.holds]
+    assert {line.what for line in result} >= {
         "total mass",
         "joint-space mass matrix",
         "gravity torque",
@@ -71,9 +71,9 @@ def test_rigid_engines_have_the_same_mechanism(place: str, engine: str) -> None:
 @pytest.mark.parametrize("engine", ["pinocchio", "mujoco"])
 @pytest.mark.parametrize("place", ["four_bar/turn", "bricard/fold"])
 def test_closed_mechanisms_have_the_same_closures(place: str, engine: str) -> None:
-    found = lines(place, engine)
-    assert is_certified(found), [line for line in found if not line.holds]
-    assert {line.what for line in found} >= {"closure residual", "rank of the closures"}
+    result = lines(place, engine)
+    assert is_certified(result), [line for line in result if not line.holds]
+    assert {line.what for line in result} >= {"closure residual", "rank of the closures"}
 
 
 @pytest.mark.parametrize("engine", ["pinocchio", "mujoco"])
@@ -89,8 +89,8 @@ def test_a_second_bearing_of_a_shaft_has_no_rank(kind: str, engine: str) -> None
     case = case_of(mechanism, Motion.point_to_point({"S": 0.0}, {"S": 2.0}, 1.0), {})
     theirs = says(mechanism, case, engine)
     assert theirs.rank == 0
-    found = checks("shaft", "turn", engine, theirs, says(mechanism, case, "flexinv"))
-    assert is_certified(found), [line for line in found if not line.holds]
+    result = checks("shaft", "turn", engine, theirs, says(mechanism, case, "flexinv"))
+    assert is_certified(result), [line for line in result if not line.holds]
 
 
 BEAMS = {"total mass", "masses of beams", "first moments of beams", "section stiffness"}
@@ -105,11 +105,11 @@ STATIC = 1e-5
 def test_static_probes_and_weights_find_every_beam(place: str, engine: str) -> None:
     if (place, engine) == ("spatial_arm/reach", "mujoco-flex"):
         pytest.skip("MuJoCo's rod lies in a plane")
-    found = {line.what: line for line in lines(place, engine)}
+    result = {line.what: line for line in lines(place, engine)}
     space = {"masses by joint", "first moments by joint", "inertias by joint"} if place.startswith("spatial") else set()
-    assert set(found) - JOINTS == BEAMS | space
-    assert is_certified(tuple(found.values()))
-    assert (found["section stiffness"].error or 0.0) <= STATIC * (found["section stiffness"].scale or 0.0)
+    assert set(result) - JOINTS == BEAMS | space
+    assert is_certified(tuple(result.values()))
+    assert (result["section stiffness"].error or 0.0) <= STATIC * (result["section stiffness"].scale or 0.0)
 
 
 def test_the_probe_says_all_that_a_beam_in_space_has() -> None:
@@ -122,9 +122,9 @@ def test_the_probe_says_all_that_a_beam_in_space_has() -> None:
 
 @pytest.mark.parametrize("place", ["double_pendulum/swing", "panda/pick", "stewart_platform/swoop"])
 def test_redundant_coordinates_weigh_the_same(place: str) -> None:
-    found = lines(place, "exudyn-dae")
-    assert is_certified(found), [line for line in found if not line.holds]
-    assert {"total mass", "masses by joint"} <= {line.what for line in found}
+    result = lines(place, "exudyn-dae")
+    assert is_certified(result), [line for line in result if not line.holds]
+    assert {"total mass", "masses by joint"} <= {line.what for line in result}
 
 
 HARM = {
@@ -144,8 +144,8 @@ def test_a_harmed_model_has_no_certificate(engine: str, cause: str) -> None:
     subject = Subject(mechanism, case)
     row = DICTIONARY[cause]
     size = np.full(max(1, row.parameters), 1e-3) if row.sized else np.ones(1)
-    found = lines("double_pendulum/swing", engine, row.change(subject, row.targets(make_model(subject))[-1], size))
-    assert {line.what for line in found if not line.holds} >= set(HARM[cause])
+    result = lines("double_pendulum/swing", engine, row.change(subject, row.targets(make_model(subject))[-1], size))
+    assert {line.what for line in result if not line.holds} >= set(HARM[cause])
 
 
 @pytest.mark.parametrize(
@@ -160,8 +160,8 @@ def test_a_harmed_model_has_no_certificate(engine: str, cause: str) -> None:
 )
 def test_a_beam_off_by_a_hundredth_is_found(cause: str, target: str, engine: str, what: str, words: str) -> None:
     harmed = DICTIONARY[cause].change(Subject(*load("flex_one_link/cycloid")), target, np.array([0.01]))
-    found = lines("flex_one_link/cycloid", engine, harmed)
-    assert (what, words) in [(line.what, line.words) for line in found if not line.holds]
+    result = lines("flex_one_link/cycloid", engine, harmed)
+    assert (what, words) in [(line.what, line.words) for line in result if not line.holds]
 
 
 def test_a_body_on_a_beam_is_weighed_where_it_sits() -> None:
@@ -176,8 +176,8 @@ def test_a_body_on_a_beam_is_weighed_where_it_sits() -> None:
 def test_a_closure_of_another_rank_is_found(place: str, engine: str) -> None:
     mechanism, case = load(place)
     loose = replace(mechanism, closures=tuple(map(make_loose_closure, mechanism.closures)))
-    found = lines(place, engine, Subject(loose, case))
-    wrong = [line for line in found if not line.holds]
+    result = lines(place, engine, Subject(loose, case))
+    wrong = [line for line in result if not line.holds]
     assert [line.what for line in wrong if line.what != "closure axes"] == ["rank of the closures"]
     assert wrong[-1].words.endswith("a closure ties less than it should")
 
@@ -206,8 +206,8 @@ def test_an_engine_without_a_certificate_says_why() -> None:
         "flexinv": Record("flexinv", certificate=says(mechanism, case, "flexinv").plain),
         "exudyn-dae": Record("exudyn-dae", certificate={"problem": "redundant coordinates"}),
     }
-    found = list_certificate_lines(make_task(MODELS / "four_bar", mechanism, case), records)
-    assert [(line.what, line.holds, line.words) for line in found] == [
+    certificate_lines = list_certificate_lines(make_task(MODELS / "four_bar", mechanism, case), records)
+    assert [(line.what, line.holds, line.words) for line in certificate_lines] == [
         ("no certificate", False, "redundant coordinates")
     ]
 
@@ -217,7 +217,7 @@ def test_the_certificate_rules_out_what_it_contradicts() -> None:
     certificate of an effort that is scaled says that the model is right."""
     model = model_at("rigid_one_link/cycloid")
     scaled = DICTIONARY["effort scale"].change(model.base, "hub", np.array([0.05]))
-    assert find_causes(model, model.difference(scaled), 1e-9).words.endswith(
+    assert find_causes(model, model.compute_difference(scaled), 1e-9).words.endswith(
         "nothing that the engine gave tells them apart"
     )
     heard = with_evidence(model, scaled)
@@ -238,12 +238,12 @@ def test_a_plane_motion_and_the_certificate_tell_inertias_apart(cause: str) -> N
     target = row.targets(model)[0]
     size = 0.1 * row.scale(model, target) * np.array([0.78, -0.55, 0.31])[: row.parameters]
     harmed = row.change(model.base, target, size)
-    assert not find_causes(model, model.difference(harmed), 1e-9).named  # more than three explain it
+    assert not find_causes(model, model.compute_difference(harmed), 1e-9).named  # more than three explain it
     heard = with_evidence(model, harmed)
     # A rod's tensor is a multiple of what Steiner adds to it: taken about another point it is a shorter rod's.
     assert set(heard.names) <= {cause, "inertia about the wrong point"}
-    found = next(f for f in heard.named if f.cause is row)
-    assert row.parameters > 1 or found.size == pytest.approx(size, rel=1e-6)  # rounding over the change
+    result = next(f for f in heard.named if f.cause is row)
+    assert row.parameters > 1 or result.size == pytest.approx(size, rel=1e-6)  # rounding over the change
 
 
 @pytest.mark.slow
@@ -262,9 +262,9 @@ def model_at(place: str) -> Model:
     return make_model(Subject(*load(place)))
 
 
-def with_evidence(model: Model, harmed: Subject, asked: Subject | None = None) -> Naming:
+def with_evidence(model: Model, harmed: Subject, asked: Subject | None = None) -> NamedCauses:
     """What is named when Pinocchio's model of the harmed subject is asked, too (or of another one)."""
-    base, residual = model.base, model.difference(harmed)
+    base, residual = model.base, model.compute_difference(harmed)
     theirs = says((asked or harmed).mechanism, base.case, "pinocchio")
     evidence = Evidence(model, residual, theirs, says(base.mechanism, base.case, "flexinv"))
     return find_causes(model, residual, 1e-9, evidence=evidence)

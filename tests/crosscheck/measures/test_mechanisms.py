@@ -20,10 +20,10 @@ def test_no_engine_leaves_a_stated_ratio_out_without_a_word(engine: str, root: P
     text = (root / "models" / "flex_one_link" / "mechanism.toml").read_text()
     (tmp_path / "mechanism.toml").write_text(text + RATIO)
     (tmp_path / "cases.toml").write_text((root / "models" / "flex_one_link" / "cases.toml").read_text())
-    stated = load_mechanism(tmp_path)
-    case = next(iter(load_cases(tmp_path, stated).values()))
+    mechanism = load_mechanism(tmp_path)
+    case = next(iter(load_cases(tmp_path, mechanism).values()))
     with pytest.raises(InputError, match=r"stated as a ratio .*read_mechanism\(folder\)"):
-        adapter(ENGINES[engine]).run(stated, case, engine, {})
+        adapter(ENGINES[engine]).run(mechanism, case, engine, {})
     resolved = read_mechanism(tmp_path)
     check_resolved(resolved)
     assert resolved.links[0].beam is not None

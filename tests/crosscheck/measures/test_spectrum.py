@@ -17,18 +17,18 @@ def tone(frequency: float, phase: float = 0.3) -> np.ndarray:
 @pytest.mark.parametrize("frequency", [10.0, 10.37, 33.333, 101.9])
 @pytest.mark.parametrize("phase", [0.0, 1.0, 2.5])
 def test_one_tone_gives_its_frequency_and_amplitude(frequency: float, phase: float) -> None:
-    found = find_peaks(*compute_amplitude_spectrum(TIME, 5.0 + 0.2 * tone(frequency, phase)))
-    assert len(found) == 1  # the window's side lobes are not taken for modes, nor is the constant
+    peaks = find_peaks(*compute_amplitude_spectrum(TIME, 5.0 + 0.2 * tone(frequency, phase)))
+    assert len(peaks) == 1  # the window's side lobes are not taken for modes, nor is the constant
     # Leakage of the negative frequency at ten periods, 1/(pi d (d^2-1)) = 4e-5 of the peak at d = 20 bins, moves the
     # top of a parabola over lines an eighth of a bin apart by a thousandth of a bin, and a bin is 1 Hz here.
-    assert found[0][0] == pytest.approx(frequency, abs=5e-3)
-    assert found[0][1] == pytest.approx(0.2, rel=1e-3)
+    assert peaks[0][0] == pytest.approx(frequency, abs=5e-3)
+    assert peaks[0][1] == pytest.approx(0.2, rel=1e-3)
 
 
 def test_two_modes_are_told_apart_from_side_lobes() -> None:
-    found = find_peaks(*compute_amplitude_spectrum(TIME, tone(10.2) + 0.01 * tone(47.7)))
-    assert [f for f, _ in found] == pytest.approx([10.2, 47.7], abs=0.02)
-    assert found[1][1] == pytest.approx(0.01, rel=0.02)
+    peaks = find_peaks(*compute_amplitude_spectrum(TIME, tone(10.2) + 0.01 * tone(47.7)))
+    assert [f for f, _ in peaks] == pytest.approx([10.2, 47.7], abs=0.02)
+    assert peaks[1][1] == pytest.approx(0.01, rel=0.02)
 
 
 def test_a_peak_within_a_lobe_of_a_larger_one_is_not_claimed() -> None:

@@ -198,8 +198,8 @@ def test_the_first_sentence(results: Results, sentence: str) -> None:
 
 def test_engines_that_say_the_same_of_themselves_share_a_row() -> None:
     rows = [EngineRow(name, True, "1.0", can) for name, can in (("a", "beams"), ("c", "bodies"), ("b", "beams"))]
-    found = words.join_alike_engines([*rows, EngineRow("d", False, message="gone")])
-    assert [(names, row.abilities or row.message) for row, names in found] == [
+    alike_engines = words.join_alike_engines([*rows, EngineRow("d", False, message="gone")])
+    assert [(names, row.abilities or row.message) for row, names in alike_engines] == [
         (["a", "b"], "beams"), (["c"], "bodies"), (["d"], "gone"),
     ]  # fmt: skip
 
@@ -352,5 +352,5 @@ def test_curves_of_a_study_stay_in_the_order_in_which_it_gives_them(tmp_path: Pa
     render(read(tmp_path / "results.json"), tmp_path)
     text = (tmp_path / "studies" / "one.html").read_text()
     for name in ("studyplot", "studyfigures"):
-        found = json.loads(text.partition(f'id="{name}">')[2].partition("</script>")[0])
-        assert list((found[0] if name == "studyfigures" else found)["curves"]) == list(curves)
+        result = json.loads(text.partition(f'id="{name}">')[2].partition("</script>")[0])
+        assert list((result[0] if name == "studyfigures" else result)["curves"]) == list(curves)

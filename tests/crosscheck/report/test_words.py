@@ -25,14 +25,14 @@ def test_what_is_only_not_blessed_yet_is_one_line_of_a_mechanism() -> None:
         for q in ("torque", "tip", "axial")
         for e in ("e", "f")
     ]
-    found = words.list_troubles(night(*rows, replace(ONE, quantity="reaction")))
-    assert [(verdict, what) for verdict, _, what, _ in found] == [
+    troubles = words.list_troubles(night(*rows, replace(ONE, quantity="reaction")))
+    assert [(verdict, what) for verdict, _, what, _ in troubles] == [
         ("deviation", "e reaction"), ("unjudged", "6 comparisons (e, f)"),
     ]  # fmt: skip
-    assert found[1][3] == new
+    assert troubles[1][3] == new
 
 
 def test_a_quantity_in_several_units_is_told_with_its_unit() -> None:
     rows = [replace(ONE, quantity="wrench", unit=unit) for unit in ("N", "N m")]
-    found = words.list_troubles(night(*rows, ONE))
-    assert [what for _, _, what, _ in found] == ["e wrench [N]", "e wrench [N m]", "e torque"]
+    troubles = words.list_troubles(night(*rows, ONE))
+    assert [what for _, _, what, _ in troubles] == ["e wrench [N]", "e wrench [N m]", "e torque"]

@@ -11,7 +11,7 @@ from crosscheck_examples import write_models
 from crosscheck.engines import Engine
 from crosscheck.run import abilities as asking
 from crosscheck.run.abilities import LIMIT, ask_abilities, make_skipped_attempt
-from crosscheck.run.isolation import Children
+from crosscheck.run.isolation import ChildProcesses
 from crosscheck.run.runner import run
 from crosscheck.run.work import Options, Work
 from crosscheck.verdicts.plan import Plan, discover
@@ -30,8 +30,8 @@ def plan(root: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Plan:
     return discover(tmp_path / "models")
 
 
-class Counted(Children):
-    """Children that count how many processes were begun."""
+class CountingProcesses(ChildProcesses):
+    """Child processes that count how many processes were begun."""
 
     begun = 0
 
@@ -41,7 +41,7 @@ class Counted(Children):
 
 
 def test_all_cases_are_asked_in_one_process(plan: Plan) -> None:
-    children = Counted()
+    children = CountingProcesses()
     pairs = [(task, engine(kind)) for task in plan.tasks for kind in ("fine", "refusing", "raising")]
     said = ask_abilities(engine("fine"), pairs, children)
     assert children.begun == 1
@@ -61,7 +61,7 @@ def test_a_process_that_does_not_answer_leaves_what_it_said(
     monkeypatch.setattr(asking, "LIMIT", 5.0 if kind == "hanging" else LIMIT)
     task = plan.tasks[0]
     pairs = [(task, engine(name)) for name in ("refusing", kind, "fine")]
-    said = ask_abilities(engine("fine"), pairs, Children())
+    said = ask_abilities(engine("fine"), pairs, ChildProcesses())
     assert said.described is not None
     assert said.refused == {0: "has no legs"}
     assert said.message.startswith(f"asked in one process what it can do in all cases: {why}")
@@ -70,7 +70,7 @@ def test_a_process_that_does_not_answer_leaves_what_it_said(
 
 def test_an_engine_that_cannot_be_imported_is_not_there(plan: Plan) -> None:
     gone = Engine("gone", "no_such_module", "numpy", "never")
-    said = ask_abilities(gone, [(plan.tasks[0], gone)], Children())
+    said = ask_abilities(gone, [(plan.tasks[0], gone)], ChildProcesses())
     assert said.described is None
     assert "No module named 'no_such_module'" in said.message
 

@@ -22,7 +22,7 @@ from crosscheck.engines import ENGINES
 from crosscheck.measures.record import read_record
 from crosscheck.run.cluster import open_workers, read_task_files
 from crosscheck.run.isolation import Attempt
-from crosscheck.run.run_cache import Attempts
+from crosscheck.run.run_cache import AttemptFolder
 from crosscheck.run.runner import KEPT, run
 from crosscheck.run.work import Event, Options, Work
 from crosscheck.verdicts.plan import Plan, discover
@@ -121,11 +121,11 @@ def test_a_run_that_was_cut_short_is_resumed(root: Path, tmp_path: Path) -> None
     plan, out = cases(root, tmp_path, 2), tmp_path / "out"
     cut = stopped(plan, out)
     assert not cut.finished
-    kept = Attempts(out / KEPT)
+    attempt_folder = AttemptFolder(out / KEPT)
     done = run(Work(plan, {"pinocchio": ENGINES["pinocchio"]}, (), Options(60.0)), tmp_path / "other")
     first = plan.tasks[0]
     record = read_record(tmp_path / "other" / done.runs[0].series)
-    kept.add_answer(first, "pinocchio", Attempt(record, "printed before", 7.0))
+    attempt_folder.add_answer(first, "pinocchio", Attempt(record, "printed before", 7.0))
     again = run(Work(plan, {"pinocchio": ENGINES["pinocchio"]}, (), Options(60.0, resume=True)), out)
     assert again.finished
     assert [r.status for r in again.runs] == ["ok", "ok"]

@@ -21,8 +21,8 @@ import rogue_engines as rogue
 from crosscheck.engines import ENGINES, Engine
 from crosscheck.engines.base import can_fork_jobs, prepare_adapter
 from crosscheck.run import fork_server, forking
-from crosscheck.run.forking import Forked, ForkServers, Lost, Refused
-from crosscheck.run.isolation import Attempt, Children, run_engine
+from crosscheck.run.forking import ForkedProcess, ForkRefused, ForkServerLost, ForkServers
+from crosscheck.run.isolation import Attempt, ChildProcesses, run_engine
 from crosscheck.verdicts.plan import Task, discover
 
 LIMIT = 60.0  # [s]: no test waits for it
@@ -38,32 +38,32 @@ def task(root: Path) -> Task:
 
 
 @pytest.fixture
-def children(monkeypatch: pytest.MonkeyPatch) -> Iterator[Children]:
+def children(monkeypatch: pytest.MonkeyPatch) -> Iterator[ChildProcesses]:
     """The processes of a test of its own."""
     monkeypatch.setenv("PYTHONPATH", str(Path(rogue.__file__).parent))
     servers = ForkServers()
-    yield Children(servers=servers)
+    yield ChildProcesses(servers=servers)
     servers.close()
 
 
 @pytest.fixture(scope="module")
-def shared() -> Iterator[Children]:
+def shared() -> Iterator[ChildProcesses]:
     """Prepared processes that tests share, for they leave them as they are."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("PYTHONPATH", str(Path(rogue.__file__).parent))
         servers = ForkServers()
-        yield Children(servers=servers)
+        yield ChildProcesses(servers=servers)
         servers.close()
 
 
 def attempt(
-    task: Task, engine: Engine, children: Children, limit: float = LIMIT, pids: Path | None = None, **more: Any
+    task: Task, engine: Engine, children: ChildProcesses, limit: float = LIMIT, pids: Path | None = None, **more: Any
 ) -> Attempt:
     job = {"mechanism": str(task.folder.resolve()), "case": task.case.name, "options": {"pids": str(pids)}, **more}
     return run_engine(engine, job, task.time, limit, children)
 
 
-def servers_of(children: Children) -> ForkServers:
+def servers_of(children: ChildProcesses) -> ForkServers:
     assert children.servers is not None
     return children.servers
 
@@ -84,12 +84,12 @@ COARSE: dict[str, dict[str, Any]] = {"exudyn-ancf": {"elements": 4, "step": 2.5e
     ],
 )
 def test_forked_and_fresh_processes_give_the_same_to_the_bit(
-    name: str, mechanism: str, root: Path, shared: Children
+    name: str, mechanism: str, root: Path, shared: ChildProcesses
 ) -> None:
     task, options = discover(root / "models", [mechanism]).tasks[0], COARSE.get(name, {})
     forked = [attempt(task, ENGINES[name], shared, options=options).record for _ in range(2)]
     assert servers_of(shared).refusals == {}
-    fresh = attempt(task, ENGINES[name], Children(), options=options).record
+    fresh = attempt(task, ENGINES[name], ChildProcesses(), options=options).record
     assert fresh.status == "ok"
     for other in forked:
         assert set(other.series) == set(fresh.series)
@@ -104,7 +104,9 @@ def test_forked_and_fresh_processes_give_the_same_to_the_bit(
         )
 
 
-def test_a_process_is_prepared_once_and_every_job_has_its_own(task: Task, shared: Children, tmp_path: Path) -> None:
+def test_a_process_is_prepared_once_and_every_job_has_its_own(
+    task: Task, shared: ChildProcesses, tmp_path: Path
+) -> None:
     assert attempt(task, rogue.engine("fine"), shared).record.status == "ok"
     server = servers_of(shared).known["rogue_engines"]
     first = server.process.pid
@@ -123,7 +125,7 @@ def test_a_process_is_prepared_once_and_every_job_has_its_own(task: Task, shared
     assert living(first)
 
 
-def patience(task: Task, children: Children) -> float:
+def patience(task: Task, children: ChildProcesses) -> float:
     """Return a time limit [s] within which an engine begins, on a busy machine, too."""
     begun = clock.monotonic()
     assert attempt(task, rogue.engine("fine"), children).record.status == "ok"
@@ -132,12 +134,12 @@ def patience(task: Task, children: Children) -> float:
 
 def living(leader: int) -> list[str]:
     """Return the processes of a group that have not ended (a zombie has, though nobody has waited for it)."""
-    found = []
+    result = []
     for file in Path("/proc").glob("[0-9]*/stat"):
         with contextlib.suppress(OSError):
             state, _, its_group = file.read_text().rsplit(")", 1)[1].split()[:3]
-            found += [file.parent.name] if int(its_group) == leader and state != "Z" else []
-    return found
+            result += [file.parent.name] if int(its_group) == leader and state != "Z" else []
+    return result
 
 
 @pytest.mark.slow
@@ -148,22 +150,24 @@ def living(leader: int) -> list[str]:
         ("rogue_unforkable", "its adapter says that it must not be forked"),
     ],
 )
-def test_an_engine_that_must_not_be_forked_starts_afresh(module: str, why: str, task: Task, children: Children) -> None:
+def test_an_engine_that_must_not_be_forked_starts_afresh(
+    module: str, why: str, task: Task, children: ChildProcesses
+) -> None:
     for _ in range(2):
         record = attempt(task, Engine("fine", module, "numpy", "never"), children).record
         assert (record.status, record.version) == ("ok", "0.rogue")
     assert servers_of(children).refusals == {module: why}
 
 
-def test_an_engine_that_cannot_be_imported_says_so_itself(task: Task, children: Children) -> None:
+def test_an_engine_that_cannot_be_imported_says_so_itself(task: Task, children: ChildProcesses) -> None:
     record = attempt(task, Engine("gone", "no_such_module", "numpy", "never"), children).record
     assert record.message == "ModuleNotFoundError: No module named 'no_such_module'"
 
 
 @pytest.mark.slow
-def test_a_job_whose_prepared_process_dies_is_done_again(task: Task, children: Children, tmp_path: Path) -> None:
+def test_a_job_whose_prepared_process_dies_is_done_again(task: Task, children: ChildProcesses, tmp_path: Path) -> None:
     done: list[Attempt] = []
-    engine, limit = rogue.engine("hanging"), patience(task, Children())
+    engine, limit = rogue.engine("hanging"), patience(task, ChildProcesses())
     worker = threading.Thread(target=lambda: done.append(attempt(task, engine, children, limit, tmp_path)))
     worker.start()
     wait_for(lambda: len(list(tmp_path.iterdir())) == 1)
@@ -175,14 +179,14 @@ def test_a_job_whose_prepared_process_dies_is_done_again(task: Task, children: C
     assert "the prepared process of this engine has died: done again in a fresh one" in done[0].printed
 
 
-def test_stopping_ends_forked_jobs_and_prepared_processes(task: Task, children: Children, tmp_path: Path) -> None:
+def test_stopping_ends_forked_jobs_and_prepared_processes(task: Task, children: ChildProcesses, tmp_path: Path) -> None:
     done: list[Attempt] = []
     worker = threading.Thread(
         target=lambda: done.append(attempt(task, rogue.engine("hanging"), children, LIMIT, tmp_path))
     )
     worker.start()
     wait_for(lambda: list(tmp_path.iterdir()))
-    children.stop()
+    children.end_processes()
     worker.join(10.0)
     assert done[0].record.message == "interrupted"
     (server,) = servers_of(children).known.values()
@@ -190,7 +194,7 @@ def test_stopping_ends_forked_jobs_and_prepared_processes(task: Task, children: 
     assert attempt(task, rogue.engine("fine"), children).record.message == "interrupted before it started"
 
 
-def test_engines_share_one_common_process(task: Task, shared: Children) -> None:
+def test_engines_share_one_common_process(task: Task, shared: ChildProcesses) -> None:
     """One process is started; those of the engines are its children, and each imports no engine but its own."""
     for name in ("pinocchio", "mujoco"):
         assert attempt(task, ENGINES[name], shared).record.status == "ok"
@@ -204,7 +208,7 @@ def test_engines_share_one_common_process(task: Task, shared: Children) -> None:
         assert f"lib{other}" not in mapped
 
 
-def test_without_the_common_process_every_job_starts_afresh(task: Task, children: Children) -> None:
+def test_without_the_common_process_every_job_starts_afresh(task: Task, children: ChildProcesses) -> None:
     servers = servers_of(children)
     servers.common = forking._begin_common()
     os.kill(servers.common.process.pid, signal.SIGKILL)
@@ -221,12 +225,12 @@ def wait_for(condition: Callable[[], Any], seconds: float = LIMIT) -> None:
         clock.sleep(0.02)
 
 
-def test_what_is_to_be_repeated_starts_afresh(task: Task, children: Children) -> None:
+def test_what_is_to_be_repeated_starts_afresh(task: Task, children: ChildProcesses) -> None:
     assert attempt(task, rogue.engine("fine"), children, afresh=True).record.status == "ok"
     assert servers_of(children).known == {}
 
 
-def test_forked_jobs_draw_numbers_of_their_own(task: Task, shared: Children) -> None:
+def test_forked_jobs_draw_numbers_of_their_own(task: Task, shared: ChildProcesses) -> None:
     values = [attempt(task, rogue.engine("drawing"), shared).record.series for _ in range(2)]
     assert not np.array_equal(*(next(iter(series.values())).values for series in values))
 
@@ -249,24 +253,24 @@ def test_trouble_is_seen_before_a_fork(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def test_every_adapter_of_ours_may_be_forked() -> None:
     for engine in ENGINES.values():
-        found = __import__(engine.module, fromlist=["run"])
-        assert can_fork_jobs(found)
-        prepare_adapter(found)
+        result = __import__(engine.module, fromlist=["run"])
+        assert can_fork_jobs(result)
+        prepare_adapter(result)
 
 
 def test_another_system_forks_nothing(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.setattr(forking.sys, "platform", "darwin")
-    with pytest.raises(Refused, match="only Linux"):
+    with pytest.raises(ForkRefused, match="only Linux"):
         ForkServers().fork({"kind": "run", "module": "rogue_engines"}, tmp_path, tmp_path, 1)
 
 
 def test_a_job_that_is_late_or_lost_says_so() -> None:
     ours, theirs = forking.socket.socketpair()
-    job = Forked(os.getpid(), ours)
+    job = ForkedProcess(os.getpid(), ours)
     with pytest.raises(subprocess.TimeoutExpired):
         job.wait(0.01)
     theirs.close()
-    with pytest.raises(Lost):
+    with pytest.raises(ForkServerLost):
         job.wait(1.0)
     ours.close()
 
@@ -274,8 +278,8 @@ def test_a_job_that_is_late_or_lost_says_so() -> None:
 def test_a_job_that_an_interrupt_has_ended_is_lost_and_no_failure_of_the_harness() -> None:
     """Another thread ends the job and closes its socket before this one begins to wait for it."""
     ours, theirs = socket.socketpair()
-    job = Forked(os.getpid(), ours)
+    job = ForkedProcess(os.getpid(), ours)
     ours.close()
-    with pytest.raises(Lost):
+    with pytest.raises(ForkServerLost):
         job.wait(1.0)
     theirs.close()

@@ -19,7 +19,7 @@ import rogue_engines as rogue
 
 from crosscheck.engines import Engine
 from crosscheck.run.forking import ForkServers
-from crosscheck.run.isolation import Attempt, Children, ask, describe_timeout, open_scratch_folder, run_engine
+from crosscheck.run.isolation import Attempt, ChildProcesses, ask, describe_timeout, open_scratch_folder, run_engine
 from crosscheck.run.processes import read_waiting_time
 from crosscheck.verdicts.plan import Task, discover
 
@@ -35,9 +35,9 @@ def task(root: Path) -> Task:
 def attempt(task: Task, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[..., Attempt]:
     monkeypatch.setenv("PYTHONPATH", str(Path(rogue.__file__).parent))
 
-    def go(kind: str, limit: float = LIMIT, children: Children | None = None) -> Attempt:
+    def go(kind: str, limit: float = LIMIT, children: ChildProcesses | None = None) -> Attempt:
         job = {"mechanism": str(task.folder), "case": task.case.name, "options": {"pids": str(tmp_path)}}
-        return run_engine(rogue.engine(kind), job, task.time, limit, children or Children())
+        return run_engine(rogue.engine(kind), job, task.time, limit, children or ChildProcesses())
 
     return go
 
@@ -54,8 +54,8 @@ def gone(pid: int) -> bool:
 def wait_for(condition: Callable[[], Any], seconds: float = LIMIT) -> Any:
     end = clock.monotonic() + seconds
     while clock.monotonic() < end:
-        if found := condition():
-            return found
+        if result := condition():
+            return result
         clock.sleep(0.05)
     raise AssertionError("it did not happen in time")
 
@@ -138,7 +138,7 @@ def test_a_child_in_a_session_of_its_own_ends_with_its_job(
 ) -> None:
     """No signal to the group reaches it: it is found as a descendant, or by its mark where its parent has crashed."""
     servers = ForkServers() if forked else None
-    children = Children(servers=servers)
+    children = ChildProcesses(servers=servers)
     begun = clock.monotonic()
     assert attempt("fine", children=children).record.status == "ok"
     limit = max(2.0, 4.0 * (clock.monotonic() - begun))  # [s]: on a busy machine, too, it begins before it hangs
@@ -193,18 +193,18 @@ def group(pid: int) -> int:
 
 def test_a_missing_package_says_how_to_install_it(task: Task) -> None:
     engine = Engine("absent", "rogue_engines", "no_such_package", "python -m pip install no-such-package")
-    record = run_engine(engine, {}, task.time, LIMIT, Children()).record
+    record = run_engine(engine, {}, task.time, LIMIT, ChildProcesses()).record
     assert record.status == "error"
     assert "not installed" in record.message
     assert "python -m pip install no-such-package" in record.message
 
 
 def test_stop_ends_all_children_and_starts_no_more(attempt: Callable[..., Attempt], tmp_path: Path) -> None:
-    children, done = Children(), []
+    children, done = ChildProcesses(), []
     worker = threading.Thread(target=lambda: done.append(attempt("hanging", children=children)))
     worker.start()
     (pid,) = wait_for(lambda: pids(tmp_path))
-    children.stop()
+    children.end_processes()
     worker.join(10.0)
     assert not worker.is_alive()
     assert done[0].record.message == "interrupted"
@@ -219,9 +219,9 @@ def test_a_parent_that_is_killed_leaves_no_orphans(attempt: object, task: Task, 
         import sys
         import numpy as np
         import rogue_engines as rogue
-        from crosscheck.run.isolation import Children, run_engine
+        from crosscheck.run.isolation import ChildProcesses, run_engine
         job = {"mechanism": sys.argv[1], "case": sys.argv[2], "options": {"pids": sys.argv[3]}}
-        run_engine(rogue.engine("hanging"), job, np.zeros(1), 600.0, Children())
+        run_engine(rogue.engine("hanging"), job, np.zeros(1), 600.0, ChildProcesses())
     """)
     path = os.pathsep.join([os.environ["PYTHONPATH"], str(task.folder.parents[1])])
     parent = subprocess.Popen(
@@ -236,9 +236,9 @@ def test_a_parent_that_is_killed_leaves_no_orphans(attempt: object, task: Task, 
 
 @pytest.mark.slow
 def test_questions_are_answered_or_explained(attempt: object) -> None:
-    answer, ending = ask({"kind": "describe", "module": "rogue_engines"}, LIMIT, Children())
+    answer, ending = ask({"kind": "describe", "module": "rogue_engines"}, LIMIT, ChildProcesses())
     assert answer == {"version": "0.rogue", "abilities": "Does one thing wrong."}
-    answer, ending = ask({"kind": "describe", "module": "no_such_module"}, LIMIT, Children())
+    answer, ending = ask({"kind": "describe", "module": "no_such_module"}, LIMIT, ChildProcesses())
     assert answer is None
     assert "No module named 'no_such_module'" in ending.message
 

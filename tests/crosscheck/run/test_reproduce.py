@@ -96,9 +96,9 @@ def grounded(placed: bool = False) -> Mechanism:
 def test_every_joint_of_a_tree(engine: str, mechanism: Mechanism, tmp_path: Path) -> None:
     case, effort = swing(mechanism)
     exported(mechanism, engine, tmp_path, case, effort)
-    found = run(tmp_path)
-    assert len(found) == mechanism.nv
-    assert max(found.values()) < ROUNDING
+    result = run(tmp_path)
+    assert len(result) == mechanism.nv
+    assert max(result.values()) < ROUNDING
 
 
 def posed(mechanism: Mechanism, case: Case) -> Array:
@@ -130,9 +130,9 @@ LOOPS: dict[str, Callable[[], tuple[Mechanism, Case]]] = {
 def test_loops_springs_and_forces(engine: str, name: str, tmp_path: Path) -> None:
     mechanism, case = LOOPS[name]()
     exported(mechanism, engine, tmp_path, case, posed(mechanism, case))
-    found = run(tmp_path)
-    assert len(found) == mechanism.nv
-    assert max(found.values()) < NEAR[engine]
+    result = run(tmp_path)
+    assert len(result) == mechanism.nv
+    assert max(result.values()) < NEAR[engine]
 
 
 @pytest.mark.parametrize(("engine", "file"), [("pinocchio", "model.urdf"), ("mujoco", "model.xml")])
@@ -301,9 +301,9 @@ def test_the_command_writes_a_folder_that_explains_itself(root: Path, tmp_path: 
     assert "forces.csv" not in (out / "README.md").read_text()
     assert "# double_pendulum/swing in mujoco" in (out / "README.md").read_text()
     assert "python -m pip install mujoco" in (out / "README.md").read_text()
-    found = run(out)
-    assert set(found) == {"pivot", "knee"}
-    assert max(found.values()) < ROUNDING
+    result = run(out)
+    assert set(result) == {"pivot", "knee"}
+    assert max(result.values()) < ROUNDING
     refused = CliRunner().invoke(main, [*command[:-3], "exudyn-ge"])
     assert refused.exit_code == 2
     assert "double_pendulum/swing in exudyn-ge: no link is a beam: see exudyn and exudyn-dae" in refused.output

@@ -19,7 +19,7 @@ from crosscheck.engines import ENGINES, Engine
 from crosscheck.measures.certificate import Check
 from crosscheck.measures.record import read_record
 from crosscheck.report import ReportError, render
-from crosscheck.run.isolation import Children
+from crosscheck.run.isolation import ChildProcesses
 from crosscheck.run.runner import run
 from crosscheck.run.work import Options, Work
 from crosscheck.verdicts import baseline
@@ -302,7 +302,7 @@ def test_two_runs_in_one_folder_are_one_too_many(plan: Plan, tmp_path: Path) -> 
         assert other.stdout.readline() == "held\n"
         (out / owned.HOLDER).write_text('{"process": 4711, "started": "2026-03-01T01:00:00+00:00"}')
         with pytest.raises(
-            owned.Busy, match=r"another run writes into .* since 2026-03-01T01:00:00\+00:00 \(process 4711\)"
+            owned.FolderBusy, match=r"another run writes into .* since 2026-03-01T01:00:00\+00:00 \(process 4711\)"
         ):
             run(Work(plan, {"absent": ABSENT}, (), Options(60.0)), out)
     finally:
@@ -318,10 +318,10 @@ def test_a_folder_that_cannot_be_made_is_one_error(plan: Plan, tmp_path: Path) -
 
 
 def test_stopped_children_do_not_start(plan: Plan) -> None:
-    children = Children()
-    children.stop()
+    children = ChildProcesses()
+    children.end_processes()
     with pytest.raises(InterruptedError):
-        children.start(["true"], Path("."), 1)
+        children.begin_process(["true"], Path("."), 1)
 
 
 # --- what there is to run ---------------------------------------------------------------------------------------------
@@ -361,7 +361,7 @@ def test_a_missing_cases_file_is_a_broken_model(root: Path, tmp_path: Path) -> N
 
 @pytest.mark.parametrize("name", ["a/../../b", "..", "<b>", "a b", "ä", "x" * 300, ""])
 def test_slugs_are_safe_and_differ(name: str) -> None:
-    made = store.make_slug(name)
-    assert made.replace("-", "").replace("_", "").isalnum()
-    assert len(made) < 100
-    assert made != store.make_slug(name + "!")
+    slug = store.make_slug(name)
+    assert slug.replace("-", "").replace("_", "").isalnum()
+    assert len(slug) < 100
+    assert slug != store.make_slug(name + "!")

@@ -10,7 +10,7 @@ import rogue_replays
 
 from crosscheck.engines.mujoco import replay as mujoco_replay
 from crosscheck.engines.pinocchio import replay as pinocchio_replay
-from crosscheck.engines.shared.replay import Drive
+from crosscheck.engines.shared.replay import DriveTorques
 from crosscheck.studies import feedforward
 from crosscheck.studies.feedforward import BETTER, REACHED
 from flexinv import load_mechanism
@@ -50,7 +50,7 @@ def test_a_wrong_torque_is_seen(root: Path, engine: object) -> None:
     m = load_mechanism(root / "models" / "rigid_one_link")
     torque = np.sin(2 * np.pi * np.linspace(0.0, 1.0, 401))[:, None]
     link = m.links[-1].name
-    tips = [engine.replay(m, Drive(np.zeros(m.nq), 1e-3, f * torque))[link] for f in (1.0, 1.001)]  # type: ignore[attr-defined]
+    tips = [engine.replay(m, DriveTorques(np.zeros(m.nq), 1e-3, f * torque))[link] for f in (1.0, 1.001)]  # type: ignore[attr-defined]
     moved = np.linalg.norm(np.diff(tips[0], axis=0), axis=1).sum()
     away = np.linalg.norm(tips[1] - tips[0], axis=1).max()
     assert 1e-4 * moved < away < 1e-2 * moved
@@ -75,7 +75,7 @@ def test_what_exudyn_cannot_be_given_is_said(root: Path) -> None:
     exudyn_replay = pytest.importorskip("crosscheck.engines.exudyn.replay")
     m = load_mechanism(root / "models" / "spatial_arm")
     with pytest.raises(ValueError, match="without gravity"):
-        exudyn_replay.replay(m, Drive(np.zeros(m.nq), 1e-3, np.zeros((3, 2))), 2, 1e-3)
+        exudyn_replay.replay(m, DriveTorques(np.zeros(m.nq), 1e-3, np.zeros((3, 2))), 2, 1e-3)
 
 
 def test_without_its_models_the_study_is_skipped(tmp_path: Path) -> None:

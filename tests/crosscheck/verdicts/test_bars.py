@@ -18,8 +18,14 @@ from crosscheck.measures.record import Record, RecordError, Series, check, read_
 from crosscheck.report import junit, markdown, words
 from crosscheck.verdicts.bars import COARSE, PART
 from crosscheck.verdicts.baseline import choose_blessable
-from crosscheck.verdicts.compare import Comparison, Pair, compare
-from crosscheck.verdicts.refinement import Finer, find_wanted_refinement, is_open, read_kind, update_open_rows
+from crosscheck.verdicts.compare import Comparison, RecordPair, compare
+from crosscheck.verdicts.refinement import (
+    RefinementHalvings,
+    find_wanted_refinement,
+    is_open,
+    read_kind,
+    update_open_rows,
+)
 from crosscheck.verdicts.results import CaseRow, EngineRow, Results, RunRow
 from flexinv.files.load_cases import Case, Limit
 from flexinv.model.motion import Motion
@@ -57,8 +63,8 @@ def case(maximum: float = LIMIT) -> Case:
 
 
 def row(ours: Record, theirs: Record, maximum: float = LIMIT) -> Comparison:
-    (found,) = compare(Pair("arm", case(maximum), ours, theirs, rest=1.0, today=datetime.date(2026, 3, 1)))
-    return found
+    (result,) = compare(RecordPair("arm", case(maximum), ours, theirs, rest=1.0, today=datetime.date(2026, 3, 1)))
+    return result
 
 
 def blurred(bar: float) -> Record:
@@ -71,9 +77,9 @@ def blurred(bar: float) -> Record:
 @pytest.mark.parametrize("off", [0.006, 0.023])
 def test_the_bar_of_the_reference_alone_explains_nothing(off: float) -> None:
     """Records without bars, 0.6 to 2.3 % of the range away where the limit is 2e-4 and our own bar 2.9 %."""
-    found = row(bare(EXACT + off * RANGE * SHAPE), blurred(0.029))
-    assert found.verdict == "unjudged"
-    assert found.message.startswith(f"{COARSE}: the error bar of flexinv is 0.02")
+    result = row(bare(EXACT + off * RANGE * SHAPE), blurred(0.029))
+    assert result.verdict == "unjudged"
+    assert result.message.startswith(f"{COARSE}: the error bar of flexinv is 0.02")
 
 
 def test_a_reference_that_is_too_coarse_is_compared_by_what_its_refinements_tend_to() -> None:
@@ -99,19 +105,19 @@ def test_a_difference_that_no_refinement_can_change_is_judged_all_the_same() -> 
 
 def test_a_bar_that_an_engine_states_by_itself_explains_nothing() -> None:
     """Torques times 1.05 with a bar of 9.9 %, narrower than a tenth of the range."""
-    found = row(bare(1.05 * EXACT, 0.099), record("flexinv", 1e-6))
-    assert found.verdict == "deviation"
-    assert "mine states error bars of 0.099 by itself, which no run has shown" in found.message
-    assert (found.error_bar, found.engine_bar) == (None, None)
-    assert found.stated_bar == pytest.approx(0.099 * RANGE)
+    result = row(bare(1.05 * EXACT, 0.099), record("flexinv", 1e-6))
+    assert result.verdict == "deviation"
+    assert "mine states error bars of 0.099 by itself, which no run has shown" in result.message
+    assert (result.error_bar, result.engine_bar) == (None, None)
+    assert result.stated_bar == pytest.approx(0.099 * RANGE)
 
 
 def test_bars_of_both_that_runs_show_explain() -> None:
-    found = row(record("mine", 0.2), record("flexinv", 1e-6))
-    assert found.verdict == "explained"
-    assert found.message.startswith("by discretisation: ")
-    assert f"mine {(found.engine_bar or 0) / RANGE:.3g}, flexinv" in found.message
-    assert found.error_bar == pytest.approx((found.engine_bar or 0.0) + (found.reference_bar or 0.0))
+    result = row(record("mine", 0.2), record("flexinv", 1e-6))
+    assert result.verdict == "explained"
+    assert result.message.startswith("by discretisation: ")
+    assert f"mine {(result.engine_bar or 0) / RANGE:.3g}, flexinv" in result.message
+    assert result.error_bar == pytest.approx((result.engine_bar or 0.0) + (result.reference_bar or 0.0))
     unknown = Record("flexinv", time=TIME, series=series(NAME, "N m", EXACT))
     assert row(record("mine", 0.2), unknown).verdict == "deviation"  # a reference without a bar carries nothing
 
@@ -120,12 +126,12 @@ def test_a_mistake_that_stays_when_runs_are_refined_is_not_explained_by_their_ba
     """Torques times 1.05 in a run that is 6 % coarse: its bars cover that, what the runs tend to does not."""
     levels = [series(NAME, "N m", (1.05 - 0.96 * 4.0**-k) * EXACT) for k in range(3)]
     made, budget = add_error_bars(levels[-1], [Family("step and mesh", levels)])
-    found = row(Record("mine", time=TIME, series=made, budget=budget), record("flexinv", 1e-6))
-    assert found.maximum is not None
-    assert found.error_bar is not None
-    assert found.maximum <= found.error_bar
-    assert found.verdict == "deviation"
-    assert "is left where the refined runs of mine tend to" in found.message
+    result = row(Record("mine", time=TIME, series=made, budget=budget), record("flexinv", 1e-6))
+    assert result.maximum is not None
+    assert result.error_bar is not None
+    assert result.maximum <= result.error_bar
+    assert result.verdict == "deviation"
+    assert "is left where the refined runs of mine tend to" in result.message
 
 
 def test_a_program_that_refines_once_and_then_no_more_shows_no_bar() -> None:
@@ -133,20 +139,20 @@ def test_a_program_that_refines_once_and_then_no_more_shows_no_bar() -> None:
     levels = [series(NAME, "N m", 1.05 * EXACT + off * RANGE * SHAPE) for off in (0.09, 0.0, 0.0)]
     made, budget = add_error_bars(levels[-1], [Family("step and mesh", levels)])
     program = Record("mine", time=TIME, series=made, budget=budget)
-    found = row(program, record("flexinv", 1e-6))
-    assert found.verdict == "deviation"
-    assert found.engine_bar == pytest.approx(0.09 * RANGE)
+    result = row(program, record("flexinv", 1e-6))
+    assert result.verdict == "deviation"
+    assert result.engine_bar == pytest.approx(0.09 * RANGE)
 
 
 def test_what_runs_tend_to_is_covered_by_its_bar() -> None:
     """Of errors of two powers, in which no single order fits: what is left of the error is inside the bar that is left."""
     for size in (1e-1, 1e-3):
         levels = [EXACT + size * SHAPE * (h**2 + 0.4 * h**3) for h in (1.0, 0.5, 0.25)]
-        found = compute_error_bar(levels, 0)
-        assert found.tends_to is not None
-        assert found.left is not None
-        assert (np.abs(found.tends_to - EXACT) <= found.left).all()
-        assert found.left.max() < 0.1 * found.bar.max()
+        error_bar = compute_error_bar(levels, 0)
+        assert error_bar.tends_to is not None
+        assert error_bar.left is not None
+        assert (np.abs(error_bar.tends_to - EXACT) <= error_bar.left).all()
+        assert error_bar.left.max() < 0.1 * error_bar.bar.max()
 
 
 def test_families_that_do_not_all_say_what_they_tend_to_say_nothing() -> None:
@@ -178,18 +184,18 @@ def answer(factor: float, bar: float) -> Any:
 
 
 def test_the_budget_of_a_package_is_what_it_states() -> None:
-    found = of_package(adapter(run=answer(1.05, 0.099)), cast(Any, None), case(), "mine", {})
-    assert not is_checked(found.budget, NAME)
-    assert STATED in found.budget[NAME]["how"]
-    assert row(found, record("flexinv", 1e-6)).verdict == "deviation"
+    result = of_package(adapter(run=answer(1.05, 0.099)), cast(Any, None), case(), "mine", {})
+    assert not is_checked(result.budget, NAME)
+    assert STATED in result.budget[NAME]["how"]
+    assert row(result, record("flexinv", 1e-6)).verdict == "deviation"
 
 
 @pytest.mark.parametrize(("factor", "verdict"), [(1.0, "explained"), (1.05, "deviation")])
 def test_a_package_that_refines_is_asked_for_three_runs(factor: float, verdict: str) -> None:
-    found = of_package(adapter(run=answer(factor, 0.0), refines=True), cast(Any, None), case(), "mine", {})
-    assert is_checked(found.budget, NAME)
-    assert found.series[NAME].error is not None
-    assert row(found, record("flexinv", 1e-6)).verdict == verdict
+    result = of_package(adapter(run=answer(factor, 0.0), refines=True), cast(Any, None), case(), "mine", {})
+    assert is_checked(result.budget, NAME)
+    assert result.series[NAME].error is not None
+    assert row(result, record("flexinv", 1e-6)).verdict == verdict
 
 
 def test_a_door_keeps_the_bars_that_it_made() -> None:
@@ -240,13 +246,17 @@ def test_the_reference_is_refined_as_far_as_a_comparison_needs_and_no_further() 
     reference = replace(reference, budget={NAME: lines})
     open_ = row(bare(EXACT), reference, maximum=2e-2)
     assert is_open(open_)
-    assert find_wanted_refinement([open_], reference, Finer()) == Finer(step=2)  # 0.029 / 4^2 < 2e-3 < 0.029 / 4
-    assert find_wanted_refinement([open_], reference, Finer(step=3)) is None  # no more halvings than that
-    assert find_wanted_refinement([replace(open_, verdict="deviation")], reference, Finer()) is None
-    assert read_kind(Finer(2, 1).kind) == Finer(2, 1)
+    assert find_wanted_refinement([open_], reference, RefinementHalvings()) == RefinementHalvings(
+        step=2
+    )  # 0.029 / 4^2 < 2e-3 < 0.029 / 4
+    assert find_wanted_refinement([open_], reference, RefinementHalvings(step=3)) is None  # no more halvings than that
+    assert find_wanted_refinement([replace(open_, verdict="deviation")], reference, RefinementHalvings()) is None
+    assert read_kind(RefinementHalvings(2, 1).kind) == RefinementHalvings(2, 1)
     assert read_kind("again") is None
     closed = replace(reference, budget={NAME: {**lines, "bars": {"rounding": 1.0}}})
-    assert find_wanted_refinement([open_], closed, Finer()) is None  # closed formulas have nothing to refine
+    assert (
+        find_wanted_refinement([open_], closed, RefinementHalvings()) is None
+    )  # closed formulas have nothing to refine
 
 
 def test_only_open_comparisons_are_judged_anew() -> None:
@@ -268,20 +278,20 @@ def results(*rows: Comparison) -> Results:
 
 
 def test_every_output_says_that_the_reference_is_too_coarse() -> None:
-    found = results(row(bare(EXACT + 0.006 * RANGE * SHAPE), blurred(0.029)))
-    assert "1 comparison needs a finer reference" in words.describe_run(found)
-    assert COARSE in markdown.render(found)
-    assert COARSE in str(junit.render(found))
-    assert any(COARSE in text for _, _, _, text in words.list_troubles(found))
-    assert found.exit_code == 1
-    good, bad = choose_blessable(found)
+    result = results(row(bare(EXACT + 0.006 * RANGE * SHAPE), blurred(0.029)))
+    assert "1 comparison needs a finer reference" in words.describe_run(result)
+    assert COARSE in markdown.render(result)
+    assert COARSE in str(junit.render(result))
+    assert any(COARSE in text for _, _, _, text in words.list_troubles(result))
+    assert result.exit_code == 1
+    good, bad = choose_blessable(result)
     assert not good
     assert COARSE in bad[0]
 
 
 def test_every_output_says_that_a_bar_is_but_stated() -> None:
-    found = results(row(bare(1.05 * EXACT, 0.099), record("flexinv", 1e-6)))
-    for text in (markdown.render(found), str(junit.render(found))):
+    result = results(row(bare(1.05 * EXACT, 0.099), record("flexinv", 1e-6)))
+    for text in (markdown.render(result), str(junit.render(result))):
         assert "mine states error bars of 0.099 by itself" in text
 
 

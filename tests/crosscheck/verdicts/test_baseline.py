@@ -31,10 +31,10 @@ SKIPPED = replace(ROW, engine="pinocchio", verdict="skipped", maximum=None, limi
 
 def night(*rows: Comparison, **more: object) -> Results:
     case = CaseRow("arm", "swing")
-    made = Results(
+    results = Results(
         "2026-03-01T01:00:00+00:00", finished=True, cases=(case,), comparisons=rows, versions={"mujoco": "4.0"}
     )
-    return replace(made, **more)
+    return replace(results, **more)
 
 
 def blessed(fraction: float, row: Comparison = ROW) -> Baseline:
@@ -55,10 +55,10 @@ def blessed(fraction: float, row: Comparison = ROW) -> Baseline:
     ],
 )
 def test_worse_than_blessed_by_more_than_noise_is_a_deviation(row: Comparison, before: float, verdict: str) -> None:
-    found = baseline.judge_by_baseline(row, blessed(before, row))
-    assert found.verdict == verdict
-    assert found.blessed == before
-    assert ("worse than blessed" in found.message) == (verdict == "deviation")
+    result = baseline.judge_by_baseline(row, blessed(before, row))
+    assert result.verdict == verdict
+    assert result.blessed == before
+    assert ("worse than blessed" in result.message) == (verdict == "deviation")
 
 
 def test_the_message_says_what_it_was_and_how_to_bless() -> None:
@@ -69,10 +69,10 @@ def test_the_message_says_what_it_was_and_how_to_bless() -> None:
 
 
 def test_a_missing_value_fails_and_says_how_to_bless(tmp_path: Path) -> None:
-    found = baseline.judge_by_baseline(ROW, baseline.find(tmp_path))
-    assert found.verdict == "unjudged"
-    assert 'no blessed value for it yet: crosscheck bless --reason "..."' in found.message
-    assert night(found).exit_code == 1
+    result = baseline.judge_by_baseline(ROW, baseline.find(tmp_path))
+    assert result.verdict == "unjudged"
+    assert 'no blessed value for it yet: crosscheck bless --reason "..."' in result.message
+    assert night(result).exit_code == 1
 
 
 def test_what_deviates_is_skipped_or_has_no_limit_is_left_as_it_is() -> None:
@@ -204,5 +204,5 @@ def test_an_interrupt_leaves_a_baseline_whole(
     worse = replace(ROW, maximum=3e-4)
     with pytest.raises(KeyboardInterrupt):
         baseline.write(tmp_path, night(worse), [worse], "the second")
-    found = baseline.read(tmp_path)
-    assert (found.reason, found.fractions[baseline.make_comparison_key(ROW)]) == ("the second", 3e-4)
+    result = baseline.read(tmp_path)
+    assert (result.reason, result.fractions[baseline.make_comparison_key(ROW)]) == ("the second", 3e-4)

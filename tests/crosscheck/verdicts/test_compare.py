@@ -10,7 +10,7 @@ import pytest
 
 from crosscheck.measures import limits
 from crosscheck.measures.record import Record, make_wrench_series, series, torque_series
-from crosscheck.verdicts.compare import Comparison, Pair, compare, compute_fraction, compute_signal_range
+from crosscheck.verdicts.compare import Comparison, RecordPair, compare, compute_fraction, compute_signal_range
 from flexinv.files.load_cases import Case, Limit
 from flexinv.model.mechanism import Joint, Link, Mechanism
 from flexinv.model.motion import Motion
@@ -47,7 +47,7 @@ def checked(engine: str, torque: np.ndarray, bars: np.ndarray) -> Record:
 
 
 def rows(ours: Record, theirs: Record, one: Case) -> list[Comparison]:
-    return compare(Pair("arm", one, ours, theirs, rest=1.0, today=TODAY))
+    return compare(RecordPair("arm", one, ours, theirs, rest=1.0, today=TODAY))
 
 
 def test_errors_are_over_the_range_of_the_largest_series_of_the_unit() -> None:
@@ -68,8 +68,8 @@ def test_errors_are_over_the_range_of_the_largest_series_of_the_unit() -> None:
 @pytest.mark.parametrize(("size", "verdict"), [(0.99, "within"), (1.01, "deviation")])
 def test_the_limit_is_where_it_is_stated(size: float, verdict: str) -> None:
     torque = LARGE + size * 1e-6 * np.ptp(LARGE[:, 0]) * np.array([1.0, 0.0, 0.0])
-    found = rows(record("e", torque), record("flexinv", LARGE), case(("torque",), limit("torque", 1e-6)))
-    assert found[0].verdict == verdict
+    result = rows(record("e", torque), record("flexinv", LARGE), case(("torque",), limit("torque", 1e-6)))
+    assert result[0].verdict == verdict
 
 
 def test_a_holding_torque_is_measured_by_its_size() -> None:
@@ -97,26 +97,26 @@ def test_an_error_in_a_quantity_that_is_zero_is_a_deviation() -> None:
     ],
 )
 def test_what_did_not_run_is_never_within(ours: Record, theirs: Record, verdict: str, message: str) -> None:
-    (found,) = rows(ours, theirs, case(("torque",), limit("torque", 1.0)))
-    assert (found.verdict, found.message, found.maximum) == (verdict, message, None)
+    (result,) = rows(ours, theirs, case(("torque",), limit("torque", 1.0)))
+    assert (result.verdict, result.message, result.maximum) == (verdict, message, None)
 
 
 def test_records_of_different_models_are_not_compared() -> None:
     ours, theirs = replace(record("e", LARGE), model_hash="1"), replace(record("flexinv", LARGE), model_hash="2")
-    (found,) = rows(ours, theirs, case(("torque",), limit("torque", 1.0)))
-    assert (found.verdict, found.maximum) == ("error", None)
-    assert "another model than flexinv" in found.message
+    (result,) = rows(ours, theirs, case(("torque",), limit("torque", 1.0)))
+    assert (result.verdict, result.maximum) == ("error", None)
+    assert "another model than flexinv" in result.message
 
 
 def test_a_quantity_that_an_engine_does_not_give_is_skipped_and_one_in_part_is_an_error() -> None:
     whole = record("flexinv", LARGE)
     one = case(("torque", "tip"), limit("torque", 1.0))
     part = replace(whole, engine="e", series={"torque/j1": whole.series["torque/j1"]})
-    found = {(r.quantity, r.unit): r for r in rows(part, whole, one)}
-    assert found["torque", "N m"].verdict == "error"
-    assert found["torque", "N m"].message == "1 of 2 series; torque/j2 is missing"
-    assert found["torque", "N"].verdict == "skipped"
-    assert (found["tip", ""].verdict, found["tip", ""].message) == ("skipped", "flexinv does not give it")
+    result = {(r.quantity, r.unit): r for r in rows(part, whole, one)}
+    assert result["torque", "N m"].verdict == "error"
+    assert result["torque", "N m"].message == "1 of 2 series; torque/j2 is missing"
+    assert result["torque", "N"].verdict == "skipped"
+    assert (result["tip", ""].verdict, result["tip", ""].message) == ("skipped", "flexinv does not give it")
 
 
 def test_of_wrenches_an_engine_may_give_a_part_and_the_row_says_so() -> None:
@@ -149,8 +149,8 @@ def test_what_is_rounding_of_the_other_unit_is_measured_by_that() -> None:
 
 def test_a_series_in_another_unit_is_an_error() -> None:
     wrong = replace(record("e", LARGE), series=series("torque/j1", "N mm", LARGE[:, 0]))
-    found = rows(wrong, record("flexinv", LARGE), case(("torque",), limit("torque", 1.0)))
-    assert (found[0].verdict, found[0].message) == ("error", "torque/j1 is in N mm, not in N m")
+    result = rows(wrong, record("flexinv", LARGE), case(("torque",), limit("torque", 1.0)))
+    assert (result[0].verdict, result[0].message) == ("error", "torque/j1 is in N mm, not in N m")
 
 
 def test_error_bars_of_both_engines_add_up() -> None:
@@ -194,14 +194,14 @@ def test_the_dominant_frequency_of_the_hold_phase_is_compared() -> None:
         return LARGE * 0.0 + np.where(TIME < 1.0, 50.0 * TIME, np.sin(2.0 * np.pi * frequency * TIME))[:, None]
 
     one = case(("frequency",), limit("frequency", 5e-3))
-    (found,) = rows(record("e", ringing(20.0)), record("flexinv", ringing(20.2)), one)
-    assert (found.unit, found.verdict) == ("Hz", "deviation")
-    assert found.scale == pytest.approx(20.2, abs=0.01)
-    assert found.maximum == pytest.approx(0.2, abs=0.01)
-    (found,) = rows(record("e", ringing(20.0)), record("flexinv", ringing(20.05)), one)
-    assert found.verdict == "within"
-    (found,) = rows(record("e", LARGE * 0.0), record("flexinv", ringing(20.0)), one)
-    assert found.verdict == "skipped"
+    (result,) = rows(record("e", ringing(20.0)), record("flexinv", ringing(20.2)), one)
+    assert (result.unit, result.verdict) == ("Hz", "deviation")
+    assert result.scale == pytest.approx(20.2, abs=0.01)
+    assert result.maximum == pytest.approx(0.2, abs=0.01)
+    (result,) = rows(record("e", ringing(20.0)), record("flexinv", ringing(20.05)), one)
+    assert result.verdict == "within"
+    (result,) = rows(record("e", LARGE * 0.0), record("flexinv", ringing(20.0)), one)
+    assert result.verdict == "skipped"
 
 
 # --- limits -----------------------------------------------------------------------------------------------------------

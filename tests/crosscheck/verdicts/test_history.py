@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 import sqlalchemy as sql
 
-from crosscheck.report import changed, html, markdown, trends
+from crosscheck.report import change_summary, html, markdown, trends
 from crosscheck.verdicts import changes, history
 from crosscheck.verdicts.compare import Comparison
 from crosscheck.verdicts.history import HistoryError, Metric
@@ -120,23 +120,23 @@ def difference(database: sql.Engine, after: Results) -> dict[str, object]:
 
 
 def test_nothing_changed(database: sql.Engine) -> None:
-    found = difference(database, later(2, comparisons=(replace(ROW, maximum=2.03e-4),)))  # within noise
-    assert changed.describe_changes(found) == "Since 2026-03-01: nothing changed."
+    result = difference(database, later(2, comparisons=(replace(ROW, maximum=2.03e-4),)))  # within noise
+    assert change_summary.describe_changes(result) == "Since 2026-03-01: nothing changed."
 
 
 def test_values_versions_models_and_times_that_changed_are_named(database: sql.Engine) -> None:
     worse = replace(ROW, maximum=2e-3, verdict="deviation")
     new = replace(ROW, quantity="tip", unit="m")
     runs = (replace(RUN, wall_time=5.0, model_hash="bb", version="4.1"),)
-    found = difference(
+    result = difference(
         database, later(2, comparisons=(worse, new), runs=runs, versions={"mujoco": "4.1", "numpy": "2.3"})
     )
-    assert found["versions"] == [{"package": "mujoco", "before": "4.0", "after": "4.1"}]
-    assert found["models"] == ["arm/swing"]
-    assert [(v["before"], v["after"], v["after_verdict"]) for v in found["values"]] == [(2e-4, 2e-3, "deviation")]
-    assert found["appeared"] == ["arm/swing mujoco against flexinv: tip [m]"]
-    assert found["slower"] == [{"run": "arm swing mujoco", "before": 2.0, "after": 5.0}]
-    assert changed.describe_changes(found) == (
+    assert result["versions"] == [{"package": "mujoco", "before": "4.0", "after": "4.1"}]
+    assert result["models"] == ["arm/swing"]
+    assert [(v["before"], v["after"], v["after_verdict"]) for v in result["values"]] == [(2e-4, 2e-3, "deviation")]
+    assert result["appeared"] == ["arm/swing mujoco against flexinv: tip [m]"]
+    assert result["slower"] == [{"run": "arm swing mujoco", "before": 2.0, "after": 5.0}]
+    assert change_summary.describe_changes(result) == (
         "Since 2026-03-01: 1 new deviation, 1 comparison moved, 1 version changed, 1 model changed, 1 comparison appeared, "
         "1 run slower."
     )
@@ -153,19 +153,19 @@ def test_causes_that_came_and_went_are_named_where_the_engine_ran_in_both(databa
     number = history.add_night(database, later(2, diagnoses=tuple(after), comparisons=(ROW, new)), "new")
     before = changes.find_previous_night(database, number)
     assert before is not None
-    found = changes.collect_changes(database, before, number)
-    assert [(c["what"], c["name"]) for c in found["causes"]] == [
+    result = changes.collect_changes(database, before, number)
+    assert [(c["what"], c["name"]) for c in result["causes"]] == [
         ("appeared", "arm/swing mujoco against flexinv: rotor inertia (hub)"),
         ("vanished", "arm/swing mujoco against flexinv: gravity"),
     ]
-    assert found["causes"][0]["words"] == "rotor inertia of hub differs"
+    assert result["causes"][0]["words"] == "rotor inertia of hub differs"
     told = "Since old: 1 cause appeared, 1 cause vanished, 1 comparison appeared."
-    assert changed.describe_changes(found) == told
+    assert change_summary.describe_changes(result) == told
     assert (
-        changed.describe_changes({k: v for k, v in found.items() if k != "causes"})
+        change_summary.describe_changes({k: v for k, v in result.items() if k != "causes"})
         == "Since old: 1 comparison appeared."
     )
-    night = replace(FIRST, changes=found)
+    night = replace(FIRST, changes=result)
     assert "| appeared | arm/swing mujoco against flexinv: rotor inertia (hub) |" in markdown.render(night)
     page = html.prepare_templates().get_template("index.html.j2").render(**html.build_index_view(night, tmp_path))
     assert "cause vanished: <b>arm/swing mujoco against flexinv: gravity</b>" in page
@@ -191,8 +191,8 @@ def test_the_night_before_is_the_last_ordinary_one_that_finished(database: sql.E
     ]
     history.add_metrics(database, [Metric("m", 1.0, "-")])
     now = history.add_night(database, later(5), "now")
-    found = changes.find_previous_night(database, now)
-    assert (found and found.id, found and found.folder) == (numbers[0], "one")
+    previous_night = changes.find_previous_night(database, now)
+    assert (previous_night and previous_night.id, previous_night and previous_night.folder) == (numbers[0], "one")
     for wanted in ("three", "2026-03-03"):
         other = changes.find_previous_night(database, now, wanted)
         assert other is not None

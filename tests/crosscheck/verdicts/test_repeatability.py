@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from crosscheck.engines.shared.rounding import SHAKE, Shaken
+from crosscheck.engines.shared.rounding import SHAKE, PerturbedMotion
 from crosscheck.measures.record import Record, series
 from crosscheck.verdicts import baseline
 from crosscheck.verdicts.baseline import Baseline
@@ -35,9 +35,9 @@ def test_what_last_digits_change_is_no_deterioration() -> None:
     assert baseline.is_worse(ROW, NIGHT)
     row = add_scatter(ROW, REFERENCE, [record(off) for off in (9.2e-8, 1.08e-7, 9.9e-8)])
     assert row.scatter == pytest.approx(1.08e-7 - 9.2e-8)
-    found = baseline.judge_by_baseline(row, NIGHT)
-    assert found.verdict == "within"
-    assert "the last digits of the input alone change it by 2e-08" in found.message
+    result = baseline.judge_by_baseline(row, NIGHT)
+    assert result.verdict == "within"
+    assert "the last digits of the input alone change it by 2e-08" in result.message
 
 
 @pytest.mark.parametrize(
@@ -51,9 +51,9 @@ def test_what_last_digits_change_is_no_deterioration() -> None:
     ],
 )
 def test_what_is_worse_by_more_is_a_deviation(shaken: list[Record]) -> None:
-    found = baseline.judge_by_baseline(add_scatter(ROW, REFERENCE, shaken), NIGHT)
-    assert found.verdict == "deviation"
-    assert "worse than blessed" in found.message
+    result = baseline.judge_by_baseline(add_scatter(ROW, REFERENCE, shaken), NIGHT)
+    assert result.verdict == "deviation"
+    assert "worse than blessed" in result.message
 
 
 def test_scatter_does_not_lift_a_limit() -> None:
@@ -71,7 +71,7 @@ def test_inputs_are_moved_by_last_digits_only_and_in_other_ways(root: object) ->
     given = motion.evaluate(mechanism, TIME)[0][:, 0]
     starts = set()
     for way in SHAKEN:
-        moved = Shaken(motion, way).evaluate(mechanism, TIME)[0][:, 0]
+        moved = PerturbedMotion(motion, way).evaluate(mechanism, TIME)[0][:, 0]
         starts.add(float(moved[0]))
         factor = moved[given != 0.0] / given[given != 0.0] - 1.0
         np.testing.assert_allclose(

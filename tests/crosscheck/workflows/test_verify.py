@@ -123,9 +123,9 @@ def test_limits_follow_from_error_bars() -> None:
         replace(ROW, engine=native, maximum=0.7),
         replace(ROW, quantity="reaction", maximum=None, scale=None),
     ]
-    made = list_proposals(rows, TODAY)
-    found = {(p.quantity, p.engines): p.maximum for p in made}
-    assert found == {
+    proposals = list_proposals(rows, TODAY)
+    result = {(p.quantity, p.engines): p.maximum for p in proposals}
+    assert result == {
         ("torque", ("exudyn-ge", "exudyn-ancf")): 5e-5,
         ("torque", ("mujoco",)): 1e-12,
         ("tip", ("exudyn-ge",)): 2e-4,
@@ -133,10 +133,10 @@ def test_limits_follow_from_error_bars() -> None:
         ("axial", ("exudyn-ge",)): None,
         ("deflection", ("exudyn-ge",)): None,
     }
-    words = {p.quantity: p.reason for p in made if p.engines != ("mujoco",)}
+    words = {p.quantity: p.reason for p in proposals if p.engines != ("mujoco",)}
     assert words["torque"] == "error bars of both engines together 4.9e-5 of the range; measured difference 4.5e-5"
     assert words["tip"] == "measured difference 2e-4 of the range, beyond the error bars of 4e-5: not explained yet"
-    assert [p.expires for p in made if p.quantity == "tip"] == [TODAY + datetime.timedelta(days=90)]
+    assert [p.expires for p in proposals if p.quantity == "tip"] == [TODAY + datetime.timedelta(days=90)]
     assert "the models differ; find the cause" in words["wrench"]
     assert "state a limit by hand" in words["axial"]
     assert "refine step_s or the mesh" in words["deflection"]
@@ -150,9 +150,9 @@ def test_limits_are_round_numbers(value: float, limit: float) -> None:
 def test_written_limits_load_and_stated_ones_stay(tmp_path: Path) -> None:
     folder = write_from_template(tmp_path, "mine", "arm")
     file, mechanism = folder / "cases.toml", load_mechanism(folder)
-    made = Proposal("torque", "flexinv", ("mujoco", "exudyn"), 5e-5, 'error bars "x"'.replace('"', "'"), TODAY)
+    proposal = Proposal("torque", "flexinv", ("mujoco", "exudyn"), 5e-5, 'error bars "x"'.replace('"', "'"), TODAY)
     none = Proposal("wrench", "flexinv", ("mujoco",), None, "the models differ")
-    write(file, [made, none], "crosscheck verify, a test")
+    write(file, [proposal, none], "crosscheck verify, a test")
     (case,) = load_cases(folder, mechanism).values()
     limits = {limit.quantity: limit for limit in case.limits}
     assert limits["torque"].maximum == 5e-5
@@ -161,14 +161,14 @@ def test_written_limits_load_and_stated_ones_stay(tmp_path: Path) -> None:
     assert limits["tip"].reason.startswith("provisional")
     assert limits["wrench"].reason.startswith("provisional")
     assert "# no limit for wrench of mujoco: the models differ" in file.read_text()
-    write(file, [made, none], "crosscheck verify, a test")  # again: nothing doubles
+    write(file, [proposal, none], "crosscheck verify, a test")  # again: nothing doubles
     assert file.read_text().count("[[limits]]") == 3
     file.write_text(file.read_text().replace(MARK, ""))
     before = file.read_text()
     with pytest.raises(InputError, match="its limits were stated by hand"):
-        write(file, [made], "crosscheck verify, a test")
+        write(file, [proposal], "crosscheck verify, a test")
     assert file.read_text() == before
-    assert tomllib.loads(format_proposal_toml(made, "crosscheck verify, a test"))["limits"][0]["maximum"] == 5e-5
+    assert tomllib.loads(format_proposal_toml(proposal, "crosscheck verify, a test"))["limits"][0]["maximum"] == 5e-5
 
 
 def test_what_somebody_put_below_the_mark_stays(tmp_path: Path) -> None:

@@ -37,28 +37,28 @@ def test_true_errors_are_within_the_accuracy_and_the_bars(mechanism: Mechanism, 
     fine = flexinv.solve(mechanism, motion, accuracy=3e-5)
     wide = np.ptp(fine.torque)
     for asked in (1e-2, 1e-3):
-        found = flexinv.solve(mechanism, motion, accuracy=asked)
-        here = np.abs(fine.time[:, None] - found.time).argmin(axis=0)
-        same = np.abs(fine.time[here] - found.time) < 1e-9
+        solution = flexinv.solve(mechanism, motion, accuracy=asked)
+        here = np.abs(fine.time[:, None] - solution.time).argmin(axis=0)
+        same = np.abs(fine.time[here] - solution.time) < 1e-9
         assert same.sum() >= 20
-        error = np.abs(found.torque - fine.torque[here])[same]
-        assert found.torque_error is not None
+        error = np.abs(solution.torque - fine.torque[here])[same]
+        assert solution.torque_error is not None
         assert fine.torque_error is not None
         assert fine.torque_error.max() <= asked / 20 * wide
         assert error.max() <= asked * wide
-        assert found.torque_error.max() <= asked * wide * (1 + 1e-3)  # the ranges of both differ by the error
-        assert (error <= (found.torque_error + fine.torque_error[here])[same]).mean() >= 0.95
+        assert solution.torque_error.max() <= asked * wide * (1 + 1e-3)  # the ranges of both differ by the error
+        assert (error <= (solution.torque_error + fine.torque_error[here])[same]).mean() >= 0.95
 
 
 def test_the_answer_keeps_its_balances() -> None:
     """Forces, efforts and factors are of one motion to rounding; energy and momentum to the accuracy."""
-    found = flexinv.solve(arm(), SMOOTH, accuracy=1e-4)
-    parts = found.factors(40)
-    assert np.abs(parts.L @ parts.T @ parts.P - found.torque[40]).max() < 1e-12 * np.ptp(found.torque)
-    assert np.abs(found.balance.work).max() < 1e-4 * found.energy_exchanged
-    assert np.abs(found.torque_all - found.reaction).max() < 1e-4 * np.ptp(found.torque)
-    assert found.settings["extrapolated"] is True
-    turned = found.nodes.rotation
+    solution = flexinv.solve(arm(), SMOOTH, accuracy=1e-4)
+    parts = solution.factors(40)
+    assert np.abs(parts.L @ parts.T @ parts.P - solution.torque[40]).max() < 1e-12 * np.ptp(solution.torque)
+    assert np.abs(solution.balance.work).max() < 1e-4 * solution.energy_exchanged
+    assert np.abs(solution.torque_all - solution.reaction).max() < 1e-4 * np.ptp(solution.torque)
+    assert solution.settings["extrapolated"] is True
+    turned = solution.nodes.rotation
     assert np.abs(np.swapaxes(turned, -1, -2) @ turned - np.eye(3)).max() < 1e-13
 
 
@@ -70,12 +70,12 @@ def test_undamped_vibrations_without_end_are_an_error_that_says_what_to_change()
 def test_rigid_motion_is_exact_at_once(root: Path) -> None:
     rigid = flexinv.load_mechanism(root / "models" / "rigid_3r")
     motion = flexinv.Motion.point_to_point(np.zeros(rigid.nq), np.ones(rigid.nq), 1.0)
-    found = flexinv.solve(rigid, motion, accuracy=1e-9)
-    q, qd, qdd = motion.evaluate(rigid, found.time)
-    largest = np.abs(found.torque).max()
-    assert np.abs(flexinv.joint_torques(rigid, q, qd, qdd) - found.torque).max() < 1e-12 * largest
-    assert found.torque_error is not None
-    assert found.torque_error.max() < 1e-12 * largest
+    solution = flexinv.solve(rigid, motion, accuracy=1e-9)
+    q, qd, qdd = motion.evaluate(rigid, solution.time)
+    largest = np.abs(solution.torque).max()
+    assert np.abs(flexinv.joint_torques(rigid, q, qd, qdd) - solution.torque).max() < 1e-12 * largest
+    assert solution.torque_error is not None
+    assert solution.torque_error.max() < 1e-12 * largest
 
 
 def test_simulate_without_drives_swings_as_the_closed_form() -> None:
@@ -84,17 +84,17 @@ def test_simulate_without_drives_swings_as_the_closed_form() -> None:
     joint = Joint("pin", "revolute", "world", "bob", axis=np.array([0.0, -1.0, 0.0]), actuated=False)
     pendulum = Mechanism("pendulum", (bob,), (joint,), gravity=np.array([0.0, 0.0, -9.81]))
     period = 4 * ellipk(np.sin(0.5) ** 2) * np.sqrt(0.5 / 9.81)
-    found = flexinv.simulate(pendulum, [0.0, period / 2], start={"pin": 1.0 - np.pi / 2}, accuracy=1e-6)
-    assert abs(found.q[-1, 0] - (-1.0 - np.pi / 2)) < 2e-6  # 1e-6 of a range of 2 rad
-    assert np.abs(found.balance.work).max() < 1e-6 * found.energy_exchanged
+    solution = flexinv.simulate(pendulum, [0.0, period / 2], start={"pin": 1.0 - np.pi / 2}, accuracy=1e-6)
+    assert abs(solution.q[-1, 0] - (-1.0 - np.pi / 2)) < 2e-6  # 1e-6 of a range of 2 rad
+    assert np.abs(solution.balance.work).max() < 1e-6 * solution.energy_exchanged
 
 
 def test_simulate_of_solve_gives_the_motion_back() -> None:
     """Torques are linear between samples 0.5 ms apart: that, not the accuracy, is what is left."""
     driven = flexinv.solve(arm(), SMOOTH, step=5e-4)
-    found = flexinv.simulate(arm(), driven.time, driven.torque, accuracy=1e-4)
-    expected = np.interp(found.time, driven.time, driven.q[:, 0])
-    assert np.abs(found.q[:, 0] - expected).max() < 1e-3 * np.pi
+    solution = flexinv.simulate(arm(), driven.time, driven.torque, accuracy=1e-4)
+    expected = np.interp(solution.time, driven.time, driven.q[:, 0])
+    assert np.abs(solution.q[:, 0] - expected).max() < 1e-3 * np.pi
 
 
 @pytest.mark.slow

@@ -28,8 +28,8 @@ MESH = build(arm())
 def level(finer: int, error: float) -> Level:
     """A run whose torque is a wave and an error of one shape [N m]."""
     torque = (WAVE + error * SHAPE)[:, None]
-    found = Quantities(torque, np.zeros((41, 1, 3)), np.zeros((41, 0)))
-    return Level(finer, 1, MESH, Settings(), cast(Any, None), found)
+    quantities = Quantities(torque, np.zeros((41, 1, 3)), np.zeros((41, 0)))
+    return Level(finer, 1, MESH, Settings(), cast(Any, None), quantities)
 
 
 def test_rungs_grow_by_a_third_and_a_half() -> None:
@@ -44,7 +44,7 @@ def test_bars_hold_whatever_power_is_left(power: float) -> None:
         ladder = [compute_refinement(index + k) for k in range(3)]
         three = [level(n, 0.3 / n**2 + 0.1 / n**power) for n in ladder]
         answer = make_extrapolated_answer((three[0], three[1], three[2]), before)
-        own = [one.found.torque for one in answer.levels]
+        own = [one.quantities.torque for one in answer.levels]
         error = np.abs(answer.weight[0] * own[0] + answer.weight[1] * own[1] - WAVE[:, None]).max() / np.ptp(WAVE)
         if before is not None:
             assert error <= answer.bar <= 10 * error

@@ -68,9 +68,9 @@ def test_each_gives_what_it_gives_alone(name: str) -> None:
         *(list(part) for part in zip(*pairs, strict=True)), STEP, threads=2, progress=done.append
     )
     assert done == [1] * len(pairs)
-    for (design, way), found in zip(pairs, batch.all(), strict=True):
-        assert found.mechanism is design
-        assert_same(found, flexinv.solve(design, way, STEP))
+    for (design, way), result in zip(pairs, batch.all(), strict=True):
+        assert result.mechanism is design
+        assert_same(result, flexinv.solve(design, way, STEP))
 
 
 def test_a_march_that_fails_says_what_it_says_alone_and_spoils_no_other() -> None:
@@ -82,9 +82,9 @@ def test_a_march_that_fails_says_what_it_says_alone_and_spoils_no_other() -> Non
     assert str(batch.errors[3]) == str(alone.value)
     single = flexinv.solve(arm(), HALF_TURN, STEP)
     for k in (0, 2, 4):
-        found = batch.solutions[k]
-        assert found is not None
-        assert_same(found, single)
+        result = batch.solutions[k]
+        assert result is not None
+        assert_same(result, single)
 
 
 def test_what_stops_a_thread_stops_all_and_is_raised() -> None:

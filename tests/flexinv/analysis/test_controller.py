@@ -101,9 +101,9 @@ def test_a_rigid_step_is_joint_torques() -> None:
     mechanism = trees.tree()
     state = sample_states(mechanism, 20)
     controller = Controller.of(mechanism)
-    found = np.array([controller.step(*row).copy() for row in zip(*state, strict=True)])
+    result = np.array([controller.step(*row).copy() for row in zip(*state, strict=True)])
     expected = flexinv.joint_torques(mechanism, *state)
-    np.testing.assert_allclose(found, expected, rtol=0, atol=ROUNDING * np.abs(expected).max())
+    np.testing.assert_allclose(result, expected, rtol=0, atol=ROUNDING * np.abs(expected).max())
 
 
 @pytest.mark.slow
@@ -140,7 +140,7 @@ def grown(step: Callable[[], object]) -> tuple[int, int]:
     gc.collect()
     gc.disable()
     tracemalloc.start()
-    found = []
+    result = []
     try:
         for _ in range(TIMES):
             before, _ = tracemalloc.get_traced_memory()
@@ -148,11 +148,11 @@ def grown(step: Callable[[], object]) -> tuple[int, int]:
             for _ in range(OFTEN):
                 step()
             after, peak = tracemalloc.get_traced_memory()
-            found.append((after - before, peak - before))
+            result.append((after - before, peak - before))
     finally:
         tracemalloc.stop()
         gc.enable()
-    return min(left for left, _ in found), min(held for _, held in found)
+    return min(left for left, _ in result), min(held for _, held in result)
 
 
 def test_what_cannot_be_is_said(root: Path) -> None:
@@ -184,9 +184,9 @@ def test_springs_and_given_forces_are_those_of_solve(root: Path, initial: str) -
     wind = Force("wind", tip, np.array([[0.3, -0.2, 0.4, 0.0, 0.0, 0.01]]))
     loaded = replace(arm, springs=(spring,), forces=(wind,))
     solution = solved(loaded, initial)
-    found, scale = stepped(solution, initial), np.abs(solution.torque_all).max()
-    np.testing.assert_allclose(found, solution.torque_all, rtol=0, atol=10 * ROUNDING * scale)
-    assert np.abs(found - stepped(solved(arm, initial), initial)).max() > 1e-2 * scale  # they are felt
+    result, scale = stepped(solution, initial), np.abs(solution.torque_all).max()
+    np.testing.assert_allclose(result, solution.torque_all, rtol=0, atol=10 * ROUNDING * scale)
+    assert np.abs(result - stepped(solved(arm, initial), initial)).max() > 1e-2 * scale  # they are felt
 
 
 def test_joints_without_drives_move_as_in_solve() -> None:
@@ -210,9 +210,9 @@ def test_rigid_loops_are_those_of_solve(root: Path, model: str) -> None:
     solution = flexinv.solve(m, case.motion, case.step, start=case.start)
     controller = Controller.of(m)
     rows = zip(solution.q, solution.qd, solution.qdd, strict=True)
-    found = np.array([controller.step(*row).copy() for row in rows])
+    result = np.array([controller.step(*row).copy() for row in rows])
     # two solvers of the shares, condition of the closures times rounding
-    np.testing.assert_allclose(found, solution.torque_all, rtol=0, atol=1e-9 * np.abs(solution.torque_all).max())
+    np.testing.assert_allclose(result, solution.torque_all, rtol=0, atol=1e-9 * np.abs(solution.torque_all).max())
 
 
 def test_a_spring_goes_on_over_half_a_turn(root: Path) -> None:

@@ -29,9 +29,9 @@ def decay(mechanism: Mechanism, step: float) -> tuple[float, float]:
     0.15 s later: the second mode, 394 rad/s, has then decayed by exp(-0.39 * 394 * 0.15) = 1e-10.
     """
     motion = flexinv.Motion.point_to_point([0.0], [STROKE], 0.05, hold=0.55)
-    found = flexinv.solve(mechanism, motion, step, spectral_radius=1.0)
-    late = found.time > 0.2
-    time, tip = found.time[late] - 0.2, found.deflection["link"][late, 1] / STROKE
+    solution = flexinv.solve(mechanism, motion, step, spectral_radius=1.0)
+    late = solution.time > 0.2
+    time, tip = solution.time[late] - 0.2, solution.deflection["link"][late, 1] / STROKE
 
     def missed(p: Array) -> Array:
         wave = p[2] * np.cos(p[1] * time) + p[3] * np.sin(p[1] * time)
@@ -65,11 +65,11 @@ def test_a_beam_bent_by_its_rotation_dissipates_nothing() -> None:
     assert link.beam is not None
     curved = replace(mechanism, links=(replace(link, beam=replace(link.beam, curvature=np.array([0.0, 0.0, 2.0]))),))
     turning = flexinv.Motion.from_samples(*_spun_up(20.0))
-    found = [flexinv.solve(curved, turning, h, end=1.5) for h in (1e-3, 5e-4)]
-    left = [s.balance.dissipated[-1] for s in found]
+    result = [flexinv.solve(curved, turning, h, end=1.5) for h in (1e-3, 5e-4)]
+    left = [s.balance.dissipated[-1] for s in result]
     assert left[0] / left[1] == pytest.approx(16.0, rel=0.05)  # the fourth power; the sixth is (w h)^2 = 4e-4 of it
-    assert left[1] < 2e-3 * found[1].balance.dissipated.max()
-    elastic = found[1].balance.elastic
+    assert left[1] < 2e-3 * result[1].balance.dissipated.max()
+    elastic = result[1].balance.elastic
     assert elastic[-1] > 0.02 * elastic.max()  # it is bent all the time
 
 
@@ -100,28 +100,28 @@ def test_second_order_and_balanced_work(name: str) -> None:
         flat if name == "plane" else replace(flat, joints=(hub, replace(elbow, axis=np.array([0.6, 0.0, 0.8])), two))
     )
     steps = [2e-3, 1e-3, 5e-4, 2.5e-4]
-    found = [flexinv.solve(mechanism, motion, h) for h in steps]
-    every = [s.torque_all[:: 2**k] for k, s in enumerate(found)]
+    result = [flexinv.solve(mechanism, motion, h) for h in steps]
+    every = [s.torque_all[:: 2**k] for k, s in enumerate(result)]
     errors = [float(np.abs(a - b).max()) for a, b in itertools.pairwise(every)]
     assert observed_order(errors) == pytest.approx(2.0, abs=0.2)  # the next term is the step's square, 5 % here
-    for s in found:  # at every instant, to rounding: forces are 1e3 of what rounding of unit strains leaves
+    for s in result:  # at every instant, to rounding: forces are 1e3 of what rounding of unit strains leaves
         assert np.abs(s.power_residual).max() < 1e-9 * np.abs(s.torque_all * s.qd).max()
         assert np.abs(s.torque_all - s.reaction).max() < 1e-9 * torque_range(s.torque_all)
-    left = [float(np.abs(s.balance.work).max()) for s in found]
+    left = [float(np.abs(s.balance.work).max()) for s in result]
     assert observed_order(left) == pytest.approx(2.0, abs=0.2)
-    lost = float(np.trapezoid(found[-1].balance.dissipated, found[-1].time))
+    lost = float(np.trapezoid(result[-1].balance.dissipated, result[-1].time))
     assert lost > 100 * left[-1]  # it would be seen if it were forgotten
-    assert np.all(found[-1].balance.dissipated >= 0.0)
+    assert np.all(result[-1].balance.dissipated >= 0.0)
 
 
 def test_one_ratio_gives_those_of_all_modes() -> None:
     mechanism, seconds, modes = apply_damping_ratio(arm(), 0.01, mode=2)
-    found = natural_modes(mechanism)
-    omega = np.sqrt(found.squared)
-    assert found.ratio[1] == pytest.approx(0.01, rel=1e-12)
+    result = natural_modes(mechanism)
+    omega = np.sqrt(result.squared)
+    assert result.ratio[1] == pytest.approx(0.01, rel=1e-12)
     # D is seen as a difference by velocities beside which the stiffness is 1e-8: 1e-13 of the largest one
-    np.testing.assert_allclose(found.ratio, seconds * omega / 2, rtol=1e-7)
-    np.testing.assert_allclose(modes.ratio, found.ratio, rtol=1e-7)
+    np.testing.assert_allclose(result.ratio, seconds * omega / 2, rtol=1e-7)
+    np.testing.assert_allclose(modes.ratio, result.ratio, rtol=1e-7)
     assert natural_modes(arm()).ratio.max() == 0.0
 
 
@@ -130,10 +130,10 @@ def test_a_damper_in_a_free_joint_damps_its_mode() -> None:
     inertia = Inertia(1.2, np.array([0.25, 0.0, 0.0]), np.diag([0.0, 0.025, 0.025]))
     rod = Link("rod", (flexinv.model.links.Body("rod", inertia),))
     joint = Joint("q", "revolute", "world", "rod", damping=0.03, friction=0.5)
-    found = natural_modes(Mechanism("rod", (rod,), (joint,), gravity=np.array([9.81, 0.0, 0.0])), free=["q"])
+    modes = natural_modes(Mechanism("rod", (rod,), (joint,), gravity=np.array([9.81, 0.0, 0.0])), free=["q"])
     about_end = 0.025 + 1.2 * 0.25**2
     omega = np.sqrt(1.2 * 9.81 * 0.25 / about_end)
-    np.testing.assert_allclose(found.ratio, 0.03 / (2 * omega * about_end), rtol=1e-12)
+    np.testing.assert_allclose(modes.ratio, 0.03 / (2 * omega * about_end), rtol=1e-12)
 
 
 @pytest.mark.parametrize(

@@ -28,9 +28,9 @@ def test_rotations_extrapolate_to_the_order_of_all_else() -> None:
     left = []
     for h in (0.2, 0.1):
         pair = [at(h), at(h / 2)]
-        found = compute_extrapolated_rotations(pair, weights((1, 2)))
-        assert np.abs(found.T @ found - np.eye(3)).max() < 1e-15
+        extrapolated_rotations = compute_extrapolated_rotations(pair, weights((1, 2)))
+        assert np.abs(extrapolated_rotations.T @ extrapolated_rotations - np.eye(3)).max() < 1e-15
         mixed = compute_weighted_sum(pair, weights((1, 2)))
         assert np.abs(mixed.T @ mixed - np.eye(3)).max() > 1e-6
-        left.append(np.linalg.norm(log_so3(turn.T @ found)))
+        left.append(np.linalg.norm(log_so3(turn.T @ extrapolated_rotations)))
     assert abs(np.log2(left[0] / left[1]) - 4.0) < 0.1  # the next power adds some per cent

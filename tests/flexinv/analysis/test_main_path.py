@@ -48,9 +48,9 @@ def page(root: Path) -> str:
 
 def stated(page: str, sentence: str) -> int:
     """The number that stands in a sentence of the page."""
-    found = re.search(sentence, " ".join(page.split()))
-    assert found is not None, sentence
-    return int(found.group(1))
+    match = re.search(sentence, " ".join(page.split()))
+    assert match is not None, sentence
+    return int(match.group(1))
 
 
 def to_element(paths: list[list[str]]) -> list[list[str]]:
@@ -63,9 +63,9 @@ def test_a_time_step_is_few_calls_from_the_element(followed: Paths, page: str) -
     assert most <= 6
     longest = {}
     for case, paths in followed.items():
-        found = to_element(paths)
-        longest[case] = max(len(path) - 1 for path in found if "analysis/trajectory.begin" not in path)
-        assert max(len(path) - 1 for path in found) == (start if case == "space" else longest[case]), case
+        result = to_element(paths)
+        longest[case] = max(len(path) - 1 for path in result if "analysis/trajectory.begin" not in path)
+        assert max(len(path) - 1 for path in result) == (start if case == "space" else longest[case]), case
     in_plane = stated(page, r"in the plane it has (\d+)")
     assert longest == {"space": most, "plane": in_plane, "loop": in_plane}
     assert start > most  # a path that is longer is found: the start in space goes through more calls than a step

@@ -44,18 +44,18 @@ def swing(step: float = 1e-3) -> tuple[Array, flexinv.Motion]:
 def test_the_motor_runs_ahead_of_the_link() -> None:
     """theta = N (q + I q'' / k), tau_m = N J (q'' + I q'''' / k) + I q'' / N."""
     time, motion = swing()
-    found = motor_side(flexinv.solve(rod(DRIVE), motion, 1e-3))["q"]
+    result = motor_side(flexinv.solve(rod(DRIVE), motion, 1e-3))["q"]
     n, k = DRIVE.ratio, DRIVE.stiffness
     q, qdd, snap = (MOVE.deriv(m)(time) for m in (0, 2, 4))
     # the motion's spline knows accelerations to 1e-16 / h^2 = 1e-10 and its torque's second derivative to as much over h^2
     # again: 1e-4 of a unit, k times less in the motor; its own error is h^4 of the tenth derivative
-    np.testing.assert_allclose(found.angle, n * (q + INERTIA * qdd / k), rtol=0, atol=1e-7)
-    np.testing.assert_allclose(found.transmitted, INERTIA * qdd, rtol=0, atol=1e-6)
+    np.testing.assert_allclose(result.angle, n * (q + INERTIA * qdd / k), rtol=0, atol=1e-7)
+    np.testing.assert_allclose(result.transmitted, INERTIA * qdd, rtol=0, atol=1e-6)
     expected = n * DRIVE.rotor_inertia * (qdd + INERTIA * snap / k) + INERTIA * qdd / n
-    assert np.abs(found.torque - expected).max() < 1e-3 * np.abs(expected).max()
-    np.testing.assert_allclose(found.current, found.torque / 0.08, rtol=1e-14)
+    assert np.abs(result.torque - expected).max() < 1e-3 * np.abs(expected).max()
+    np.testing.assert_allclose(result.current, result.torque / 0.08, rtol=1e-14)
     rigid = n * DRIVE.rotor_inertia * qdd + INERTIA * qdd / n
-    assert np.abs(found.torque - rigid).max() > 0.02 * np.abs(expected).max()  # the spring is seen
+    assert np.abs(result.torque - rigid).max() > 0.02 * np.abs(expected).max()  # the spring is seen
 
 
 def test_a_damper_in_the_joint() -> None:
@@ -63,9 +63,9 @@ def test_a_damper_in_the_joint() -> None:
     time, motion = swing()
     drive = replace(DRIVE, damping=4.0)
     solution = flexinv.solve(rod(drive), motion, 1e-3)
-    found = motor_side(solution)["q"]
-    lag = found.angle / drive.ratio - solution.q[:, 0]
-    lag_rate = found.rate / drive.ratio - solution.qd[:, 0]
+    result = motor_side(solution)["q"]
+    lag = result.angle / drive.ratio - solution.q[:, 0]
+    lag_rate = result.rate / drive.ratio - solution.qd[:, 0]
     tau = INERTIA * solution.qdd[:, 0]
     # forces are taken as linear between samples: h^2 tau'' / 12 tau'' up to 300 N m/s^2: 3e-5, for tau and for tau'
     np.testing.assert_allclose(drive.stiffness * lag + drive.damping * lag_rate, tau, rtol=0, atol=1e-4)
@@ -103,13 +103,13 @@ def test_a_rigid_gear_is_a_rotor_in_the_joint() -> None:
     drive = replace(DRIVE, stiffness=0.0, viscous=1e-4, coulomb=0.02)
     _, motion = swing()
     solution = flexinv.solve(rod(drive), motion, 1e-3)
-    found, n = motor_side(solution)["q"], drive.ratio
-    np.testing.assert_allclose(found.torque, solution.torque[:, 0] / n, rtol=0, atol=1e-14)
+    result, n = motor_side(solution)["q"], drive.ratio
+    np.testing.assert_allclose(result.torque, solution.torque[:, 0] / n, rtol=0, atol=1e-14)
     assert solution.mechanism.joints[0].rotor_inertia == n**2 * drive.rotor_inertia
     stuck = replace(drive, static=0.05, stribeck=2.0)
     more = motor_side(flexinv.solve(rod(stuck), motion, 1e-3))["q"]
-    bump = 0.03 * np.exp(-((found.rate / 2.0) ** 2)) * np.sign(found.rate)
-    np.testing.assert_allclose(more.torque - found.torque, bump, rtol=0, atol=1e-14)
+    bump = 0.03 * np.exp(-((result.rate / 2.0) ** 2)) * np.sign(result.rate)
+    np.testing.assert_allclose(more.torque - result.torque, bump, rtol=0, atol=1e-14)
 
 
 def test_friction_of_stribeck() -> None:
@@ -168,9 +168,9 @@ def test_files_state_drives(tmp_path: Path) -> None:
     (tmp_path / "mechanism.toml").write_text(FILE, encoding="utf-8")
     assert load_mechanism(tmp_path).joints[0].drive == replace(DRIVE, coulomb=0.01)
     (tmp_path / "mechanism.toml").write_text(FILE + 'moves = "motor"\n', encoding="utf-8")
-    found = load_mechanism(tmp_path)
-    assert [j.name for j in found.joints] == ["q", "q.spring"]
-    assert (found.joints[0].rotor_inertia, found.joints[0].friction) == (0.25, 0.5)
+    mechanism = load_mechanism(tmp_path)
+    assert [j.name for j in mechanism.joints] == ["q", "q.spring"]
+    assert (mechanism.joints[0].rotor_inertia, mechanism.joints[0].friction) == (0.25, 0.5)
     (tmp_path / "mechanism.toml").write_text(FILE + "static_Nm = 0.001\n", encoding="utf-8")
     with pytest.raises(InputError, match="at least coulomb_Nm"):
         load_mechanism(tmp_path)
@@ -192,13 +192,13 @@ SCREW = Drive(ratio=400.0, rotor_inertia=1e-5, stiffness=2e3, torque_constant=0.
 def test_a_screw_moves_a_carriage() -> None:
     """theta = N (q + m q'' / k), tau_m = N J (q'' + m q'''' / k) + m q'' / N, as in a joint that turns."""
     time, motion = swing()
-    found = motor_side(flexinv.solve(slide(SCREW), motion, 1e-3))["q"]
+    result = motor_side(flexinv.solve(slide(SCREW), motion, 1e-3))["q"]
     n, k = SCREW.ratio, SCREW.stiffness
     q, qdd, snap = (MOVE.deriv(m)(time) for m in (0, 2, 4))
     # as in `test_the_motor_runs_ahead_of_the_link`, where N I / k is 0.06: here N m / k = 0.4 of the spline's accelerations
-    np.testing.assert_allclose(found.angle, n * (q + 2.0 * qdd / k), rtol=0, atol=1e-6)
+    np.testing.assert_allclose(result.angle, n * (q + 2.0 * qdd / k), rtol=0, atol=1e-6)
     expected = n * SCREW.rotor_inertia * (qdd + 2.0 * snap / k) + 2.0 * qdd / n
-    assert np.abs(found.torque - expected).max() < 1e-3 * np.abs(expected).max()
+    assert np.abs(result.torque - expected).max() < 1e-3 * np.abs(expected).max()
 
 
 def test_the_screws_motor_brings_the_carriage_back() -> None:

@@ -77,7 +77,7 @@ STILL = {"princeton_beam", "reissner_cantilever"}
 
 
 @dataclass(frozen=True)
-class Shifted:
+class ShiftedMotion:
     """A motion seen from a later time on; what `solve` asks of a motion."""
 
     motion: flexinv.Motion
@@ -117,7 +117,7 @@ def guess(m: Mechanism, case: Case, first: float) -> dict[str, Array]:
     return start
 
 
-def table(m: Mechanism, motion: Shifted, one: Solution, options: dict[str, object]) -> tuple[Array, Array]:
+def table(m: Mechanism, motion: ShiftedMotion, one: Solution, options: dict[str, object]) -> tuple[Array, Array]:
     """Times and torques, with both limits where closures begin or cease to act: the first from a solution that ends there."""
     time, torque = one.time, one.torque
     switches = {t for c in m.closures for span in c.active for t in span if 0.0 < t < time[-1]}
@@ -145,7 +145,7 @@ def there_and_back(root: Path, model: str, window: Window) -> float:
     cases = load_cases(folder, whole)
     case = cases[window.case] if window.case else next(iter(cases.values()))
     whole = case.meshed(whole)
-    m, motion = seen_from(whole, window.first), Shifted(case.motion, window.first, window.length)
+    m, motion = seen_from(whole, window.first), ShiftedMotion(case.motion, window.first, window.length)
     start = guess(whole, case, window.first)
     options: dict[str, object] = {"step": window.step, "start": start, "initial": case.initial}
     one = flexinv.solve(m, motion, **options)  # type: ignore[arg-type]
@@ -175,7 +175,7 @@ def test_what_starts_while_it_moves_is_in_equilibrium(root: Path) -> None:
     """Equilibrium before the start does not know with what rates the joints will begin."""
     m = flexinv.load_mechanism(root / "models" / "spatial_arm")
     case = load_cases(root / "models" / "spatial_arm", m)["reach"]
-    moving = flexinv.solve(m, Shifted(case.motion, 0.5, 1e-3), 1e-3, initial="static")  # type: ignore[arg-type]
+    moving = flexinv.solve(m, ShiftedMotion(case.motion, 0.5, 1e-3), 1e-3, initial="static")  # type: ignore[arg-type]
     names = {j.name for j in m.joints if j.nv}
     still = flexinv.Motion.point_to_point(*2 * [{n: moving.q[0, m.q_slices[n]] for n in names}], duration=1e-3)
     rests = flexinv.solve(m, still, 1e-3, initial="static")

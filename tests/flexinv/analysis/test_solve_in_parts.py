@@ -96,9 +96,9 @@ def test_a_march_takes_the_memory_of_a_part() -> None:
     def peak(run: Any) -> int:
         tracemalloc.start()
         run()
-        found = tracemalloc.get_traced_memory()[1]
+        result = tracemalloc.get_traced_memory()[1]
         tracemalloc.stop()
-        return int(found)
+        return int(result)
 
     whole = peak(lambda: flexinv.solve(arm(), motion, 1e-4))
     some = peak(lambda: [part.torque.max() for part in solve_in_parts(arm(), motion, 1e-4, part=300)])

@@ -118,7 +118,7 @@ def _whole(part: np.ndarray) -> np.ndarray:
 
 
 @dataclass(frozen=True, eq=False)
-class Scaled(flexinv.Motion):
+class ScaledMotion(flexinv.Motion):
     """A motion that looks at the mechanism."""
 
     def evaluate(
@@ -131,11 +131,11 @@ class Scaled(flexinv.Motion):
 
 
 def test_a_motion_that_looks_at_the_mechanism_is_asked_for_each() -> None:
-    mechanisms, motion = [arm(), replace(arm(), name="half")], Scaled(HALF_TURN.tracks, HALF_TURN.duration)
-    found = flexinv.solve_many(mechanisms, motion, STEP).all()
-    for mechanism, solution in zip(mechanisms, found, strict=True):
+    mechanisms, motion = [arm(), replace(arm(), name="half")], ScaledMotion(HALF_TURN.tracks, HALF_TURN.duration)
+    result = flexinv.solve_many(mechanisms, motion, STEP).all()
+    for mechanism, solution in zip(mechanisms, result, strict=True):
         np.testing.assert_array_equal(solution.torque, flexinv.solve(mechanism, motion, STEP).torque)
-    assert np.abs(found[0].torque).max() > 1.5 * np.abs(found[1].torque).max()
+    assert np.abs(result[0].torque).max() > 1.5 * np.abs(result[1].torque).max()
 
 
 def test_a_scenario_that_is_none_keeps_its_error() -> None:
@@ -160,7 +160,7 @@ def test_what_a_march_leaves_to_the_next_changes_nothing(name: str, monkeypatch:
     """Arrays that hold the end of another motion give, bit for bit, what new ones give."""
     mechanism, motion, options = (CLOSED_CASES | PAPER_CASES)[name]()
     with monkeypatch.context() as new:
-        new.setattr(PlanarMarch, "acquire", PlanarMarch.of)
+        new.setattr(PlanarMarch, "take_reusable", PlanarMarch.build_for)
         fresh = flexinv.solve(mechanism, motion, STEP, **options)
     flexinv.solve(mechanism, motion, STEP / 3, end=motion.duration / 2, **options)
     passive = {joint.name for joint in mechanism.joints if joint.nv} - set(motion.joints(mechanism))
@@ -197,7 +197,9 @@ def test_a_table_that_is_kept_is_that_of_the_joints() -> None:
     table = evaluate_motion(motion, angle, time)
     assert evaluate_motion(motion, replace(angle, name="another"), time)[0] is table[0]
     for mechanism in (angle, endless):
-        for kept, found in zip(evaluate_motion(motion, mechanism, time), motion.evaluate(mechanism, time), strict=True):
-            np.testing.assert_array_equal(kept, found)
+        for kept, result in zip(
+            evaluate_motion(motion, mechanism, time), motion.evaluate(mechanism, time), strict=True
+        ):
+            np.testing.assert_array_equal(kept, result)
     with pytest.raises(ValueError, match="read-only"):
         table[0][0] = 1.0

@@ -41,9 +41,9 @@ def mechanism(folder: Path, aside: float, rest: float) -> flexinv.Mechanism:
 def test_a_spring_without_length_is_an_error(tmp_path: Path, step: float) -> None:
     with pytest.raises(flexinv.InputError, match=r"spring 'coil' has no length there") as caught:
         flexinv.solve(mechanism(tmp_path, 0.0, 0.05), THROUGH, step=step)
-    found = re.search(r"t = (\S+) s", str(caught.value))
-    assert found is not None
-    place = THROUGH.evaluate(mechanism(tmp_path, 0.0, 0.05), [float(found[1])])[0][0, 0]
+    match = re.search(r"t = (\S+) s", str(caught.value))
+    assert match is not None
+    place = THROUGH.evaluate(mechanism(tmp_path, 0.0, 0.05), [float(match[1])])[0][0, 0]
     speed = 2.0  # at most
     fine = step < 2e-2  # where the quintic is exact to 1e-9: its error is h^6 q^(6) / 46080, q^(6) up to (2 pi)^5
     assert abs(place) < speed * (1e-9 if fine else 1e-4)

@@ -46,18 +46,18 @@ def furthest_off(coarse: flexinv.Solution, fine: flexinv.Solution, but: str = ""
 @pytest.mark.parametrize(("couple", "step"), [(1e-3, 5e-4), (0.017, 5e-4), (0.017, 1e-4), (1.0, 5e-4)])
 def test_couples_on_a_section(couple: float, step: float, axis: int) -> None:
     """Torque, places and rates from the first sample on, in the plane of the joint and across it."""
-    found = outcome(couple, step, axis)
-    assert found.right, found
+    result = outcome(couple, step, axis)
+    assert result.right, result
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("axis", [2, 1])
 def test_the_sweep(axis: int) -> None:
     """75 pairs of couple and step: at least 60 right, and what is not right is an error."""
-    found = sweep(axis)
-    assert len(found) == 75
-    assert sum(one.right for one in found) >= 60
-    assert not silent(found), silent(found)
+    result = sweep(axis)
+    assert len(result) == 75
+    assert sum(one.right for one in result) >= 60
+    assert not silent(result), silent(result)
 
 
 @pytest.mark.parametrize("couple", COUPLES[4:10:5])

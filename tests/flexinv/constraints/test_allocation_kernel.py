@@ -7,7 +7,7 @@ import pytest
 from numpy.typing import NDArray
 
 from flexinv.constraints.allocation import split_by_svd, split_efforts
-from flexinv.constraints.allocation_kernel import Shares
+from flexinv.constraints.allocation_kernel import AllocatedEfforts
 
 Array = NDArray[np.float64]
 
@@ -26,7 +26,7 @@ def _spans(space: Array) -> Array:
     return np.asarray(q @ q.transpose(0, 2, 1))
 
 
-def _apart(ours: Shares, svd: Shares) -> float:
+def _apart(ours: AllocatedEfforts, svd: AllocatedEfforts) -> float:
     """Largest difference over the size of the result and its condition number [-]; infinite where freedoms differ."""
     if ours.preload.shape != svd.preload.shape:
         return float("inf")
@@ -64,7 +64,10 @@ def test_doubtful_samples_are_left_to_singular_values() -> None:
     driven = np.array([True, False, True, False])
     both = split_efforts(g, tree, driven), split_by_svd(g, tree, driven, np.ones(2))
     for k in range(6):
-        one, two = (Shares(s.tau[[k]], s.multipliers[[k]], s.left[[k]], s.preload[[k]], s.condition[[k]]) for s in both)
+        one, two = (
+            AllocatedEfforts(s.tau[[k]], s.multipliers[[k]], s.left[[k]], s.preload[[k]], s.condition[[k]])
+            for s in both
+        )
         if k in (2, 4):
             assert np.array_equal(one.tau, two.tau)
             assert np.array_equal(one.condition, two.condition)

@@ -21,9 +21,9 @@ FLAT = {"B": -1.0, "D": 1.0}  # the parallelogram, not the crossed one
 def instant(mechanism: flexinv.Mechanism, motion: flexinv.Motion, step: float, start: dict[str, float]) -> float:
     with pytest.raises(flexinv.ConvergenceError, match="drive another joint") as caught:
         flexinv.solve(mechanism, motion, step=step, start=start)
-    found = re.search(r"t = (\S+) s", str(caught.value))
-    assert found is not None
-    return float(found[1])
+    match = re.search(r"t = (\S+) s", str(caught.value))
+    assert match is not None
+    return float(match[1])
 
 
 def zero_of(motion: flexinv.Motion, mechanism: flexinv.Mechanism, angle: float, before: float, after: float) -> float:
@@ -63,8 +63,8 @@ def test_a_change_point_that_is_passed_by_little_is_found(step: float) -> None:
     """Forth and back between two samples: what changes from one to the other is less than what lies between."""
     mechanism, time = four_bar(0.2, 0.45, 0.2, 0.45), np.linspace(0.0, 1.0, 41)
     motion = flexinv.Motion.from_samples(time, {"A": (time - TURNS) ** 2 - BEYOND})
-    found = instant(mechanism, motion, step, {"B": -0.26, "D": 0.26})
-    assert found == pytest.approx(TURNS - np.sqrt(BEYOND), abs=TIME_BAR)
+    result = instant(mechanism, motion, step, {"B": -0.26, "D": 0.26})
+    assert result == pytest.approx(TURNS - np.sqrt(BEYOND), abs=TIME_BAR)
 
 
 @pytest.mark.parametrize("step", [0.25, 0.04, 7e-3, 3.3e-4])
@@ -74,8 +74,8 @@ def test_the_end_of_a_branch_that_is_passed_by_little_is_found(step: float) -> N
     mechanism, time = four_bar(crank, coupler, rocker, base), np.linspace(0.0, 1.0, 41)
     most = np.arccos((crank**2 + base**2 - (coupler + rocker) ** 2) / (2 * crank * base))
     motion = flexinv.Motion.from_samples(time, {"A": most + BEYOND - (time - TURNS) ** 2})
-    found = instant(mechanism, motion, step, {"B": -1.0, "D": 1.5})
-    assert found == pytest.approx(TURNS - np.sqrt(BEYOND), abs=TIME_BAR)
+    result = instant(mechanism, motion, step, {"B": -1.0, "D": 1.5})
+    assert result == pytest.approx(TURNS - np.sqrt(BEYOND), abs=TIME_BAR)
 
 
 @pytest.mark.parametrize("step", [0.1, 1e-2])
@@ -106,8 +106,8 @@ def test_the_search_alone(touches: float) -> None:
     time = np.linspace(0.0, 1.0, 8)
     change = np.concatenate([[0.0], np.abs(np.diff(values(time))) / 2.0 * 3**0.5])
     condition = 2.0 / values(time)
-    found = find_singular(branch, time, time[:, None], condition, change, (np.diff(time), np.zeros(7)))
+    singular = find_singular(branch, time, time[:, None], condition, change, (np.diff(time), np.zeros(7)))
     if touches:
-        assert found is None
+        assert singular is None
     else:
-        assert found == pytest.approx(0.3, abs=TIME_BAR)
+        assert singular == pytest.approx(0.3, abs=TIME_BAR)

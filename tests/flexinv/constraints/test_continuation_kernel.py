@@ -98,9 +98,9 @@ def test_nodes_move_as_in_rigid_motion() -> None:
     q, qd, qdd = one_state(mesh)
     expected, (j, f) = compute_rigid_motion(mesh, q, qd, qdd), frames(mesh.size)
     nodes_at(build_nodes(mesh), q[0], qd[0], qdd[0], j, f)
-    for found, name in zip(f, ("x", "rotation", "v", "omega", "a", "alpha"), strict=True):
+    for result, name in zip(f, ("x", "rotation", "v", "omega", "a", "alpha"), strict=True):
         values = getattr(expected, name)[0]
-        assert abs(found - values).max() < ROUNDING * max(1.0, abs(values).max()), name
+        assert abs(result - values).max() < ROUNDING * max(1.0, abs(values).max()), name
 
 
 def test_steps_are_those_of_the_manifold() -> None:
@@ -108,11 +108,11 @@ def test_steps_are_those_of_the_manifold() -> None:
     mesh = build(tree())
     q, d, _ = (a[0] for a in one_state(mesh))
     for step in (d / abs(d).max(), 1e-9 * d, 0 * d):  # less than half a turn
-        found = q.copy()
-        stepped(build_nodes(mesh), found, step)
-        assert abs(compute_difference(mesh.mechanism, q, found) - step).max() < ROUNDING * max(1.0, abs(q).max())
-        assert (found == integrate_configuration(mesh.mechanism, q, step)).all()
-    assert np.array_equal(found, q)  # without a step, not even quaternions are normalised again
+        result = q.copy()
+        stepped(build_nodes(mesh), result, step)
+        assert abs(compute_difference(mesh.mechanism, q, result) - step).max() < ROUNDING * max(1.0, abs(q).max())
+        assert (result == integrate_configuration(mesh.mechanism, q, step)).all()
+    assert np.array_equal(result, q)  # without a step, not even quaternions are normalised again
 
 
 def of_vectors(f: Frames, rows: Rows) -> Array:
@@ -124,15 +124,15 @@ def of_vectors(f: Frames, rows: Rows) -> Array:
         spin = np.cross(f.w[node], vector)
         return tuple(f.r[node] @ v for v in (vector, spin, np.cross(f.al[node], vector) + np.cross(f.w[node], spin)))
 
-    found = np.empty((len(rows.closure), 3))
+    result = np.empty((len(rows.closure), 3))
     for k, (a, b) in enumerate(zip(rows.a.tolist(), rows.b.tolist(), strict=True)):
         u, w = carried(a, rows.u[k]), list(carried(b, rows.w[k]))
         if not rows.direction[k]:
             ends = [carried(n, p[k]) for n, p in ((a, rows.place_a), (b, rows.place_b))]
             x, y = ([v[n] if n >= 0 else np.zeros(3) for v in (f.x, f.v, f.a)] for n in (a, b))
             w = [y[i] + ends[1][i] - x[i] - ends[0][i] for i in range(3)]
-        found[k] = u[0] @ w[0], u[1] @ w[0] + u[0] @ w[1], u[2] @ w[0] + 2 * u[1] @ w[1] + u[0] @ w[2]
-    return found
+        result[k] = u[0] @ w[0], u[1] @ w[0] + u[0] @ w[1], u[2] @ w[0] + 2 * u[1] @ w[1] + u[0] @ w[2]
+    return result
 
 
 def test_equations_of_every_kind() -> None:
@@ -156,7 +156,8 @@ def problem(a: Array, y: Array) -> Continuation:
     (rows, columns), fronts = a.shape, build_fronts(a != 0.0)
     none, x, sign = np.zeros(columns), *np.zeros((2, columns, 1))
     return Continuation(
-        np.zeros(columns, dtype=np.int64), np.zeros(1, dtype=bool), np.ones(rows), none, a, fronts, FrontFactors.of(fronts),
+        np.zeros(columns, dtype=np.int64), np.zeros(1, dtype=bool), np.ones(rows), none, a, fronts,
+        FrontFactors.build_for(fronts),
         y[:, None].copy(), x, sign, none.copy(), none, none,
     )  # fmt: skip
 
@@ -198,7 +199,7 @@ def test_the_branch_is_that_of_newton_in_numpy(name: str, monkeypatch: pytest.Mo
     """With the compiled following switched off every sample goes the long way, to the same place; rates alike."""
     example: Example = LOOPS[name]
     mechanism, case = example
-    found = solve(mechanism, case.motion, step=case.step, start=case.start)
+    solution = solve(mechanism, case.motion, step=case.step, start=case.start)
 
     def not_at_all(*arguments: Any) -> int:
         *_, condition, first = arguments
@@ -209,7 +210,7 @@ def test_the_branch_is_that_of_newton_in_numpy(name: str, monkeypatch: pytest.Mo
     expected = solve(mechanism, case.motion, step=case.step, start=case.start)
     for part in ("q", "qd", "qdd"):
         values = getattr(expected, part)
-        assert abs(getattr(found, part) - values).max() < 1e-11 * max(1.0, abs(values).max())  # Newton's last step
+        assert abs(getattr(solution, part) - values).max() < 1e-11 * max(1.0, abs(values).max())  # Newton's last step
 
 
 def test_long_steps_are_halved_by_the_caller(monkeypatch: pytest.MonkeyPatch) -> None:

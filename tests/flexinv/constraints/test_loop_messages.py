@@ -78,8 +78,8 @@ def test_a_motion_of_too_many_joints_is_named(model: Path, capsys: pytest.Captur
     """Crank and coupler held where they are: consistent, and still one coordinate too many."""
     mechanism = flexinv.load_mechanism(model)
     case = load_cases(model, mechanism)["turn"]
-    found = flexinv.solve(mechanism, case.motion, step=0.5, start=case.start).q[0]
-    both = f"joints.A = {{ at_deg = 20 }}\njoints.D = {{ at_rad = {found[2]:.17g} }}"
+    result = flexinv.solve(mechanism, case.motion, step=0.5, start=case.start).q[0]
+    both = f"joints.A = {{ at_deg = 20 }}\njoints.D = {{ at_rad = {result[2]:.17g} }}"
     edit(model, "cases.toml", (MOVE, both), ("start.D = { deg = 103 }\n", ""), ("start.D = { deg = -103 }\n", ""))
     said = complaint(capsys, "solve", str(model), "--case", "turn")
     assert "the motion gives 2 of the coordinates, more than the mobility of 1" in said
@@ -229,9 +229,9 @@ def parallelograms(loops: int) -> flexinv.Mechanism:
 @pytest.mark.parametrize(("loops", "flat"), [(1, 2), (2, 3)])
 def test_info_counts_freedoms_where_mechanisms_move(loops: int, flat: int) -> None:
     """Flat they could go to either side, and seem to have a freedom more for every loop."""
-    said = describe_mobility(parallelograms(loops), None)
-    assert said.startswith("mobility: 1 freedom = ")
-    assert said.endswith(f"; singular near its zero: {flat} freedoms there")
+    mobility = describe_mobility(parallelograms(loops), None)
+    assert mobility.startswith("mobility: 1 freedom = ")
+    assert mobility.endswith(f"; singular near its zero: {flat} freedoms there")
 
 
 @pytest.mark.parametrize("name", INFO)

@@ -70,18 +70,18 @@ def bricard(a: sp.Symbol) -> dict[str, sp.Expr]:
 def five_bar(a: sp.Symbol, b: sp.Symbol) -> dict[str, sp.Expr]:
     """The tool is 0.4 from both elbows, above the line between them."""
     p, r = sp.Rational(1, 4), sp.Rational(2, 5)
-    left = sp.Matrix([p * sp.cos(a), p * sp.sin(a)])
+    matrix = sp.Matrix([p * sp.cos(a), p * sp.sin(a)])
     right = sp.Matrix([sp.Rational(3, 10) + p * sp.cos(b), p * sp.sin(b)])
-    gap = right - left
+    gap = right - matrix
     square = gap.dot(gap)
-    tool = (left + right) / 2 + sp.sqrt(r**2 / square - sp.Rational(1, 4)) * sp.Matrix([-gap[1], gap[0]])
-    elbows = {"left_elbow": tool - left, "right_elbow": tool - right}
+    tool = (matrix + right) / 2 + sp.sqrt(r**2 / square - sp.Rational(1, 4)) * sp.Matrix([-gap[1], gap[0]])
+    elbows = {"left_elbow": tool - matrix, "right_elbow": tool - right}
     angle = {name: sp.atan2(arm[1], arm[0]) for name, arm in elbows.items()}
     return {"left": a, "left_elbow": angle["left_elbow"] - a, "right": b, "right_elbow": angle["right_elbow"] - b}
 
 
 @dataclass(frozen=True)
-class Known:
+class KnownMotion:
     """Closed-form motion and virtual work: q, qd, qdd (samples, nv), work (samples, drives), J (samples, nv, drives)."""
 
     q: Array
@@ -93,7 +93,7 @@ class Known:
 
 def known(
     mechanism: Mechanism, drives: Sequence[str], form: Callable[..., dict[str, sp.Expr]], s: flexinv.Solution
-) -> Known:
+) -> KnownMotion:
     symbols = sp.symbols(f"x:{len(drives)}")
     table = form(*symbols)
     c = sp.Matrix([table[name] for name in mechanism.velocity_names])
@@ -108,7 +108,7 @@ def known(
     )
     qdd = np.einsum("sik,sk->si", j, s.qdd[:, columns]) + bend
     tree = flexinv.joint_torques(replace(mechanism, closures=()), q[:, :, 0], qd, qdd)
-    return Known(q[:, :, 0], qd, qdd, np.einsum("sik,si->sk", j, tree), j)
+    return KnownMotion(q[:, :, 0], qd, qdd, np.einsum("sik,si->sk", j, tree), j)
 
 
 PLANAR = {
@@ -236,8 +236,8 @@ def test_mobility(name: str) -> None:
     mechanism = flexinv.load_mechanism(MODELS / name)
     _, _, s = solved(name, next(iter(load_cases(MODELS / name, mechanism))))
     for k in (0, len(s.time) // 3, -1):
-        found = compute_mobility(s.mesh, s.q[k])
-        assert (found.freedoms, found.constraints, found.redundant) == MOBILITY[name]
+        mobility = compute_mobility(s.mesh, s.q[k])
+        assert (mobility.freedoms, mobility.constraints, mobility.redundant) == MOBILITY[name]
 
 
 def test_every_rigid_loop_that_stays_closed_is_here() -> None:

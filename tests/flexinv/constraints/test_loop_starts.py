@@ -72,8 +72,8 @@ def test_what_is_not_stated_follows(slider: Mechanism) -> None:
 def test_a_slide_picks_the_branch(slider: Mechanism, degrees: int, side: int) -> None:
     at = np.radians(degrees)
     turn = flexinv.Motion.point_to_point({"main": at}, {"main": at + 1e-3}, 0.02)
-    found = flexinv.solve(slider, turn, 1e-3, start={"slide": 0.45 * side}).q[0]
-    assert found[1:] == pytest.approx(closed(at, side), abs=CLOSED)
+    result = flexinv.solve(slider, turn, 1e-3, start={"slide": 0.45 * side}).q[0]
+    assert result[1:] == pytest.approx(closed(at, side), abs=CLOSED)
 
 
 def test_a_slide_that_no_branch_has_is_named(slider: Mechanism) -> None:

@@ -125,14 +125,14 @@ def test_info_counts_the_freedoms_at_the_start() -> None:
     """Only the table acts then: nine coordinates less the bar's three in the plane."""
     mesh = build(two_arms())
     q = find_closed_near(mesh, np.array([2.0, -1.0, 0.0, 1.0, 1.0, 0.0, *FROM]))
-    found = compute_mobility(mesh, q)
-    assert (found.freedoms, found.constraints, found.redundant) == (6, 6, 3)
+    mobility = compute_mobility(mesh, q)
+    assert (mobility.freedoms, mobility.constraints, mobility.redundant) == (6, 6, 3)
 
 
 def test_phases_of_a_grid() -> None:
-    found = list_phases(two_arms(), STEP * np.arange(301))
-    assert [(p.first, p.last) for p in found] == [(0, 100), (100, 200), (200, 301)]
-    assert [p.active.tolist() for p in found] == [
+    phases = list_phases(two_arms(), STEP * np.arange(301))
+    assert [(p.first, p.last) for p in phases] == [(0, 100), (100, 200), (200, 301)]
+    assert [p.active.tolist() for p in phases] == [
         [True, False, False, False],
         [False, True, True, False],
         [False, False, False, True],
@@ -152,12 +152,12 @@ def test_the_model_is_this_mechanism(root: Path) -> None:
 def test_pinocchio_agrees_phase_by_phase_and_a_wrong_interval_is_seen(root: Path) -> None:
     model = flexinv.load_mechanism(root / "models" / "two_arms")
     case = load_cases(root / "models" / "two_arms", model)["carry"]
-    ours = flexinv.solve(model, case.motion, step=case.step, start=case.start)
-    theirs = pinocchio.run(model, case, "pinocchio", {})
-    columns = np.stack([theirs.series[f"torque/{name}"].values for name in model.velocity_names], axis=1)
-    scale = np.ptp(ours.torque_all)
-    assert abs(columns - ours.torque_all).max() < 1e-10 * scale  # the issue's bound for loops
+    solution = flexinv.solve(model, case.motion, step=case.step, start=case.start)
+    result = pinocchio.run(model, case, "pinocchio", {})
+    columns = np.stack([result.series[f"torque/{name}"].values for name in model.velocity_names], axis=1)
+    scale = np.ptp(solution.torque_all)
+    assert abs(columns - solution.torque_all).max() < 1e-10 * scale  # the issue's bound for loops
     late = tuple(replace(c, active=((0.5, 0.9),)) if c.name == "right" else c for c in model.closures)
     other = pinocchio.run(replace(model, closures=late), case, "pinocchio", {})
     wrong = np.stack([other.series[f"torque/{name}"].values for name in model.velocity_names], axis=1)
-    assert abs(wrong - ours.torque_all).max() > 1e-2 * scale  # one hand holds the bar alone for 0.1 s
+    assert abs(wrong - solution.torque_all).max() > 1e-2 * scale  # one hand holds the bar alone for 0.1 s

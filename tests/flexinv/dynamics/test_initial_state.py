@@ -180,9 +180,9 @@ def test_a_slide_that_nothing_holds_is_named_with_its_way() -> None:
     mechanism = flexinv.Mechanism("slope", (rod,), (slope,), np.array([0.0, 0.0, -9.81]))
     with pytest.raises(flexinv.ConvergenceError, match=r"joint 'slide' has moved by .* m in 500 steps.*hold") as error:
         begin_at_rest(mechanism)
-    found = re.search(r"moved by (\S+) m in .*, by (\S+) m in the last one", str(error.value))
-    assert found is not None
-    way, last = (float(number) for number in found.groups())
+    match = re.search(r"moved by (\S+) m in .*, by (\S+) m in the last one", str(error.value))
+    assert match is not None
+    way, last = (float(number) for number in match.groups())
     assert 0.0 < last < way  # 500 steps of that at most, and fewer, as every other is too long
     assert way < 500 * last * ROUNDED
 

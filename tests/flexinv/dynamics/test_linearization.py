@@ -18,7 +18,7 @@ from flexinv.kinematics.mesh import build
 
 @pytest.mark.parametrize("angle", [2.4, 2.6])  # [rad] on both sides of what an element may turn, 2.5
 def test_an_element_that_turns_too_much_has_no_matrices(root: Path, angle: float) -> None:
-    solver = Solver.of(build(load_mechanism(root / "models" / "flex_one_link")), set())
+    solver = Solver.build_for(build(load_mechanism(root / "models" / "flex_one_link")), set())
     joints = begin_undeformed(solver, np.zeros(1), np.zeros(1), np.zeros(1))
     solver.state.r[-1] = exp_so3(np.array([0.0, 0.0, angle]))
     if angle < 2.5:

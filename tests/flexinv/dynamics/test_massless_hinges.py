@@ -89,12 +89,12 @@ def test_hinge_on_a_section_without_rotary_inertia(
     """Torque, hinge angle and rate go over into those of a rotary inertia that vanishes."""
     if in_space:
         monkeypatch.setattr(trajectory, "build_planar_march", lambda mesh, passive: None)
-    found = []
+    result = []
     for name, rho_I in (("none", 0.0), ("small", SMALL)):
         mechanism = single(tmp_path / name, rho_I, gravity, spring)
         start = {"p": -np.pi / 2} if initial == "static" else None
-        found.append(flexinv.solve(mechanism, MOTION, STEP, initial=initial, start=start))
-    none, small = found
+        result.append(flexinv.solve(mechanism, MOTION, STEP, initial=initial, start=start))
+    none, small = result
     assert np.abs(none.torque - small.torque).max() < SAME * np.abs(small.torque).max()
     assert np.abs(none.q - small.q).max() < SAME * np.abs(small.q).max()
     assert np.abs(none.qd - small.qd).max() < SAME_RATE * np.abs(small.qd).max()

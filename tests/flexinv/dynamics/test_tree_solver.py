@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from kernels import DIFFERENCE, Array, derivative, eliminate
 from planar_examples import damped
-from scenes import PASSIVE_KINDS, Scene, branching, hanging, scene
+from scenes import PASSIVE_KINDS, MovingSolver, branching, hanging, scene
 
 from flexinv.dynamics.constraint_rows import PULL
 from flexinv.dynamics.linearization import fill
@@ -20,13 +20,13 @@ MECHANISMS = [*UNDAMPED, *(replace(m, name=f"{m.name}, damped") for m in DAMPED)
 EPS = np.finfo(float).eps
 
 
-def by_differences(case: Scene) -> Array:
+def by_differences(case: MovingSolver) -> Array:
     """Derivative of the residual by all unknowns."""
     columns = [derivative(lambda h, e=e: case.at(e, h)[1]) for e in np.eye(len(case.d))]
     return np.array(columns).T
 
 
-def assembled(case: Scene) -> Array:
+def assembled(case: MovingSolver) -> Array:
     """The linearisation as one dense matrix, from the blocks and element tangents of the march; springs keep their forces."""
     out, ties = np.zeros((1, len(case.d), len(case.d))), case.solver.border.ties
     fill(case.solver.system, 0, out)

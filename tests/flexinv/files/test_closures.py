@@ -238,5 +238,5 @@ def test_start_of_every_kind(tmp_path: Path, kind: str, keys: str, value: list[f
     mechanism = load(tmp_path, head + joint + tail)
     text = CASES.replace("{ rad = 1.8 }", f"{{ {keys} }}")
     (tmp_path / "loop" / "cases.toml").write_text(text, encoding="utf-8")
-    found = load_cases(tmp_path / "loop", mechanism)["turn"].start["D"]
-    assert np.allclose(found, value, rtol=0, atol=1e-15)  # rounding of half angles
+    result = load_cases(tmp_path / "loop", mechanism)["turn"].start["D"]
+    assert np.allclose(result, value, rtol=0, atol=1e-15)  # rounding of half angles

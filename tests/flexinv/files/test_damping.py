@@ -36,14 +36,14 @@ def test_a_ratio_becomes_a_time_and_a_note(tmp_path: Path) -> None:
     stated = loaded(tmp_path, DAMPED)
     assert section(stated).damping is None
     assert stated.modal_damping == ModalDamping(0.03, 1)
-    found = build(stated).mechanism
-    assert build(stated) is build(found)  # computed once
-    damping = section(found).damping
+    result = build(stated).mechanism
+    assert build(stated) is build(result)  # computed once
+    damping = section(result).damping
     assert damping is not None
-    np.testing.assert_allclose(damping / section(found).stiffness, 0.06 / 62.9812, rtol=1e-5)
+    np.testing.assert_allclose(damping / section(result).stiffness, 0.06 / 62.9812, rtol=1e-5)
     assert (
         "retardation time 0.00095267 s from ratio 0.03 at mode 1, computed by flexinv; ratios of modes: "
-        "1 at 10.02 Hz 0.03, 2" in found.notes[0]
+        "1 at 10.02 Hz 0.03, 2" in result.notes[0]
     )
 
 

@@ -146,8 +146,8 @@ def test_floating_joint_is_free_and_has_no_drive(tmp_path: Path) -> None:
 def test_root_link_named_world(tmp_path: Path, base: str, first: tuple[str, ...]) -> None:
     """With a fixed base it is the world; a moving one is a link, under another name."""
     path = write(tmp_path, (TWO + joint()).replace('"a"', '"world"'))
-    found = from_urdf(path, base=base).joints[0]
-    assert (found.name, found.parent, found.child) == first
+    result = from_urdf(path, base=base).joints[0]
+    assert (result.name, result.parent, result.child) == first
 
 
 def test_mimic_joints_are_named(tmp_path: Path) -> None:

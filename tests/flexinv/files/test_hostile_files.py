@@ -10,10 +10,10 @@ import pytest
 
 import flexinv
 from flexinv.errors import InputError
-from flexinv.files.bounded_xml import DEEPEST, MOST_ELEMENTS, Unbounded, parse_bounded
+from flexinv.files.bounded_xml import DEEPEST, MOST_ELEMENTS, XmlBoundExceeded, parse_bounded
 from flexinv.files.from_urdf import read_xml
 from flexinv.files.lenient_xml import replace_invalid_xml
-from flexinv.files.regular_files import NotRegular, read_regular
+from flexinv.files.regular_files import NotRegularFile, read_regular
 from flexinv.files.toml_tables import read_toml
 
 
@@ -67,7 +67,7 @@ def test_what_takes_the_place_of_a_file_is_looked_at_when_it_is_open(
     """Between the look at a name and its opening the file becomes a pipe: nobody waits for a writer."""
     os.mkfifo(tmp_path / "arm.urdf")
     monkeypatch.setattr("flexinv.files.regular_files.describe_kind", lambda path: "")
-    with pytest.raises(NotRegular, match="a named pipe"):
+    with pytest.raises(NotRegularFile, match="a named pipe"):
         read_regular(tmp_path / "arm.urdf", 10)
 
 
@@ -77,12 +77,12 @@ def nested(depth: int) -> bytes:
 
 def test_levels_and_elements_have_bounds(tmp_path: Path) -> None:
     assert len(list(parse_bounded(nested(DEEPEST)).iter())) == DEEPEST
-    with pytest.raises(Unbounded, match="levels"):
+    with pytest.raises(XmlBoundExceeded, match="levels"):
         parse_bounded(nested(DEEPEST + 1))
     assert len(parse_bounded(b"<a>" + b"<b/>" * (MOST_ELEMENTS - 1) + b"</a>")) == MOST_ELEMENTS - 1
-    with pytest.raises(Unbounded, match="elements and attributes"):
+    with pytest.raises(XmlBoundExceeded, match="elements and attributes"):
         parse_bounded(b"<a>" + b"<b/>" * MOST_ELEMENTS + b"</a>")
-    with pytest.raises(Unbounded, match="elements and attributes"):
+    with pytest.raises(XmlBoundExceeded, match="elements and attributes"):
         parse_bounded(b"<a " + b" ".join(b'a%d="1"' % k for k in range(MOST_ELEMENTS + 1)) + b"/>")
     (tmp_path / "arm.urdf").write_bytes(b"<robot>" + nested(100_000) + b"</robot>")
     words = r"given: +more than 500 levels of elements\n  expected: at most 500 levels\n  write: "

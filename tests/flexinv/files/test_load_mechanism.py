@@ -214,8 +214,8 @@ def test_halfway_along_a_taper_is_the_shape_of_half_the_way(tmp_path: Path, firs
     assert beam is not None
     s = beam.section
     stiffness, mass, _ = section_of(tmp_path, f"{keys[2]}\n{MATERIAL}")
-    found = [np.interp(0.5, s.stations, column) for column in s.stiffness.T]
-    assert found == pytest.approx(stiffness.tolist(), rel=1e-5)
+    result = [np.interp(0.5, s.stations, column) for column in s.stiffness.T]
+    assert result == pytest.approx(stiffness.tolist(), rel=1e-5)
     assert np.interp(0.5, s.stations, s.mass_per_length) == pytest.approx(mass, rel=1e-5)
     # between the stations, too, what is linear is the taper
     at = (s.stations[:-1] + s.stations[1:]) / 2

@@ -31,15 +31,15 @@ OVERLAY = (
 
 def frames(mechanism: Mechanism) -> dict[str, Placement]:
     """Frames of the links in the world with every joint at zero and every (straight) beam undeformed."""
-    found = {"world": Placement()}
+    result = {"world": Placement()}
     for joint in mechanism.joints:
-        at = found[joint.parent]
+        at = result[joint.parent]
         beam = None if joint.station is None else mechanism.link_of[joint.parent].beam
         if beam is not None and joint.station is not None:
             at = after(at, beam.placement)
             at = after(at, Placement(np.array([joint.station * beam.length, 0, 0]), np.eye(3)))
-        found[joint.child] = after(at, joint.placement)
-    return found
+        result[joint.child] = after(at, joint.placement)
+    return result
 
 
 def after(a: Placement, b: Placement) -> Placement:

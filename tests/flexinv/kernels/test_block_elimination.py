@@ -28,12 +28,12 @@ def solved(m, blocks, pivots, right, x):
 
 def solution(m: Array, blocks: Blocks, *rights: Array) -> list[Array]:
     """Return the solutions for some right sides with one factorisation."""
-    room, pivots, found = m.copy(), Pivots.of(len(m)), []
+    room, pivots, result = m.copy(), Pivots.build_for(len(m)), []
     factored(room, blocks, LEAST, pivots)
     for right in rights:
-        found.append(np.empty(len(m)))
-        solved(room, blocks, pivots, right.copy(), found[-1])
-    return found
+        result.append(np.empty(len(m)))
+        solved(room, blocks, pivots, right.copy(), result[-1])
+    return result
 
 
 def chain(lengths: list[int], seed: int) -> tuple[Array, Blocks]:
@@ -69,8 +69,8 @@ def test_a_ring_fills_in_and_is_solved_all_the_same() -> None:
     coupled = np.eye(count, dtype=bool) | np.roll(np.eye(count, dtype=bool), 1, axis=0)
     g = np.repeat(np.repeat(coupled.T, 3, axis=0), 5, axis=1) * rng.normal(size=(3 * count, 5 * count))
     m, x = g @ g.T, rng.normal(size=3 * count)
-    (found,) = solution(m, build_blocks([3] * count, coupled), m @ x)
-    assert np.abs(found - x).max() < LEVEL * np.linalg.cond(m) * np.abs(x).max()
+    (result,) = solution(m, build_blocks([3] * count, coupled), m @ x)
+    assert np.abs(result - x).max() < LEVEL * np.linalg.cond(m) * np.abs(x).max()
 
 
 @pytest.mark.parametrize("way", ["blocks", "whole"])
@@ -83,11 +83,11 @@ def test_rows_that_repeat_others_have_no_part_in_the_solution(way: str) -> None:
     whole = pick @ m @ pick.T
     right = whole @ np.ones(8)
     everywhere = build_blocks([8], np.ones((1, 1), dtype=bool))
-    (found,) = solution(whole, blocks if way == "blocks" else everywhere, right)
+    (result,) = solution(whole, blocks if way == "blocks" else everywhere, right)
     over = np.sqrt(np.diag(whole))
-    assert (found == 0.0).sum() == 3
-    assert found[5] == 0.0
-    left = (whole @ found - right) / np.where(over > 0.0, over, 1.0)
+    assert (result == 0.0).sum() == 3
+    assert result[5] == 0.0
+    left = (whole @ result - right) / np.where(over > 0.0, over, 1.0)
     assert np.abs(left).max() < 1e-12 * np.abs(right[over > 0.0] / over[over > 0.0]).max()
 
 

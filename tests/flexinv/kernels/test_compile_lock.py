@@ -84,9 +84,9 @@ def test_of_processes_that_start_at_once_one_compiles(tmp_path: Path) -> None:
     users = [
         subprocess.Popen([sys.executable, "-c", USER], env=asked, stdout=subprocess.PIPE, text=True) for _ in range(3)
     ]
-    found = [json.loads(user.communicate()[0]) for user in users]
-    assert [value for value, _ in found] == [6.0] * 3
-    assert sum(misses for _, misses in found) == 1
+    result = [json.loads(user.communicate()[0]) for user in users]
+    assert [value for value, _ in result] == [6.0] * 3
+    assert sum(misses for _, misses in result) == 1
 
 
 def test_a_kernel_that_cannot_be_compiled_keeps_no_lock(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -54,10 +54,10 @@ def stiff(size: int) -> Array:
     return np.asarray(units[:, None] * (part @ part.T) * units)
 
 
-def unit_error(found: Array, expected: Array, matrix: Array) -> float:
+def unit_error(values: Array, expected: Array, matrix: Array) -> float:
     """Largest error of an inverse with the rows of the matrix scaled to a unit diagonal."""
     over = np.sqrt(np.diag(matrix))
-    return float(np.abs((found - expected) * np.outer(over, over)).max(initial=0.0))
+    return float(np.abs((values - expected) * np.outer(over, over)).max(initial=0.0))
 
 
 @pytest.mark.parametrize("size", [1, 2, 3, 4, 5, 9, 20])
@@ -66,9 +66,9 @@ def test_inverses_equal_those_of_lapack(size: int) -> None:
     over = 1 / np.sqrt(np.diag(matrix))
     scaled = matrix * np.outer(over, over)
     expected, level = np.linalg.inv(scaled), np.linalg.cond(scaled) * LEVEL
-    found, other = scaled.copy(), matrix.copy()
-    inverted(found, size)
-    assert np.abs(found - expected).max() < level * np.abs(expected).max()
+    result, other = scaled.copy(), matrix.copy()
+    inverted(result, size)
+    assert np.abs(result - expected).max() < level * np.abs(expected).max()
     inverted_scaled(other, size, 1e-10, np.empty(size), np.empty(size, dtype=bool))
     assert unit_error(other, expected * np.outer(over, over), matrix) < level * np.abs(expected).max()
 
@@ -79,6 +79,6 @@ def test_rows_that_repeat_others_are_left_out() -> None:
         [[1.0, 0, 0, 0], [0, 1.0, 0, 0], [0, 0, 1.0, 0], [0, 0, 0, 1.0], [1.0, 0, 0, 0]]
     )  # the last is the first
     whole = pick @ matrix @ pick.T
-    found = whole.copy()
-    inverted_scaled(found, 5, 1e-10, np.empty(5), np.empty(5, dtype=bool))
-    assert (found[0] == 0.0).all() != (found[4] == 0.0).all()  # one of the two
+    result = whole.copy()
+    inverted_scaled(result, 5, 1e-10, np.empty(5), np.empty(5, dtype=bool))
+    assert (result[0] == 0.0).all() != (result[4] == 0.0).all()  # one of the two

@@ -104,7 +104,7 @@ MATRICES = {
 
 def of(matrix: Array, last: NDArray[np.bool_] | None = None) -> tuple[Fronts, FrontFactors]:
     fronts = build_fronts(matrix.any(axis=0), last)
-    return fronts, FrontFactors.of(fronts, len(matrix))
+    return fronts, FrontFactors.build_for(fronts, len(matrix))
 
 
 @pytest.mark.parametrize("lanes", [1, 16])
@@ -118,13 +118,13 @@ def test_solves_as_lapack_does(name: str, lanes: int) -> None:
     rng = np.random.default_rng(1)
     y, x = rng.normal(size=(rows, lanes)), np.full((columns, lanes), np.nan)
     least_squares(fronts, qr, y, x)
-    given, found = rng.normal(size=(columns, lanes)), np.zeros((rows, lanes))
-    least_norm(fronts, qr, given.copy(), found)
+    given, result = rng.normal(size=(columns, lanes)), np.zeros((rows, lanes))
+    least_norm(fronts, qr, given.copy(), result)
     for k in range(lanes):
         expected, level = np.linalg.lstsq(a[k], y[:, k], rcond=None)[0], np.linalg.cond(a[k]) * LEVEL
         assert np.abs(x[:, k] - expected).max() < np.linalg.cond(a[k]) * level * np.abs(expected).max()
         expected = np.linalg.lstsq(a[k].T, given[:, k], rcond=None)[0]
-        assert np.abs(found[:, k] - expected).max() < level * np.abs(expected).max()
+        assert np.abs(result[:, k] - expected).max() < level * np.abs(expected).max()
 
 
 @pytest.mark.parametrize("last", [[0, 1], [3, 8], [22, 23]])
@@ -137,7 +137,9 @@ def test_free_columns_are_the_last_ones_that_can_be(last: list[int]) -> None:
     fronts, qr = of(a, mask)
     rank = factored(fronts, qr, a)
     assert rank == np.linalg.matrix_rank(a[0])
-    own = np.concatenate([np.arange(fronts.first[f], fronts.first[f] + fronts.own[f]) for f in range(len(fronts.own))])
+    own = np.concatenate(
+        [np.arange(fronts.first[f], fronts.first[f] + fronts.pivots[f]) for f in range(len(fronts.pivots))]
+    )
     free = fronts.column[own[qr.pivot[own] < 0]]
     assert len(free) == 24 - rank
     before = np.linalg.matrix_rank(a[0][:, ~mask])  # all the rank that the others have is theirs

@@ -52,8 +52,8 @@ def test_the_tip_is_that_of_the_stepped_beam(tmp_path: Path, stations: str) -> N
     light = flexinv.Mechanism(
         mechanism.name, mechanism.links, mechanism.joints, np.array([0.0, -1e-3, 0.0]), title="t", source="s"
     )
-    found = flexinv.statics(light)
-    assert -found.tip["b"][0, 1] == pytest.approx(sag(0.2e-3), rel=5e-4)  # the lumped masses; 3.5 % without the cut
+    solution = flexinv.statics(light)
+    assert -solution.tip["b"][0, 1] == pytest.approx(sag(0.2e-3), rel=5e-4)  # the lumped masses; 3.5 % without the cut
 
 
 @pytest.mark.parametrize("stations", [ABRUPT, STEP])

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from kernels import DIFFERENCE, Array, derivative
-from scenes import PASSIVE_KINDS, Scene, branching, hanging, scene
+from scenes import PASSIVE_KINDS, MovingSolver, branching, hanging, scene
 
 from flexinv.kinematics.tree import Frames
 from flexinv.model.mechanism import Mechanism
@@ -19,7 +19,7 @@ def stacked(frames: Frames) -> Array:
     return np.stack([*columns, frames.r], axis=1)
 
 
-def by_differences(case: Scene, direction: Array) -> list[Array]:
+def by_differences(case: MovingSolver, direction: Array) -> list[Array]:
     """Derivatives of x, t, v, w, a, al, (nodes, 3) each, along one unknown."""
     rotation = case.at(direction, 0.0)[0].r
     slope = derivative(lambda h: stacked(case.at(direction, h)[0]))
@@ -28,7 +28,7 @@ def by_differences(case: Scene, direction: Array) -> list[Array]:
     return [x, np.stack([spin[:, 2, 1], spin[:, 0, 2], spin[:, 1, 0]], axis=1), v, w, a, al]
 
 
-def worst_error(case: Scene, spoilt: int | None = None) -> float:
+def worst_error(case: MovingSolver, spoilt: int | None = None) -> float:
     """Largest difference, over all unknowns and nodes, of the variation from differences, relative to the largest entry.
 
     spoilt : part of the variation (x, t, v, w, a, al) of which one entry is made wrong by 1e-9 of the largest

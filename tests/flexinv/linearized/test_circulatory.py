@@ -49,13 +49,13 @@ def ziegler(push: float) -> Mechanism:
 @pytest.mark.parametrize(("push", "exact"), [(2.0, [0.5, 1.0]), (2.5, [0.5 - 0.5j, 0.5 + 0.5j])])
 def test_two_links_under_a_push_that_turns_along(push: float, exact: list[complex]) -> None:
     """M = [[3, 1], [1, 1]], K = [[2 - P, P - 1], [-1, 1]] by hand."""
-    found = natural_modes(ziegler(push), free=["a", "b"])
-    np.testing.assert_allclose(found.squared, exact, rtol=ROUNDING)
+    modes = natural_modes(ziegler(push), free=["a", "b"])
+    np.testing.assert_allclose(modes.squared, exact, rtol=ROUNDING)
     steady = steady_modes(ziegler(push), free=["a", "b"])
-    np.testing.assert_allclose(sorted(found.root, key=abs), sorted(steady.root, key=abs), rtol=1e-9)
-    assert found.stability == (("stable", "stable") if push == 2.0 else ("flutter", "twin of flutter"))
-    assert np.isrealobj(found.frequency)
-    assert np.iscomplexobj(found.displacement) == (push == 2.5)
+    np.testing.assert_allclose(sorted(modes.root, key=abs), sorted(steady.root, key=abs), rtol=1e-9)
+    assert modes.stability == (("stable", "stable") if push == 2.0 else ("flutter", "twin of flutter"))
+    assert np.isrealobj(modes.frequency)
+    assert np.iscomplexobj(modes.displacement) == (push == 2.5)
 
 
 def column(push: float) -> Mechanism:
@@ -73,12 +73,12 @@ BECK = {5.0: 4.21768j, 10.0: 5.17576j, 40.0: 10.518 + 9.669j}
 
 @pytest.mark.parametrize("push", BECK)
 def test_becks_column(push: float) -> None:
-    found = natural_modes(column(push), count=1)
-    assert abs(found.root[0] - BECK[push]) < 1e-4 * abs(BECK[push])
+    modes = natural_modes(column(push), count=1)
+    assert abs(modes.root[0] - BECK[push]) < 1e-4 * abs(BECK[push])
     if push < 20.0:  # 20.05 is its flutter load
         assert flexinv.statics(column(push)).stable
         return
-    assert found.stability == ("flutter",)
+    assert modes.stability == ("flutter",)
     with pytest.warns(ModelWarning, match="complex: flutter"):
         assert flexinv.statics(column(push)).stable is False
 
@@ -116,8 +116,8 @@ def test_a_moment_in_space_is_not_symmetric_either() -> None:
     section = replace(bar.section, mass_per_length=np.ones(1), rotary_inertia=np.full((1, 3), 1e-3))
     force = Force("twist", Attachment("beam", station=1.0), np.array([[0, 0, 0, 0.3, 0, 0.0]]))
     shaft = replace(clamped(replace(bar, section=section), 1, 4), gravity=np.zeros(3), forces=(force,))
-    found, steady = natural_modes(shaft, count=4), steady_modes(shaft, count=4)
-    np.testing.assert_allclose(found.root, steady.root, rtol=1e-7)
+    result, steady = natural_modes(shaft, count=4), steady_modes(shaft, count=4)
+    np.testing.assert_allclose(result.root, steady.root, rtol=1e-7)
 
 
 def gears(coupled: bool) -> Mechanism:
@@ -135,10 +135,10 @@ def gears(coupled: bool) -> Mechanism:
 
 
 def test_a_rate_that_follows_from_a_coupling_is_taken() -> None:
-    found = steady_modes(gears(True), rates={"g1": 20.0}, count=4)
+    modes = steady_modes(gears(True), rates={"g1": 20.0}, count=4)
     apart = steady_modes(gears(False), rates={"g1": 20.0, "g2": -60.0}, count=4)
-    np.testing.assert_allclose(found.frequency, apart.frequency, rtol=1e-6)  # stiffness of shafts against discs: 1e9
-    assert found.rates == {"g1": 20.0, "g2": pytest.approx(-60.0)}
+    np.testing.assert_allclose(modes.frequency, apart.frequency, rtol=1e-6)  # stiffness of shafts against discs: 1e9
+    assert modes.rates == {"g1": 20.0, "g2": pytest.approx(-60.0)}
 
 
 def test_rates_that_contradict_a_coupling_are_an_error() -> None:
@@ -158,14 +158,14 @@ def test_few_modes_of_something_that_turns_keep_their_poles(modes: int) -> None:
     """13.64 Hz was the fourth of the gears without gyroscopic terms, where 12.18 Hz is right."""
     rates = {"g1": 20.0, "g2": -60.0}
     exact = steady_modes(gears(False), rates=rates, free=["g1", "g2"], count=modes).root
-    found = linear_model(gears(False), rates=rates, modes=modes)
-    poles = np.linalg.eigvals(found.A)
+    model = linear_model(gears(False), rates=rates, modes=modes)
+    poles = np.linalg.eigvals(model.A)
     away = np.abs(poles[None] - exact[:, None]).min(axis=1)
     # rounding of stiffnesses of 1e9 is 1e-7, and a double root at zero is known to the root of that
     assert (away < 1e-6 * np.abs(exact) + 3e-4).all()
-    assert len(found.A) <= 4 * modes
+    assert len(model.A) <= 4 * modes
     assert poles.real.max() < 3e-4
-    assert f"the {modes} slowest complex modes" in found.notes[0]
+    assert f"the {modes} slowest complex modes" in model.notes[0]
     assert not linear_model(gears(False), modes=modes).notes
 
 
@@ -181,9 +181,9 @@ def test_a_hub_that_is_accelerated_keeps_the_poles_of_what_it_carries() -> None:
     one = gears(False)
     rates = {"g1": 20.0, "g2": -60.0}
     exact = steady_modes(one, rates=rates, free=["g1"], count=3).root
-    found = linear_model(one, rates=rates, free=["g1"], accelerated=["g2"], modes=3)
-    assert found.inputs[-1] == "g2 acceleration"
-    away = np.abs(np.linalg.eigvals(found.A)[None] - exact[:, None]).min(axis=1)
+    model = linear_model(one, rates=rates, free=["g1"], accelerated=["g2"], modes=3)
+    assert model.inputs[-1] == "g2 acceleration"
+    away = np.abs(np.linalg.eigvals(model.A)[None] - exact[:, None]).min(axis=1)
     assert (away < 1e-6 * np.abs(exact) + 1e-5).all()
 
 
@@ -194,8 +194,8 @@ def test_no_rotary_inertia_gives_no_poles_beyond_the_others() -> None:
     for rotary in (0.0, 1e-6):
         inertia = np.array([[1e-3, rotary, rotary]])
         section = replace(bar.section, mass_per_length=np.ones(1), rotary_inertia=inertia)
-        found = linear_model(replace(clamped(replace(bar, section=section), 1, 4), gravity=np.zeros(3)))
-        poles.append(np.sort(np.abs(np.linalg.eigvals(found.A))))
+        model = linear_model(replace(clamped(replace(bar, section=section), 1, 4), gravity=np.zeros(3)))
+        poles.append(np.sort(np.abs(np.linalg.eigvals(model.A))))
     assert np.isfinite(poles[0]).all()
     np.testing.assert_allclose(poles[0][:4], poles[1][:4], rtol=1e-3)
     assert poles[0].max() < 1e5

@@ -47,37 +47,37 @@ def sparse(matrix: Array) -> Sparse:
 def test_slow_and_fast_roots_beside_one_without_stiffness_are_exact() -> None:
     """About one shift 7e3 1/s was off by 3e-3 of itself beside 1e9 1/s and a free motion."""
     frequency = np.array([0.0, 1e-1, 1.0, 7e3, 1e6, 1e9])
-    found = find_roots(*(sparse(np.diag(part)) for part in (np.ones(6), np.zeros(6), frequency**2)))
+    roots = find_roots(*(sparse(np.diag(part)) for part in (np.ones(6), np.zeros(6), frequency**2)))
     exact = np.sort(np.concatenate([[0.0], frequency]))  # of the free motion both
-    off = np.abs(np.abs(found.root) - exact)
-    assert (off <= found.bar).all()
+    off = np.abs(np.abs(roots.root) - exact)
+    assert (off <= roots.bar).all()
     assert (off[2:] < ROUNDING * exact[2:]).all()
 
 
 def test_dampers_on_what_has_no_inertia_are_roots_of_their_own() -> None:
     """c x' + k x = 0 beside a mass on a spring: three roots."""
-    found = find_roots(sparse(np.diag([1.0, 0.0])), sparse(np.diag([0.0, 2.0])), sparse(np.diag([9.0, 4.0])))
-    np.testing.assert_allclose(found.root, [-2.0, 3.0j], rtol=ROUNDING)
+    roots = find_roots(sparse(np.diag([1.0, 0.0])), sparse(np.diag([0.0, 2.0])), sparse(np.diag([9.0, 4.0])))
+    np.testing.assert_allclose(roots.root, [-2.0, 3.0j], rtol=ROUNDING)
 
 
 def test_gyroscopic_terms_move_what_follows() -> None:
     """x'' + x + g e' = 0, k e = g x': e follows the rate of x, and (1 + g^2 / k) x'' + x = 0."""
     gyroscopic = np.array([[0.0, 2.0], [-2.0, 0.0]])
-    found = find_roots(sparse(np.diag([1.0, 0.0])), sparse(gyroscopic), sparse(np.diag([1.0, 4.0])))
-    np.testing.assert_allclose(found.root, [1j / np.sqrt(2.0)], rtol=ROUNDING)
+    roots = find_roots(sparse(np.diag([1.0, 0.0])), sparse(gyroscopic), sparse(np.diag([1.0, 4.0])))
+    np.testing.assert_allclose(roots.root, [1j / np.sqrt(2.0)], rtol=ROUNDING)
 
 
 @pytest.mark.parametrize("squared", [2.0, 3.0, 7.0, 11.0, 13.0, 156.9276888, 1e6 / 7.0])
 def test_both_roots_of_what_falls_are_found(squared: float) -> None:
     """Of +w and -w, equal in size but for rounding, both ends had the same one on their side of the place where they part."""
-    found = find_roots(sparse([[1.0]]), sparse([[0.0]]), sparse([[-squared]]))
-    np.testing.assert_allclose(np.sort(found.root.real), np.sqrt(squared) * np.array([-1.0, 1.0]), rtol=ROUNDING)
+    roots = find_roots(sparse([[1.0]]), sparse([[0.0]]), sparse([[-squared]]))
+    np.testing.assert_allclose(np.sort(roots.root.real), np.sqrt(squared) * np.array([-1.0, 1.0]), rtol=ROUNDING)
 
 
 def test_light_damping_is_no_rounding() -> None:
     """A part of critical damping of 1e-9 was taken for rounding."""
-    found = find_roots(sparse(np.eye(1)), sparse([[2e-9]]), sparse(np.eye(1)))
-    np.testing.assert_allclose(found.root.real, [-1e-9], rtol=1e-6)
+    roots = find_roots(sparse(np.eye(1)), sparse([[2e-9]]), sparse(np.eye(1)))
+    np.testing.assert_allclose(roots.root.real, [-1e-9], rtol=1e-6)
 
 
 def disc(damping: float, inertia: float) -> Mechanism:
@@ -109,12 +109,12 @@ def test_a_state_space_has_the_state_of_a_damper_without_inertia() -> None:
 
 def test_bars_of_roots_hold_and_are_none_of_rigid_mechanisms_but_rounding() -> None:
     rotor = bar(1, "revolute")
-    found, right = (steady_modes(one, free=["root"], count=4) for one in (rotor, bar(6, "revolute")))
-    off = np.abs(found.root - right.root)
-    assert (off <= found.root_error + right.root_error).all()
-    assert (found.root_error[2:] > 1e-6 * np.abs(found.root[2:])).any()
-    np.testing.assert_allclose(found.frequency_error, found.root_error / (2 * np.pi))
-    assert copy.deepcopy(found) == found
+    result, right = (steady_modes(one, free=["root"], count=4) for one in (rotor, bar(6, "revolute")))
+    off = np.abs(result.root - right.root)
+    assert (off <= result.root_error + right.root_error).all()
+    assert (result.root_error[2:] > 1e-6 * np.abs(result.root[2:])).any()
+    np.testing.assert_allclose(result.frequency_error, result.root_error / (2 * np.pi))
+    assert copy.deepcopy(result) == result
     assert (steady_modes(disc(0.4, 0.1), free=["hinge"]).root_error < 1e-11).all()
 
 
@@ -164,10 +164,10 @@ def fast_root(time: float) -> float:
 @pytest.mark.parametrize("time", [2e-6, 1e-6, 2e-7])
 def test_a_root_that_is_nearly_as_fast_as_what_follows_is_exact(time: float) -> None:
     """It was off by (|s| FOLLOWS)^2, 2e-4 to 2e-2 of it, with an error bar of rounding."""
-    found = steady_modes(slides(time), free=["slide 0", "slide 1", "slide 2"])
-    off = abs(found.root[-1] - fast_root(time))
-    assert off < ROUNDING * abs(found.root[-1])
-    assert off <= found.rounding[-1]
+    modes = steady_modes(slides(time), free=["slide 0", "slide 1", "slide 2"])
+    off = abs(modes.root[-1] - fast_root(time))
+    assert off < ROUNDING * abs(modes.root[-1])
+    assert off <= modes.rounding[-1]
 
 
 @pytest.mark.parametrize("time", [2e-6, 1e-6, 2e-7])
@@ -213,13 +213,13 @@ def test_roots_of_several_dampers_are_those_of_the_whole_pencil(seed: int) -> No
     damping[2:5, 2:5] = 1e-5 * np.diag(dice.uniform(1.0, 3.0, 3))
     damping[5:, 5:] = FOLLOWS * np.diag(dice.uniform(0.5, 2.0, 3))
     mass = np.diag([1.0, 2.0, *np.zeros(6)])
-    found = find_roots(sparse(mass), sparse(damping), sparse(stiffness))
+    roots = find_roots(sparse(mass), sparse(damping), sparse(stiffness))
     exact = spectrum_of(Pencil(mass, damping, stiffness, np.eye(8), float(np.abs(stiffness).max())))
-    apart = np.abs(found.root[:, None] - exact.root[None])
-    assert len(found.root) == 2 + 3  # of each pair one, and those of what follows are beyond all
+    apart = np.abs(roots.root[:, None] - exact.root[None])
+    assert len(roots.root) == 2 + 3  # of each pair one, and those of what follows are beyond all
     bars = exact.bars(ROUNDING)[apart.argmin(axis=1)]
-    assert (apart.min(axis=1) <= found.bar + bars).all()
-    assert (found.bar < 1e-9 * np.abs(found.root)).all()
+    assert (apart.min(axis=1) <= roots.bar + bars).all()
+    assert (roots.bar < 1e-9 * np.abs(roots.root)).all()
 
 
 # ------------------------------------------------------------------------------------------------- damped columns
@@ -239,9 +239,9 @@ def test_damping_may_make_a_column_flutter_that_is_stable_without() -> None:
 
 def test_of_many_motions_statics_says_which_were_looked_at() -> None:
     column = bar(15, push=5.0, follower=True)
-    found = flexinv.statics(with_retardation(column, 1e-5))
-    assert found.stable is True
-    assert any("30 slowest were looked at" in note for note in found.notes)
+    solution = flexinv.statics(with_retardation(column, 1e-5))
+    assert solution.stable is True
+    assert any("30 slowest were looked at" in note for note in solution.notes)
 
 
 # ---------------------------------------------------------------------------------------- large meshes, and counts
@@ -251,11 +251,11 @@ def test_of_many_motions_statics_says_which_were_looked_at() -> None:
 def test_few_roots_of_many_are_those_of_the_dense_matrices(damped: bool, monkeypatch: pytest.MonkeyPatch) -> None:
     column = bar(15, "revolute", push=5.0, follower=True)
     column = with_retardation(column, 1e-6) if damped else column
-    found = steady_modes(column, free=["root"], count=6)
+    modes = steady_modes(column, free=["root"], count=6)
     monkeypatch.setattr(steady, "ONE_AND_ALL", 10**9)
     dense = steady_modes(column, free=["root"], count=6)
     # of pairs of roots of a square bar that lie together, which its bars know
-    assert (np.abs(found.root - dense.root) <= found.rounding + dense.rounding + 1e-8 * np.abs(dense.root)).all()
+    assert (np.abs(modes.root - dense.root) <= modes.rounding + dense.rounding + 1e-8 * np.abs(dense.root)).all()
 
 
 def test_roots_within_a_circle_are_counted() -> None:

@@ -42,9 +42,9 @@ def tied(stiff: float) -> tuple[Sparse, Sparse, Sparse]:
 @pytest.mark.parametrize("stiff", [1.0, 1e3, 1e5])
 def test_a_soft_motion_without_inertia_among_stiff_ones_has_its_root(stiff: float) -> None:
     """Its C was judged over the stiffness of each freedom alone, and one root of -1e6 1/s was left out."""
-    found = find_roots(*tied(stiff))
+    roots = find_roots(*tied(stiff))
     # of the entries, 1e-16 times their sizes over that of the soft motion
-    np.testing.assert_allclose(found.root, [3j, -1e6, -1e6], rtol=1e-15 * max(stiff, 1e3))
+    np.testing.assert_allclose(roots.root, [3j, -1e6, -1e6], rtol=1e-15 * max(stiff, 1e3))
 
 
 def test_what_is_known_less_well_than_to_rounding_of_itself_keeps_its_bar() -> None:
@@ -59,14 +59,14 @@ def test_what_is_known_less_well_than_to_rounding_of_itself_keeps_its_bar() -> N
     end = np.array([0.0, 0.0, 1.0])
     springs = ((1.0, along), (1.0, first), (stiff, second), (1.0, end))
     stiffness = sum(k * np.outer(way, way) for k, way in springs)
-    found = find_roots(sparse(np.diag(along)), sparse(FOLLOWS * np.outer(end, end)), sparse(stiffness))
+    roots = find_roots(sparse(np.diag(along)), sparse(FOLLOWS * np.outer(end, end)), sparse(stiffness))
 
     def row(s: complex) -> complex:
         return s * s + 1.0 + 1.0 / (1.0 + 1.0 / stiff + 1.0 / (1.0 + FOLLOWS * s))
 
     exact = scipy.optimize.newton(row, 1.2j, tol=1e-15)
-    off = np.abs(found.root[0] - exact)
-    assert off <= found.bar[0] < 1e-13 * stiff * np.abs(exact)
+    off = np.abs(roots.root[0] - exact)
+    assert off <= roots.bar[0] < 1e-13 * stiff * np.abs(exact)
 
 
 def test_a_damper_that_rounding_hides_is_said() -> None:
@@ -76,8 +76,8 @@ def test_a_damper_that_rounding_hides_is_said() -> None:
     with pytest.warns(
         ModelWarning, match=r"whether 1 motion\(s\) without inertia have a root of their own, beyond 1e\+05 1/s"
     ):
-        found = find_roots(sparse(mass), sparse(np.diag([0.0, 1e8, 1e-5])), sparse(stiffness))
-    np.testing.assert_allclose(np.sort_complex(found.root), [-1.0, 1j], rtol=ROUNDING)
+        roots = find_roots(sparse(mass), sparse(np.diag([0.0, 1e8, 1e-5])), sparse(stiffness))
+    np.testing.assert_allclose(np.sort_complex(roots.root), [-1.0, 1j], rtol=ROUNDING)
 
 
 def apart() -> tuple[Sparse, Sparse, Sparse]:
@@ -101,8 +101,8 @@ def test_a_root_that_both_ends_have_lost_is_said(monkeypatch: pytest.MonkeyPatch
     monkeypatch.setattr(first_order, "_solve_direct", lambda *given: moved(direct(*given)))
     monkeypatch.setattr(first_order, "_find_slow_roots", lambda *given: (moved(slow(*given)[0]), 0.0))
     with pytest.warns(ModelWarning, match="that none of 8 roots is lost is not proved"):
-        found = find_roots(*apart())
-    assert found.bar[-1] > 0.1 * np.abs(found.root[-1])
+        roots = find_roots(*apart())
+    assert roots.bar[-1] > 0.1 * np.abs(roots.root[-1])
 
 
 def test_a_root_that_is_lost_is_an_error(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -139,6 +139,6 @@ def test_several_zeros_together_are_no_lost_roots() -> None:
     stiffness[1, 0] = -1.0
     turned = scipy.linalg.qr(np.random.default_rng(3).normal(size=(3, 3)))[0]
     matrices = (turned.T @ part @ turned for part in (np.eye(3), np.zeros((3, 3)), stiffness))
-    found = find_roots(*(sparse(part) for part in matrices))
-    swings = found.root[np.abs(found.root) > 1.0]
+    roots = find_roots(*(sparse(part) for part in matrices))
+    swings = roots.root[np.abs(roots.root) > 1.0]
     np.testing.assert_allclose(swings, [2j], rtol=1e-7)

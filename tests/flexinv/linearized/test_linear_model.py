@@ -42,8 +42,8 @@ def slowest(a: Array, count: int) -> Array:
 @pytest.mark.parametrize("rates", [{}, {"hub": 9.0}])
 def test_its_poles_are_the_roots_of_the_modes(rates: dict[str, float]) -> None:
     model = linear_model(arm(), rates=rates)
-    found = steady_modes(arm(), rates=rates, free=["hub"])
-    swinging = found.root[found.root.imag > 1.0][:4]
+    modes = steady_modes(arm(), rates=rates, free=["hub"])
+    swinging = modes.root[modes.root.imag > 1.0][:4]
     np.testing.assert_allclose(slowest(model.A, 4), swinging, rtol=ROUNDING)
     held = linear_model(arm(), rates=rates, accelerated=["hub"])
     np.testing.assert_allclose(slowest(held.A, 4), steady_modes(arm(), rates=rates, count=4).root, rtol=ROUNDING)
@@ -73,9 +73,9 @@ def test_a_small_torque_moves_both_alike() -> None:
     torque = 1e-4 * np.sin(np.pi * time / 0.2) ** 2
     solution = flexinv.simulate(arm(), time, torque[:, None], step=1e-4)
     model = linear_model(arm())
-    _, found, _ = scipy.signal.lsim(model.matrices, torque, time)
+    _, result, _ = scipy.signal.lsim(model.matrices, torque, time)
     for name, series in (("hub", solution.q[:, 0]), ("strip tip y", solution.tip["strip"][:, 1])):
-        ours = found[:, model.outputs.index(name)]
+        ours = result[:, model.outputs.index(name)]
         # time error of the march, (h omega)^2 / 12 of the 50 Hz that are excited most, and 1e-4 of squares of the angle
         np.testing.assert_allclose(ours, series, rtol=0, atol=2e-4 * np.abs(series).max())
 
@@ -91,9 +91,9 @@ def test_a_given_acceleration_moves_both_alike() -> None:
     model = linear_model(arm(), accelerated=["hub"])
     assert model.inputs == ("hub acceleration",)
     assert model.input_units == ("rad/s^2",)
-    _, found, _ = scipy.signal.lsim(model.matrices, solution.qdd[:, 0], solution.time)
+    _, result, _ = scipy.signal.lsim(model.matrices, solution.qdd[:, 0], solution.time)
     for name, series in (("hub", solution.q[:, 0]), ("strip tip y", solution.tip["strip"][:, 1])):
-        ours = found[:, model.outputs.index(name)]
+        ours = result[:, model.outputs.index(name)]
         np.testing.assert_allclose(ours, series, rtol=0, atol=2e-4 * np.abs(series).max())
 
 
@@ -107,8 +107,8 @@ def test_a_rigid_mechanism_is_its_torques_derivatives() -> None:
     mass, damping, stiffness = (part[0] for part in (slopes.qdd, slopes.qd, slopes.q))
     s = 0.7 + 3.0j
     exact = np.linalg.inv(s * s * mass + s * damping + stiffness)
-    found = model.C[:2] @ np.linalg.solve(s * np.eye(4) - model.A, model.B)
-    np.testing.assert_allclose(found, exact, rtol=ROUNDING)
+    result = model.C[:2] @ np.linalg.solve(s * np.eye(4) - model.A, model.B)
+    np.testing.assert_allclose(result, exact, rtol=ROUNDING)
     holding = flexinv.joint_torques(mechanism, at, np.zeros(2), np.zeros(2))
     np.testing.assert_allclose(model.bias, holding, rtol=ROUNDING)
 

@@ -44,37 +44,37 @@ G = 9.81
 @pytest.mark.parametrize("thickness", sorted({row["h_m"] for row in ROWS}))
 def test_timoshenko_cantilevers(thickness: str) -> None:
     rows = [row for row in ROWS if row["h_m"] == thickness]
-    found = natural_modes(cantilever(rows[0]))
+    modes = natural_modes(cantilever(rows[0]))
     exact = [float(row["f_Timoshenko_Hz"]) for row in rows]
     assert len(exact) == 4
-    np.testing.assert_allclose(found.frequency[in_plane(found)][:4], exact, rtol=SPECTRAL)
+    np.testing.assert_allclose(modes.frequency[in_plane(modes)][:4], exact, rtol=SPECTRAL)
 
 
 def test_bending_without_shear_is_another_table() -> None:
     """The same check refuses the table's other column, Euler and Bernoulli's."""
     rows = [row for row in ROWS if row["h_m"] == "0.1"]
-    found = natural_modes(cantilever(rows[0]))
+    modes = natural_modes(cantilever(rows[0]))
     exact = np.array([float(row["f_EB_Hz"]) for row in rows])
-    assert (np.abs(found.frequency[in_plane(found)][:4] / exact - 1) > 5e-3).all()
+    assert (np.abs(modes.frequency[in_plane(modes)][:4] / exact - 1) > 5e-3).all()
 
 
 @pytest.mark.parametrize(("kind", "root"), [("fixed", CLAMPED), ("revolute", PINNED)])
 def test_a_closure_at_the_tip_holds_the_beam(kind: str, root: float) -> None:
     end = Attachment(WORLD, Placement(np.array([1.0, 0.0, 0.0])))
-    found = natural_modes(thin((Closure("end", kind, end, Attachment("beam", Placement(), 1.0)),)))
+    modes = natural_modes(thin((Closure("end", kind, end, Attachment("beam", Placement(), 1.0)),)))
     # GA = 1e9 of EI / L^2: shear lowers the frequency by 1e-8
-    assert np.sqrt(found.squared[in_plane(found)[0]]) == pytest.approx(root**2, rel=SPECTRAL)
-    moves = np.concatenate([found.displacement, found.rotation], axis=2)
+    assert np.sqrt(modes.squared[in_plane(modes)[0]]) == pytest.approx(root**2, rel=SPECTRAL)
+    moves = np.concatenate([modes.displacement, modes.rotation], axis=2)
     assert (
-        np.abs(compute_tip_displacements(found.mesh, moves, found.orientation)["beam"]).max()
-        < 1e-10 * np.abs(found.displacement).max()
+        np.abs(compute_tip_displacements(modes.mesh, moves, modes.orientation)["beam"]).max()
+        < 1e-10 * np.abs(modes.displacement).max()
     )
 
 
 def test_a_rod_swings_about_its_end() -> None:
-    found = natural_modes(pendulum(1), free=["q0"])
-    np.testing.assert_allclose(found.squared, 1.5 * G / 0.5, rtol=10 * EPS)
-    assert found.link == ("rod 0",)
+    modes = natural_modes(pendulum(1), free=["q0"])
+    np.testing.assert_allclose(modes.squared, 1.5 * G / 0.5, rtol=10 * EPS)
+    assert modes.link == ("rod 0",)
     upright = natural_modes(pendulum(1), q=[np.pi], free=["q0"])
     np.testing.assert_allclose(
         upright.squared, -1.5 * G / 0.5, rtol=1e-9
@@ -133,10 +133,10 @@ def by_hand(gap: float) -> tuple[float, float]:
 @pytest.mark.parametrize("gap", [BAR, 0.5, 1.0])
 def test_a_swing_is_a_loop_that_gravity_stiffens(gap: float) -> None:
     exact, rest = by_hand(gap)
-    found = natural_modes(swing(gap), q=[rest, -rest, -rest])
-    assert found.free == ("a", "b", "c")
+    modes = natural_modes(swing(gap), q=[rest, -rest, -rest])
+    assert modes.free == ("a", "b", "c")
     # the second difference of an energy of some J known to 1e-16, over steps of 1e-3
-    np.testing.assert_allclose(found.squared, exact, rtol=1e-9)
+    np.testing.assert_allclose(modes.squared, exact, rtol=1e-9)
 
 
 def test_half_of_the_bar_hangs_on_the_closure(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -170,12 +170,12 @@ def test_a_chain_of_ball_joints_swings_as_about_a_steady_motion(count: int) -> N
     """Spins without stiffness, a third of all motions, take nothing from the others; 1e-7 of 40 links are left by both."""
     chain = hanging(count)
     free = [joint.name for joint in chain.joints]
-    found, steady = natural_modes(chain, free=free), steady_modes(chain, free=free).frequency
-    assert np.array_equal(found.frequency[:count], np.zeros(count))
-    np.testing.assert_allclose(found.frequency[count:], steady[steady > 0.0], rtol=1e-6)
+    result, steady = natural_modes(chain, free=free), steady_modes(chain, free=free).frequency
+    assert np.array_equal(result.frequency[:count], np.zeros(count))
+    np.testing.assert_allclose(result.frequency[count:], steady[steady > 0.0], rtol=1e-6)
     model = linear_model(chain, free=free)
     roots = np.sort(abs(np.linalg.eigvals(model.A).imag))[2 * count :: 2] / (2 * np.pi)
-    np.testing.assert_allclose(roots, found.frequency[count:], rtol=1e-6)
+    np.testing.assert_allclose(roots, result.frequency[count:], rtol=1e-6)
 
 
 def test_a_rigid_rotation_is_zero_and_no_instability(root: Path) -> None:
@@ -183,22 +183,22 @@ def test_a_rigid_rotation_is_zero_and_no_instability(root: Path) -> None:
     for name in ("flex_one_link", "flex_two_link"):
         arm = load_mechanism(root / "models" / name)
         free = [joint.name for joint in arm.joints]
-        found = natural_modes(arm, free=free)
-        assert np.array_equal(found.frequency[: len(free)], np.zeros(len(free)))
-        assert found.frequency[len(free)] > 10.0
+        modes = natural_modes(arm, free=free)
+        assert np.array_equal(modes.frequency[: len(free)], np.zeros(len(free)))
+        assert modes.frequency[len(free)] > 10.0
     arm = load_mechanism(
         root / "models" / "spatial_arm"
     )  # its second joint lifts it: it lies, and falls to either side
-    found = natural_modes(arm, free=[joint.name for joint in arm.joints])
-    assert np.isnan(found.frequency).tolist()[:3] == [True, False, False]
-    assert found.frequency[1] == 0.0
+    modes = natural_modes(arm, free=[joint.name for joint in arm.joints])
+    assert np.isnan(modes.frequency).tolist()[:3] == [True, False, False]
+    assert modes.frequency[1] == 0.0
 
 
 def test_damping_leaves_what_solvers_share_alone(monkeypatch: pytest.MonkeyPatch) -> None:
     """A mechanism's topology is kept for all solvers: friction is no damping here, and stays in it all the while."""
     dry = pendulum(2)
     dry = replace(dry, joints=tuple(replace(joint, friction=0.3) for joint in dry.joints))
-    solver = Solver.of(build(dry), {"q0", "q1"})
+    solver = Solver.build_for(build(dry), {"q0", "q1"})
     shared, seen, tied = solver.topology.drives[2], [], module.compute_tied_matrices
 
     def watched(own: Solver, joints: module.Joints) -> module.Matrices:
@@ -215,13 +215,13 @@ def test_damping_leaves_what_solvers_share_alone(monkeypatch: pytest.MonkeyPatch
 
 
 def test_modes_are_orthonormal_in_the_masses() -> None:
-    found = natural_modes(spatial_tree(), q=[0.2, 0.3, -0.4, 0.01])
-    mesh, rotation = found.mesh, found.rotation
-    kinetic = np.einsum("n,ank,bnk->ab", mesh.mass, found.displacement, found.displacement)  # (mode, mode)
+    modes = natural_modes(spatial_tree(), q=[0.2, 0.3, -0.4, 0.01])
+    mesh, rotation = modes.mesh, modes.rotation
+    kinetic = np.einsum("n,ank,bnk->ab", mesh.mass, modes.displacement, modes.displacement)  # (mode, mode)
     kinetic += np.einsum("ani,nij,bnj->ab", rotation, mesh.inertia, rotation)
     lowest = slice(10)  # the eigensolver is exact for the lowest; the highest, 1e4 times theirs, lose 1e8 roundings
     np.testing.assert_allclose(kinetic[lowest, lowest], np.eye(10), atol=1e-10)
-    assert (np.diff(found.squared) > 0).all()
+    assert (np.diff(modes.squared) > 0).all()
 
 
 def test_a_weight_at_the_tip_lowers_the_frequency_as_it_presses() -> None:

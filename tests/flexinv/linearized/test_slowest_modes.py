@@ -60,22 +60,22 @@ RIGID = {"hinged": 1, "free": 6, "hinged and pushed along": 1}
 def test_few_modes_of_many_are_those_of_the_dense_matrices(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     mechanism, count = CASES[name], 8
     free = [joint.name for joint in mechanism.joints if joint.nv] or None
-    found, all_at_once = natural_modes(mechanism, free=free, count=count), dense(mechanism, free, count, monkeypatch)
-    assert 6 * found.mesh.size > ONE_AND_ALL
-    assert found.stability == all_at_once.stability
-    assert found.stability[0] == UNSTABLE.get(name, "rigid motion" if name in RIGID else "stable")
-    assert found.stability.count("rigid motion") == RIGID.get(name, 0)
-    np.testing.assert_allclose(found.squared, all_at_once.squared, rtol=BOTH)
+    result, all_at_once = natural_modes(mechanism, free=free, count=count), dense(mechanism, free, count, monkeypatch)
+    assert 6 * result.mesh.size > ONE_AND_ALL
+    assert result.stability == all_at_once.stability
+    assert result.stability[0] == UNSTABLE.get(name, "rigid motion" if name in RIGID else "stable")
+    assert result.stability.count("rigid motion") == RIGID.get(name, 0)
+    np.testing.assert_allclose(result.squared, all_at_once.squared, rtol=BOTH)
     # of modal mass one: the norm of shapes that a double root mixes is that of both together
-    sizes = [(np.abs(one.displacement) ** 2).sum(axis=(1, 2)) for one in (found, all_at_once)]
+    sizes = [(np.abs(one.displacement) ** 2).sum(axis=(1, 2)) for one in (result, all_at_once)]
     if name not in {"free", "fluttering"}:  # of which the last root kept may be one of two
         np.testing.assert_allclose(sizes[0].sum(), sizes[1].sum(), rtol=1e-6)
 
 
 def test_a_push_that_turns_along_leaves_a_hinge_its_rigid_motion() -> None:
     """Of few elements, too: other motions are not lost beside one without stiffness."""
-    found = natural_modes(bar(2, "revolute", push=5.0, follower=True), free=["root"], count=6)
-    assert found.stability == ("rigid motion", *5 * ("stable",))
+    modes = natural_modes(bar(2, "revolute", push=5.0, follower=True), free=["root"], count=6)
+    assert modes.stability == ("rigid motion", *5 * ("stable",))
 
 
 def peak(elements: int) -> int:

@@ -42,7 +42,7 @@ def test_a_share_of_the_mechanisms_is_right(number: int) -> None:
 
 
 def test_the_share_has_what_it_is_to_have() -> None:
-    has = {word for number in SHARE for word in drawn(SEED, number).words}
+    has = {word for number in SHARE for word in drawn(SEED, number).features}
     assert {
         "beams",
         "closures",
@@ -72,8 +72,8 @@ def test_the_judge_sees_a_root_that_is_off_missing_or_invented() -> None:
 
 def test_the_judge_sees_roots_that_are_off_by_little(monkeypatch: pytest.MonkeyPatch) -> None:
     def off(*arguments: object, **named: object) -> object:
-        found = steady_modes(*arguments, **named)  # type: ignore[arg-type]
-        return replace(found, root=found.root * (1 + 1e-5))
+        modes = steady_modes(*arguments, **named)  # type: ignore[arg-type]
+        return replace(modes, root=modes.root * (1 + 1e-5))
 
     monkeypatch.setattr(spectra, "steady_modes", off)
     assert judged(drawn(SEED, 23), 23).word == "wrong"

@@ -54,18 +54,18 @@ SWEPT_45_AT_750 = (85.22926101491777, 156.52219731891108, 164.11882131535424, 27
 
 @pytest.mark.parametrize("rpm", OTHER_CODE)
 def test_a_rotor_as_another_code_has_it(rpm: int) -> None:
-    found = steady_modes(straight(0, Mounting()), rates={"hub": rpm * RPM}, count=6)
-    assert found.damping_ratio == pytest.approx(0.0, abs=ROUNDING)
+    modes = steady_modes(straight(0, Mounting()), rates={"hub": rpm * RPM}, count=6)
+    assert modes.damping_ratio == pytest.approx(0.0, abs=ROUNDING)
     waves = np.array([1.875, 4.694, 1.875, np.pi / 2, 7.855])
     if rpm == 750:  # the second flapping mode has come up past the first in the plane
         waves = waves[[0, 2, 1, 3, 4]]
-    assert (np.abs(found.root.imag[:5] / OTHER_CODE[rpm][:5] - 1) < (waves / 30) ** 2 / LINEAR).all()
+    assert (np.abs(modes.root.imag[:5] / OTHER_CODE[rpm][:5] - 1) < (waves / 30) ** 2 / LINEAR).all()
 
 
 def test_a_swept_tip_as_another_code_has_it() -> None:
-    found = steady_modes(swept(45.0, Mounting()), rates={"hub": 750 * RPM}, count=5)
+    modes = steady_modes(swept(45.0, Mounting()), rates={"hub": 750 * RPM}, count=5)
     waves = np.array([1.875, 1.875, 4.694, 7.855, 10.996])
-    assert (np.abs(found.root.imag / SWEPT_45_AT_750 - 1) < (waves / 30) ** 2 / LINEAR).all()
+    assert (np.abs(modes.root.imag / SWEPT_45_AT_750 - 1) < (waves / 30) ** 2 / LINEAR).all()
 
 
 def printed(lines: list[str], capsys: pytest.CaptureFixture[str]) -> None:
@@ -128,8 +128,8 @@ def hinged(axis: str, offset: float = 0.2) -> Mechanism:
 @pytest.mark.parametrize(("axis", "own"), [("flap", 1.0), ("lag", 0.0)])
 def test_a_hinged_rod_swings_in_the_centrifugal_field(axis: str, own: float) -> None:
     """omega^2 = Omega^2 (3 e / (2 L)) in the plane of rotation, one Omega^2 more out of it."""
-    found = steady_modes(hinged(axis), rates={"hub": 7.0}, free=["hinge"])
-    np.testing.assert_allclose(found.root.imag, 7.0 * np.sqrt(own + 1.5 * 0.2 / 0.5), rtol=ROUNDING)
+    modes = steady_modes(hinged(axis), rates={"hub": 7.0}, free=["hinge"])
+    np.testing.assert_allclose(modes.root.imag, 7.0 * np.sqrt(own + 1.5 * 0.2 / 0.5), rtol=ROUNDING)
 
 
 def test_a_mass_on_a_turntable() -> None:
@@ -141,8 +141,8 @@ def test_a_mass_on_a_turntable() -> None:
         Joint("y", "prismatic", "slide", "ball", axis=np.array([0.0, 1.0, 0.0]), stiffness=20.0),
     )
     table = Mechanism("table", (rod("table"), Link("slide"), ball), joints, gravity=np.zeros(3))
-    found = steady_modes(table, rates={"table": 2.0}, free=["x", "y"])
-    np.testing.assert_allclose(found.root.imag, [5.0 - 2.0, 5.0 + 2.0], rtol=ROUNDING)
+    modes = steady_modes(table, rates={"table": 2.0}, free=["x", "y"])
+    np.testing.assert_allclose(modes.root.imag, [5.0 - 2.0, 5.0 + 2.0], rtol=ROUNDING)
     fast = steady_modes(table, rates={"table": 5.5}, free=["x", "y"])
     np.testing.assert_allclose(fast.root.imag, [0.5, 10.5], rtol=ROUNDING)
 
@@ -151,8 +151,8 @@ def test_without_coriolis_the_turntable_is_wrong(monkeypatch: pytest.MonkeyPatch
     matrices = module._compute_matrices
 
     def without(*arguments: object) -> Matrices:
-        found = matrices(*arguments)  # type: ignore[arg-type]
-        return found._replace(damping=0.0 * found.damping)
+        result = matrices(*arguments)  # type: ignore[arg-type]
+        return result._replace(damping=0.0 * result.damping)
 
     monkeypatch.setattr(module, "_compute_matrices", without)
     with pytest.raises(AssertionError):
@@ -163,19 +163,19 @@ def test_without_what_turns_along_the_rotor_is_wrong(monkeypatch: pytest.MonkeyP
     monkeypatch.setattr(
         module, "_compute_matrices", lambda found, solver, turning: Matrices(*(part.toarray() for part in found))
     )
-    found = steady_modes(straight(0, Mounting()), rates={"hub": 750 * RPM}, count=6)
-    assert abs(found.root.imag[:5] / OTHER_CODE[750][:5] - 1).max() > 0.03
+    modes = steady_modes(straight(0, Mounting()), rates={"hub": 750 * RPM}, count=6)
+    assert abs(modes.root.imag[:5] / OTHER_CODE[750][:5] - 1).max() > 0.03
 
 
 def test_a_damped_pendulum() -> None:
     """I theta'' + d theta' + m g L/2 theta = 0."""
     joint = Joint("q", "revolute", WORLD, "rod", damping=0.05)
     pendulum = Mechanism("pendulum", (rod("rod"),), (joint,), gravity=np.array([9.81, 0.0, 0.0]))
-    found = steady_modes(pendulum, free=["q"])
+    modes = steady_modes(pendulum, free=["q"])
     exact = np.roots([1.2 * 0.5**2 / 3, 0.05, 1.2 * 9.81 * 0.25])
-    np.testing.assert_allclose(found.root, exact[exact.imag > 0], rtol=ROUNDING)
-    np.testing.assert_allclose(found.damping_ratio, -exact[0].real / abs(exact[0]), rtol=ROUNDING)
-    assert found.link == ("rod",)
+    np.testing.assert_allclose(modes.root, exact[exact.imag > 0], rtol=ROUNDING)
+    np.testing.assert_allclose(modes.damping_ratio, -exact[0].real / abs(exact[0]), rtol=ROUNDING)
+    assert modes.link == ("rod",)
 
 
 # -------------------------------------------------------------------------------------------------- identities
@@ -205,9 +205,9 @@ def test_a_cut_through_a_turning_blade_does_not_matter() -> None:
     )
     seam = Closure("seam", "fixed", Attachment("inner", Placement(), 1.0), Attachment("outer", Placement(), 0.0))
     cut = Mechanism("cut", (rod("hub"), inner, outer), joints, np.zeros(3), (seam,))
-    found = steady_modes(cut, rates={"hub": 500 * RPM}, count=5)
+    modes = steady_modes(cut, rates={"hub": 500 * RPM}, count=5)
     np.testing.assert_allclose(
-        found.root.imag, steady_modes(whole, rates={"hub": 500 * RPM}, count=5).root.imag, rtol=1e-6
+        modes.root.imag, steady_modes(whole, rates={"hub": 500 * RPM}, count=5).root.imag, rtol=1e-6
     )  # two meshes, four elements and three of order 6
 
 

@@ -170,13 +170,13 @@ def test_screws_of_a_loop_run_in_lanes(kind: str, seed: int, bodies: tuple[str, 
     m, state = closed_tree(kind, seed, 0, CRANE if reduced else SCREWS, bodies)
     parts = taken_apart(m)
     f, g = flexinv.prepare(m, threads=1), flexinv.prepare(parts, threads=1)
-    found, expected = f.torques(*state), g.torques(*apart(m, parts, *state))
+    result, expected = f.torques(*state), g.torques(*apart(m, parts, *state))
     assert BodyKind.SCREW in {body.kind for body in f.plan.bodies}
     assert [closure.reduced for closure in f.plan.closures] == [reduced]
     assert (doubts(f, 150), f._own.counter[3]) == ([], 0)
     size = largest(f, state)
-    assert np.abs(found - reference(f, state)).max() < 10 * ROUNDING * size  # pivots of 1e-2 are let through
-    np.testing.assert_allclose(found, expected[:, names_in(m, parts)], rtol=0, atol=10 * ROUNDING * size)
+    assert np.abs(result - reference(f, state)).max() < 10 * ROUNDING * size  # pivots of 1e-2 are let through
+    np.testing.assert_allclose(result, expected[:, names_in(m, parts)], rtol=0, atol=10 * ROUNDING * size)
     own = next(m.v_slices[j.name].start for j in m.joints if j.nv == 1 and not j.actuated)
     state[1][100, own] += 0.1 * np.abs(state[1]).max()
     with pytest.raises(InputError, match="qd violates closure 'C' at sample 100"):
@@ -188,10 +188,12 @@ def test_screws_are_revolute_and_prismatic_joints_that_a_coupling_ties() -> None
     parts = taken_apart(m)
     state = sample_states(m, 20)
     expected = flexinv.prepare(parts).torques(*apart(m, parts, *state))
-    found = flexinv.prepare(m).torques(*state)
+    result = flexinv.prepare(m).torques(*state)
     # the parts' efforts come out of a least-squares problem for the multipliers
-    np.testing.assert_allclose(found, expected[:, names_in(m, parts)], rtol=0, atol=10 * ROUNDING * np.abs(found).max())
-    assert np.abs(expected[:, ~parts.actuated]).max() < 10 * ROUNDING * np.abs(found).max()
+    np.testing.assert_allclose(
+        result, expected[:, names_in(m, parts)], rtol=0, atol=10 * ROUNDING * np.abs(result).max()
+    )
+    assert np.abs(expected[:, ~parts.actuated]).max() < 10 * ROUNDING * np.abs(result).max()
 
 
 def test_the_regressor_knows_screws() -> None:
@@ -207,17 +209,17 @@ def test_derivatives_are_those_of_the_parts() -> None:
     m = screws()
     m = replace(m, joints=tuple(replace(j, friction=0.0) for j in m.joints))
     q, qd, qdd = (part[0] for part in sample_states(m, 1))
-    found = flexinv.torque_derivatives(m, q, qd, qdd)
+    derivatives = flexinv.torque_derivatives(m, q, qd, qdd)
     h = 1e-5
     for k in range(m.nv):
         step = h * np.eye(m.nv)[k]
         two = [flexinv.joint_torques(m, integrate_configuration(m, q, s), qd, qdd) for s in (step, -step)]
-        size = np.abs(found.q).max()
+        size = np.abs(derivatives.q).max()
         np.testing.assert_allclose(
-            found.q[0, :, k], (two[0] - two[1]) / (2 * h), rtol=0, atol=1e-8 * size
+            derivatives.q[0, :, k], (two[0] - two[1]) / (2 * h), rtol=0, atol=1e-8 * size
         )  # h^2 + 1e-16 / h
         two = [flexinv.joint_torques(m, q, qd + s, qdd) for s in (step, -step)]
-        np.testing.assert_allclose(found.qd[0, :, k], (two[0] - two[1]) / (2 * h), rtol=0, atol=1e-9 * size)
+        np.testing.assert_allclose(derivatives.qd[0, :, k], (two[0] - two[1]) / (2 * h), rtol=0, atol=1e-9 * size)
 
 
 # -------------------------------------------------------------------------------------------------- time integration
@@ -307,8 +309,8 @@ def test_a_screw_is_never_planar() -> None:
 def test_a_path_is_followed_by_turns() -> None:
     m = jack()
     path = flexinv.Path.line([0.0, 0.0, 0.0], [0.0, 0.0, 3 * PITCH], 1.0)
-    found = flexinv.follow(m, path, "nut", step=0.02)
-    assert found.solution.q[-1, 0] == pytest.approx(6 * np.pi, abs=1e-8)
+    following = flexinv.follow(m, path, "nut", step=0.02)
+    assert following.solution.q[-1, 0] == pytest.approx(6 * np.pi, abs=1e-8)
 
 
 # ------------------------------------------------------------------------------------------------------ linear models
@@ -318,8 +320,8 @@ def test_natural_frequency_of_a_sprung_screw() -> None:
     """omega^2 = k / (J + rotor + m h^2)."""
     m = jack()
     m = replace(m, joints=(replace(m.joints[0], damping=0.0, friction=0.0, stiffness=7.0, actuated=False),))
-    found = flexinv.natural_modes(m, free=["screw"])
-    assert found.frequency[0] == pytest.approx(np.sqrt(7.0 / (0.04 + 2.0 * LEAD**2)) / (2 * np.pi), rel=1e-9)
+    modes = flexinv.natural_modes(m, free=["screw"])
+    assert modes.frequency[0] == pytest.approx(np.sqrt(7.0 / (0.04 + 2.0 * LEAD**2)) / (2 * np.pi), rel=1e-9)
 
 
 def test_a_motor_turns_a_screw() -> None:

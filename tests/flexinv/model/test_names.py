@@ -42,8 +42,8 @@ def arm(*welds: str) -> Mechanism:
 
 def test_three_welds_of_one_name_are_refused() -> None:
     """By hand 1 kg at 0.1, 0.2 and 0.3 m: -5.886 N m; joints that share a name would share a place."""
-    found = flexinv.joint_torques(arm("f", "f_2", "f_3"), np.zeros((1, 1)), np.zeros((1, 1)), np.zeros((1, 1)))
-    assert float(np.ravel(found)[0]) == pytest.approx(-9.81 * (0.1 + 0.2 + 0.3), rel=1e-12)  # rounding
+    torques = flexinv.joint_torques(arm("f", "f_2", "f_3"), np.zeros((1, 1)), np.zeros((1, 1)), np.zeros((1, 1)))
+    assert float(np.ravel(torques)[0]) == pytest.approx(-9.81 * (0.1 + 0.2 + 0.3), rel=1e-12)  # rounding
     with pytest.raises(InputError, match="joints named twice: f; expected a name of its own for each"):
         arm("f", "f", "f")
 

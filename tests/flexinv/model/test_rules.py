@@ -127,9 +127,9 @@ def test_whole_numbers_become_floats_and_lists_tuples() -> None:
 
 def test_an_inertia_of_a_file_is_kept_as_it_stands() -> None:
     """Files of real robots have such, and torques are defined with them: readers take them over, and say so."""
-    odd = parts.Inertia.stated(-1.0, np.zeros(3), np.diag([1.0, 1.0, 3.0]))
+    odd = parts.Inertia.build_unchecked(-1.0, np.zeros(3), np.diag([1.0, 1.0, 3.0]))
     assert isinstance(odd, parts.Inertia)
     assert odd.replace_unchecked(mass=1.0).mass == 1.0
-    assert odd.replace_unchecked(tensor=np.eye(3)) == parts.Inertia.stated(-1.0, tensor=np.eye(3))
+    assert odd.replace_unchecked(tensor=np.eye(3)) == parts.Inertia.build_unchecked(-1.0, tensor=np.eye(3))
     with pytest.raises(InputError, match="expected a mass, 0 or more"):
         replace(odd, com=np.ones(3))

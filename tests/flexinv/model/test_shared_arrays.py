@@ -62,10 +62,10 @@ def arrays(part: Any) -> Iterator[np.ndarray[Any, Any]]:
 
 @pytest.mark.parametrize("name", CALLS)
 def test_who_writes_into_a_result_spoils_that_result_alone(name: str) -> None:
-    found = CALLS[name]()
-    pristine = copy.deepcopy(found)
+    result = CALLS[name]()
+    pristine = copy.deepcopy(result)
     seen = 0
-    for part in arrays(found):
+    for part in arrays(result):
         seen += 1
         if part.flags.writeable:
             part[...] = 7

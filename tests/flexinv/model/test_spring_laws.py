@@ -23,8 +23,8 @@ HOLD = flexinv.Motion.point_to_point({"hold": 0.0}, {"hold": 0.0}, 0.1)
 def test_the_slope_is_that_of_the_pull(law: SpringLaw) -> None:
     """Central differences of 1e-6 m: 1e-12 of third derivatives, and rounding of 1e-16 over 1e-6; rows of the table left out."""
     length = np.linspace(0.26, 0.95, 29)
-    found = (law.evaluate_pull(length + 1e-6, 0.5) - law.evaluate_pull(length - 1e-6, 0.5)) / 2e-6
-    assert np.allclose(law.slope(length, 0.5), found, rtol=1e-6, atol=1e-6)
+    result = (law.evaluate_pull(length + 1e-6, 0.5) - law.evaluate_pull(length - 1e-6, 0.5)) / 2e-6
+    assert np.allclose(law.evaluate_slope(length, 0.5), result, rtol=1e-6, atol=1e-6)
 
 
 def test_a_gas_does_the_work_of_its_expansion() -> None:
@@ -65,8 +65,8 @@ def test_the_march_has_the_same_law_as_the_inverse_dynamics(law: SpringLaw) -> N
 def test_a_table_of_two_rows_is_a_linear_spring() -> None:
     """50 N/m from 0.5 m: the same motion to Newton's tolerance of 1e-10 over 100 steps."""
     straight = TableLaw(np.array([0.4, 0.7]), np.array([-5.0, 10.0]))
-    found = [flexinv.solve(m, HOLD, step=1e-3, start={"slide": 0.4}).q for m in (slider(straight), slider(None, 50.0))]
-    assert np.allclose(*found, rtol=0, atol=1e-9)
+    result = [flexinv.solve(m, HOLD, step=1e-3, start={"slide": 0.4}).q for m in (slider(straight), slider(None, 50.0))]
+    assert np.allclose(*result, rtol=0, atol=1e-9)
 
 
 def test_forces_that_double_are_seen() -> None:

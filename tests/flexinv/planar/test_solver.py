@@ -270,18 +270,18 @@ SPATIAL: dict[str, Callable[[], Mechanism]] = {
 
 @pytest.mark.parametrize("reason", SPATIAL)
 def test_what_stands_out_is_solved_in_space(reason: str) -> None:
-    found = find_plane(build(SPATIAL[reason]()))
-    assert isinstance(found, NotPlanar)
-    assert reason in found.reason
+    plane = find_plane(build(SPATIAL[reason]()))
+    assert isinstance(plane, NotPlanar)
+    assert reason in plane.reason
 
 
 @pytest.mark.parametrize("mechanism", [PAIR, branches(), hanging()])
 def test_a_plane_is_found_wherever_it_lies(mechanism: Mechanism) -> None:
-    found = find_plane(build(stood(mechanism, TILT, SHIFT)))
-    assert isinstance(found, Plane)
+    plane = find_plane(build(stood(mechanism, TILT, SHIFT)))
+    assert isinstance(plane, Plane)
     normal = exp_so3(TILT)[:, 2]
-    np.testing.assert_allclose(found.axes[:, 2], normal, rtol=0, atol=1e-15)  # an ulp of 1 and its rounding
-    assert found.height == pytest.approx(normal @ SHIFT + 0.0, abs=1e-15)
+    np.testing.assert_allclose(plane.axes[:, 2], normal, rtol=0, atol=1e-15)  # an ulp of 1 and its rounding
+    assert plane.height == pytest.approx(normal @ SHIFT + 0.0, abs=1e-15)
 
 
 def test_a_fixed_beam_finds_its_plane_by_gravity() -> None:
@@ -293,7 +293,7 @@ def test_a_fixed_beam_finds_its_plane_by_gravity() -> None:
 
 def test_what_the_march_works_on_begins_with_lines_of_the_cache() -> None:
     """Where its arrays began 16 bytes off, a step took a tenth longer: vectors of eight numbers lay in two lines each."""
-    own = PlanarMarch.of(build(arm(3)), ())
+    own = PlanarMarch.build_for(build(arm(3)), ())
     s = own.system
     parts = [*s.state, *s.frames, *s.work, s.elements.constants, s.factors.inverse, s.factors.x]
     assert all(part.ctypes.data % 64 == 0 for part in parts if part.size and part.dtype == float)

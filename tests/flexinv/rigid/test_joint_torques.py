@@ -67,9 +67,9 @@ def test_undeformed_tree_moves_as_a_rigid_one() -> None:
     time = step * np.arange(-4, 5)[:, None]
     q, qd, qdd = q0 + qd0 * time + qdd0 * time**2 / 2, qd0 + qdd0 * time, np.tile(qdd0, (9, 1))
     exact = compute_rigid_motion(mesh, q, qd, qdd)
-    found = compute_differenced_motion(exact, step)
+    differenced_motion = compute_differenced_motion(exact, step)
     for name in ("v", "omega", "a", "alpha"):
-        a, b = getattr(exact, name)[4], getattr(found, name)[4]
+        a, b = getattr(exact, name)[4], getattr(differenced_motion, name)[4]
         assert abs(a - b).max() < 1e-5 * abs(a).max(), name  # h^2 times third derivatives; rounding 1e-16/h^2 = 1e-8
 
 

@@ -26,17 +26,17 @@ def test_of_a_tree() -> None:
     wound = tuple(replace(j, stiffness=0.6, rest=0.2) if j.name in WOUND else j for j in whole.joints)
     mechanism = replace(whole, joints=wound)
     f, state = flexinv.prepare(mechanism), sample_states(mechanism, 20, np.random.default_rng(1))
-    found, tau = f.nodal(*state), f.torques(*state)
-    assert np.abs(found.torque - tau).max() < ROUNDING * np.abs(tau).max()
-    base = found.node["base"]
-    force = np.einsum("sij,sj->si", found.motion.rotation[:, base], found.wrench["base_joint"][:, :3])
-    assert np.abs(force - found.forces.force.sum(axis=1)).max() < ROUNDING * np.abs(force).max()
-    body = found.body["hip", "own"]
-    assert found.motion.x[:, body].shape == (20, 3)
-    assert np.abs(found.forces.force[:, body]).max() > 0.0
-    assert not found.reaction
+    result, tau = f.nodal(*state), f.torques(*state)
+    assert np.abs(result.torque - tau).max() < ROUNDING * np.abs(tau).max()
+    base = result.node["base"]
+    force = np.einsum("sij,sj->si", result.motion.rotation[:, base], result.wrench["base_joint"][:, :3])
+    assert np.abs(force - result.forces.force.sum(axis=1)).max() < ROUNDING * np.abs(force).max()
+    body = result.body["hip", "own"]
+    assert result.motion.x[:, body].shape == (20, 3)
+    assert np.abs(result.forces.force[:, body]).max() > 0.0
+    assert not result.reaction
     columns = f.nodal(*(np.ascontiguousarray(a.T) for a in state), order="coordinates")
-    assert np.array_equal(columns.torque, found.torque)
+    assert np.array_equal(columns.torque, result.torque)
     one = f.nodal(*(a[3] for a in state))
     assert np.abs(one.torque[0] - tau[3]).max() < ROUNDING * np.abs(tau).max()
 
@@ -63,12 +63,12 @@ def test_of_loops(name: str) -> None:
     mechanism = flexinv.load_mechanism(MODELS / name)
     case = next(iter(load_cases(MODELS / name, mechanism).values()))
     s = flexinv.solve(mechanism, case.motion, step=case.end / 30, start=case.start)
-    found = flexinv.prepare(mechanism).nodal(s.q, s.qd, s.qdd)
+    result = flexinv.prepare(mechanism).nodal(s.q, s.qd, s.qdd)
     assert s.loops is not None
     largest = max(np.abs(w).max() for w in s.wrench.values())
-    assert np.abs(found.torque - s.torque_all).max() < ROUNDING * np.abs(s.torque_all).max()
-    assert np.array_equal(found.motion.a, s.nodes.a)
-    for ours, theirs in ((found.wrench, s.wrench), (found.reaction, s.loops.reaction)):
+    assert np.abs(result.torque - s.torque_all).max() < ROUNDING * np.abs(s.torque_all).max()
+    assert np.array_equal(result.motion.a, s.nodes.a)
+    for ours, theirs in ((result.wrench, s.wrench), (result.reaction, s.loops.reaction)):
         assert ours.keys() == theirs.keys()
         for own in ours:
             assert np.abs(ours[own] - theirs[own]).max() < 10 * ROUNDING * largest  # the condition, see above

@@ -23,7 +23,7 @@ def unaligned(a: Any) -> Any:
     return np.ndarray(a.shape, float, buffer=bytearray(b"\0" * 3 + a.tobytes()), offset=3)
 
 
-class Tagged(np.ndarray):
+class ForeignArray(np.ndarray):
     """An array of somebody else's kind."""
 
 
@@ -40,7 +40,7 @@ EQUAL: dict[str, Any] = {
     "objects": lambda a: a.astype(object),
     "longer": lambda a: a.astype(np.longdouble),
     "series": pd.Series,
-    "of a kind": lambda a: a.view(Tagged),
+    "of a kind": lambda a: a.view(ForeignArray),
 }
 WRONG: dict[str, tuple[Any, str]] = {
     "masked": (lambda a: np.ma.masked_array(a, [False, True, False]), "a masked array of which 1 are hidden"),

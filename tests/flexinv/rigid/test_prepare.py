@@ -44,8 +44,8 @@ def by_nodes(mechanism: Mechanism, q: Array, qd: Array, qdd: Array, passive: boo
     return tau + compute_spring_efforts(mechanism, q, history=False) if passive else tau
 
 
-def error(found: Array, expected: Array) -> float:
-    return float(abs(found - expected).max() / abs(expected).max())
+def error(values: Array, expected: Array) -> float:
+    return float(abs(values - expected).max() / abs(expected).max())
 
 
 def many_branches() -> Mechanism:
@@ -138,8 +138,8 @@ def test_threads_give_the_same() -> None:
     alone = prepare(mechanism, threads=1).torques(*state)
     assert np.array_equal(prepare(mechanism, threads=4).torques(*state), alone)
     with ThreadPoolExecutor(4) as pool:  # callers at the same time, through one prepared function
-        for found in pool.map(lambda _: prepare(mechanism).torques(*state), range(8)):
-            assert np.array_equal(found, alone)
+        for result in pool.map(lambda _: prepare(mechanism).torques(*state), range(8)):
+            assert np.array_equal(result, alone)
 
 
 def test_far_angles_keep_their_digits() -> None:

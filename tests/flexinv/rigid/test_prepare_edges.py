@@ -112,9 +112,9 @@ def test_ctrl_c_waits_for_a_helper_that_writes(monkeypatch: pytest.MonkeyPatch) 
 
 def test_a_prepared_function_goes_to_another_process() -> None:
     f = prepare(tree(), passive=False, threads=1)
-    found = pickle.loads(pickle.dumps(f))
-    assert (found.passive, found.threads) == (False, 1)
-    assert np.array_equal(found.torques(*states(f.mechanism)), f.torques(*states(f.mechanism)))
+    result = pickle.loads(pickle.dumps(f))
+    assert (result.passive, result.threads) == (False, 1)
+    assert np.array_equal(result.torques(*states(f.mechanism)), f.torques(*states(f.mechanism)))
 
 
 PLAIN = """

@@ -78,10 +78,12 @@ def test_differences_of_torques(kinds: tuple[tuple[str, str, str], ...]) -> None
     sprung = tuple(replace(j, stiffness=2.5) if j.kind in ("revolute", "prismatic") else j for j in mechanism.joints)
     mechanism = replace(mechanism, joints=sprung)
     state = sample_states(mechanism, 3, seed=5)
-    found = torque_derivatives(mechanism, *state)
+    derivatives = torque_derivatives(mechanism, *state)
     for k, row in enumerate(zip(*state, strict=True)):
-        for ours, theirs in zip((found.q, found.qd, found.qdd), differences(mechanism, *row), strict=True):
-            np.testing.assert_allclose(ours[k], theirs, rtol=0, atol=DIFFERENCES * np.abs(found.q).max())
+        for ours, theirs in zip(
+            (derivatives.q, derivatives.qd, derivatives.qdd), differences(mechanism, *row), strict=True
+        ):
+            np.testing.assert_allclose(ours[k], theirs, rtol=0, atol=DIFFERENCES * np.abs(derivatives.q).max())
 
 
 def test_pinocchio_has_the_same_derivatives() -> None:
@@ -91,11 +93,11 @@ def test_pinocchio_has_the_same_derivatives() -> None:
     model = pinocchio.build(mechanism).model
     data = model.createData()
     state = sample_states(mechanism, 5, seed=6)
-    found = torque_derivatives(mechanism, *state, passive=False)
+    derivatives = torque_derivatives(mechanism, *state, passive=False)
     for k, row in enumerate(zip(*state, strict=True)):
         by_q, by_qd, mass = pin.computeRNEADerivatives(model, data, *row)
         mass = np.triu(mass) + np.triu(mass, 1).T
-        for ours, theirs in ((found.q, by_q), (found.qd, by_qd), (found.qdd, mass)):
+        for ours, theirs in ((derivatives.q, by_q), (derivatives.qd, by_qd), (derivatives.qdd, mass)):
             np.testing.assert_allclose(ours[k], theirs, rtol=0, atol=ROUNDING * np.abs(theirs).max())
 
 
@@ -120,9 +122,9 @@ def test_a_missing_term_is_seen(monkeypatch: pytest.MonkeyPatch) -> None:
         return carried._replace(h=carried.h + 1e-3)
 
     monkeypatch.setattr(module, "CarriedBodies", shifted)
-    found = torque_derivatives(mechanism, *state)
+    derivatives = torque_derivatives(mechanism, *state)
     exact = differences(mechanism, *(part[0] for part in state))
-    assert np.abs(found.q[0] - exact[0]).max() > 1e3 * DIFFERENCES * np.abs(exact[0]).max()
+    assert np.abs(derivatives.q[0] - exact[0]).max() > 1e3 * DIFFERENCES * np.abs(exact[0]).max()
 
 
 def test_one_sample_may_be_a_vector_and_blocks_do_not_matter(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -34,10 +34,12 @@ def test_torque_is_the_regressor_times_the_parameters() -> None:
     """All kinds of joints, a fixed one among them, with rotors, dampers and dry friction."""
     mechanism = trees.tree()
     state = states(mechanism)
-    found = torque_regressor(mechanism, *state, drives=True)
+    regressor = torque_regressor(mechanism, *state, drives=True)
     expected = joint_torques(mechanism, *state)
-    np.testing.assert_allclose(found.matrix @ found.values, expected, rtol=0, atol=ROUNDING * np.abs(expected).max())
-    assert len(found.names) == len(found.units) == len(found.values) == found.stacked().shape[1]
+    np.testing.assert_allclose(
+        regressor.matrix @ regressor.values, expected, rtol=0, atol=ROUNDING * np.abs(expected).max()
+    )
+    assert len(regressor.names) == len(regressor.units) == len(regressor.values) == regressor.stacked().shape[1]
 
 
 def test_springs_in_joints_are_linear_too() -> None:
@@ -46,8 +48,8 @@ def test_springs_in_joints_are_linear_too() -> None:
     wheel = replace(mechanism.joints[1], stiffness=2.0, rest=-0.1, kind="continuous")
     sprung = replace(mechanism, joints=(first, wheel))
     state = states(sprung)
-    found, expected = torque_regressor(sprung, *state, drives=True), joint_torques(sprung, *state)
-    np.testing.assert_allclose(found.matrix @ found.values, expected, rtol=0, atol=ROUNDING * np.abs(expected).max())
+    result, expected = torque_regressor(sprung, *state, drives=True), joint_torques(sprung, *state)
+    np.testing.assert_allclose(result.matrix @ result.values, expected, rtol=0, atol=ROUNDING * np.abs(expected).max())
 
 
 def test_pinocchio_has_the_same_matrix() -> None:
@@ -56,12 +58,12 @@ def test_pinocchio_has_the_same_matrix() -> None:
     model = pinocchio.build(mechanism).model
     data = model.createData()
     state = states(mechanism)
-    ours = torque_regressor(mechanism, *state)
+    regressor = torque_regressor(mechanism, *state)
     for k, row in enumerate(zip(*state, strict=True)):
         theirs = pin.computeJointTorqueRegressor(model, data, *row)
-        np.testing.assert_allclose(ours.matrix[k], theirs, rtol=0, atol=ROUNDING * np.abs(theirs).max())
+        np.testing.assert_allclose(regressor.matrix[k], theirs, rtol=0, atol=ROUNDING * np.abs(theirs).max())
     own = [model.inertias[i].toDynamicParameters() for i in range(1, model.njoints)]
-    np.testing.assert_allclose(ours.values, np.concatenate(own), rtol=0, atol=ROUNDING * np.abs(own).max())
+    np.testing.assert_allclose(regressor.values, np.concatenate(own), rtol=0, atol=ROUNDING * np.abs(own).max())
 
 
 def test_another_order_of_the_inertia_is_seen() -> None:
@@ -135,8 +137,8 @@ def test_a_payload_is_identified_from_torques() -> None:
     state = sample_states(mechanism, 30)
     full = torque_regressor(mechanism, *state)
     change = (joint_torques(other, *state) - joint_torques(mechanism, *state)).ravel()
-    found = np.linalg.lstsq(full.stacked(), change, rcond=1e-10)[0]
-    np.testing.assert_allclose(full.stacked() @ found, change, rtol=0, atol=1e-11 * np.abs(change).max())
+    result = np.linalg.lstsq(full.stacked(), change, rcond=1e-10)[0]
+    np.testing.assert_allclose(full.stacked() @ result, change, rtol=0, atol=1e-11 * np.abs(change).max())
 
 
 def test_what_cannot_be_is_said() -> None:

@@ -79,7 +79,7 @@ def test_a_helper_that_begins_leaves_the_collector_of_garbage_alone() -> None:
     end = time.monotonic() + PATIENCE
     while len(seen) < 2 and time.monotonic() < end:
         time.sleep(1e-3)
-    helpers.dismiss()
+    helpers.end_helpers()
     assert seen
     assert all(seen)
 
@@ -95,15 +95,15 @@ def test_a_thread_leaves_the_processor_of_its_caller_and_may_come_back() -> None
             now = processor_now()
             if now != before:
                 break
-        found.append((before, now, os.sched_getaffinity(0) == allowed))
+        result.append((before, now, os.sched_getaffinity(0) == allowed))
 
-    found: list[tuple[int, int, bool]] = []
+    result: list[tuple[int, int, bool]] = []
     for one in sorted(os.sched_getaffinity(0))[:2]:
         thread = Thread(target=run, args=(one,))
         thread.start()
         thread.join()
-    assert all(free for *_, free in found)
-    assert all(now != before for before, now, _ in found)
+    assert all(free for *_, free in result)
+    assert all(now != before for before, now, _ in result)
 
 
 @pytest.mark.skipif(
@@ -122,8 +122,8 @@ def test_threads_begin_on_processors_of_their_own() -> None:
         return now
 
     with ThreadPoolExecutor(1) as pool:
-        found = list(pool.map(run, range(len(allowed) + 1)))
-    assert found == [*allowed, allowed[0]]
+        result = list(pool.map(run, range(len(allowed) + 1)))
+    assert result == [*allowed, allowed[0]]
 
 
 @pytest.mark.parametrize(
@@ -264,5 +264,5 @@ def test_the_switch_leaves_no_helper(root: Path, tmp_path: Path) -> None:
 
 
 def test_a_switch_that_is_no_number_is_an_error(root: Path, tmp_path: Path) -> None:
-    found = switched(root, tmp_path / "tau.npy", FLEXINV_THREADS="off")
-    assert "FLEXINV_THREADS = 'off': expected a whole number of threads" in found.stderr
+    result = switched(root, tmp_path / "tau.npy", FLEXINV_THREADS="off")
+    assert "FLEXINV_THREADS = 'off': expected a whole number of threads" in result.stderr

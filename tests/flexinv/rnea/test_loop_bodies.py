@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 import flexinv
-from flexinv.constraints.allocation import GivenLoops
+from flexinv.constraints.allocation import PrescribedLoops
 from flexinv.files.load_cases import load_cases
 from flexinv.model.mechanism import WORLD, Attachment, Closure, Joint, Mechanism, Placement
 from flexinv.rigid.prepare import _build_torque_function, prepare
@@ -207,7 +207,7 @@ def test_a_dead_point_is_left_to_singular_values() -> None:
     mechanism, (q, qd, qdd) = solved(four_bar(), 500)
     f = prepare(mechanism, threads=1)
     assert f.loops is not None
-    g = f.loops.jacobian(q, qd, qdd)[:, :, 1:]
+    g = f.loops.compute_jacobian(q, qd, qdd)[:, :, 1:]
     worst = int(np.argmin(np.linalg.svd(g, compute_uv=False)[:, 1]))
     joints = tuple(
         replace(j, actuated=j.name == "B") for j in mechanism.joints
@@ -235,13 +235,13 @@ def test_blocks_in_doubt_are_shared_out_later(monkeypatch: pytest.MonkeyPatch) -
     mechanism, state = solved(four_bar(), 384)
     f = prepare(mechanism, threads=1)
     asked: list[int] = []
-    shared = GivenLoops.apply_shares
+    shared = PrescribedLoops.apply_shares
 
-    def some(self: GivenLoops, which: NDArray[np.bool_], *rows: Array) -> None:
+    def some(self: PrescribedLoops, which: NDArray[np.bool_], *rows: Array) -> None:
         asked.extend(np.flatnonzero(which).tolist())
         shared(self, which, *rows)
 
-    monkeypatch.setattr(GivenLoops, "apply_shares", some)
+    monkeypatch.setattr(PrescribedLoops, "apply_shares", some)
     mechanism, case = four_bar()
     joints = tuple(
         replace(j, actuated=j.name == "D") for j in mechanism.joints

@@ -119,8 +119,8 @@ def test_a_second_bearing_of_a_shaft_takes_nothing_from_its_drive(kind: str, car
     m = replace(alone, closures=(Closure("bearing", kind, *second, axis=axis),))
     names = [j.name for j in joints]
     motion = flexinv.Motion.point_to_point(dict.fromkeys(names, 0.0), dict.fromkeys(names, 2.0), 1.0)
-    free, found = (flexinv.solve(mechanism, motion, 1e-2) for mechanism in (alone, m))
+    free, result = (flexinv.solve(mechanism, motion, 1e-2) for mechanism in (alone, m))
     largest = np.abs(free.torque).max()
-    assert np.abs(found.torque - free.torque).max() < ROUNDING * largest
+    assert np.abs(result.torque - free.torque).max() < ROUNDING * largest
     assert np.abs(prepare(m).torques(free.q, free.qd, free.qdd) - free.torque).max() < ROUNDING * largest
     assert compute_mobility(build(m), np.zeros(len(names))).freedoms == len(names)

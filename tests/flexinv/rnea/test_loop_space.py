@@ -72,8 +72,8 @@ def test_closures_to_the_ground(name: str, monkeypatch: pytest.MonkeyPatch) -> N
         at = int(f.plan.plan[LIMITS])
         squares.append([f._own.work[0][at + 128 * k : at + 128 * (k + 1)].max() for k in range(3)])
     # roundings of some 1e-16 over a gap of 1e-8, and twice that for its square
-    for found, other in zip(squares[:2], squares[2:], strict=True):
-        assert np.abs(np.array(found) / other - 1.0).max() < 1e-7
+    for result, other in zip(squares[:2], squares[2:], strict=True):
+        assert np.abs(np.array(result) / other - 1.0).max() < 1e-7
 
 
 def test_what_slides_is_turned_as_two_ends_that_move() -> None:
@@ -103,25 +103,25 @@ def test_six_forces_are_those_of_linear_equations() -> None:
     g, tau = random.normal(size=(128, 6, 6)), random.normal(size=(128, 6))
     g[1, :, 5], g[1, 3, 5] = 0.0, 1.0  # one entry in the first column that is taken
     g[2] = np.eye(6)[random.permutation(6)]
-    entries, efforts, found = g.transpose(1, 2, 0).ravel().copy(), tau.T.ravel().copy(), np.zeros(SIX_ROWS * 128)
-    assert six(found, efforts, entries, 1e-9) == 0
+    entries, efforts, result = g.transpose(1, 2, 0).ravel().copy(), tau.T.ravel().copy(), np.zeros(SIX_ROWS * 128)
+    assert six(result, efforts, entries, 1e-9) == 0
     exact = np.linalg.solve(g.transpose(0, 2, 1), tau[:, :, None])[:, :, 0]
-    error = np.abs(found[: 6 * 128].reshape(6, 128).T - exact).max(axis=1) / np.abs(exact).max(axis=1)
+    error = np.abs(result[: 6 * 128].reshape(6, 128).T - exact).max(axis=1) / np.abs(exact).max(axis=1)
     assert (error < 1e-14 * np.linalg.cond(g)).all()  # some tens of roundings, times the condition
     assert not efforts.any()
     g[7, 2] = g[7, 0] - 2.0 * g[7, 5]
     entries, efforts = g.transpose(1, 2, 0).ravel().copy(), tau.T.ravel().copy()
-    assert six(found, efforts, entries, 1e-9) == 1
+    assert six(result, efforts, entries, 1e-9) == 1
 
 
 def test_pivots_that_are_too_small_are_counted() -> None:
     """Next to their column, next to nothing, none, or no number."""
-    pivot, size, effort, found = np.ones(128), np.full(128, 4.0), np.full(128, 3.0), np.zeros(128)
+    pivot, size, effort, result = np.ones(128), np.full(128, 4.0), np.full(128, 3.0), np.zeros(128)
     pivot[:6] = 1.9e-4, -2.1e-4, 1.1e-6, 0.9e-6, 0.0, np.nan
     size[2:4] = 0.0
-    assert solved_by(found, pivot, effort, size, 1e-8, 1e-12) == 4
-    assert np.abs(found[6:] - 3.0).max() == 0.0
-    assert found[1] == pytest.approx(-3.0 / 2.1e-4, rel=1e-15)
+    assert solved_by(result, pivot, effort, size, 1e-8, 1e-12) == 4
+    assert np.abs(result[6:] - 3.0).max() == 0.0
+    assert result[1] == pytest.approx(-3.0 / 2.1e-4, rel=1e-15)
     assert not effort.any()
 
 

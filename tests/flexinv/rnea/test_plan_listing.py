@@ -52,8 +52,8 @@ def test_bodies_of_one_loop_alone_share_rows() -> None:
     assert "bodies: root turn, tilt, tilt, tilt, tilt\n" in str(both.plan)
     assert "bodies: two turns, slide, float, two turns, slide," in str(flexinv.prepare(platform, threads=1).plan)
     case = flexinv.load_cases(MODELS / "bricard", bricard)["fold"]
-    found = flexinv.solve(bricard, case.motion, case.end / 150, start=case.start)
-    state = found.q, found.qd, found.qdd
+    solution = flexinv.solve(bricard, case.motion, case.end / 150, start=case.start)
+    state = solution.q, solution.qd, solution.qdd
     tau = one.torques(*state)
     np.testing.assert_allclose(
         both.torques(*state), tau, atol=1e-11 * np.abs(tau).max()

@@ -42,14 +42,14 @@ CLOSED: dict[Any, tuple[Any, ...]] = {
 
 def packed(assembly: str) -> float:
     """Part of the multiplications and additions of doubles that work on several lanes at once."""
-    found = re.findall(r"^\s+v?f?n?m?(?:add|sub|mul)\w*?([ps])d\s", assembly, re.MULTILINE)
-    return found.count("p") / max(1, len(found))
+    result = re.findall(r"^\s+v?f?n?m?(?:add|sub|mul)\w*?([ps])d\s", assembly, re.MULTILINE)
+    return result.count("p") / max(1, len(result))
 
 
 def across(assembly: str) -> list[str]:
     """Loads of whole vectors that do not begin with a multiple of their lanes, in rows that do."""
-    found = re.findall(r"vmov[ua]pd\s+(-?\d*)\(%\w+,%\w+,8\), %([yz])mm", assembly)
-    return [offset for offset, width in found if int(offset or 0) % (64 if width == "z" else 32)]
+    result = re.findall(r"vmov[ua]pd\s+(-?\d*)\(%\w+,%\w+,8\), %([yz])mm", assembly)
+    return [offset for offset, width in result if int(offset or 0) % (64 if width == "z" else 32)]
 
 
 @pytest.mark.slow

@@ -54,9 +54,9 @@ def test_a_limit_that_is_passed_between_instants_is_found(root: Folder) -> None:
     )
     with pytest.raises(flexinv.InputError, match=f"joint '{elbow}' passes its upper limit of") as caught:
         follow(barely, path, m.joints[1].child, 0.25, start=start)
-    found = re.search(r"t = (\S+) s of the path", str(caught.value))
-    assert found is not None
-    instant = float(found[1])
+    match = re.search(r"t = (\S+) s of the path", str(caught.value))
+    assert match is not None
+    instant = float(match[1])
     assert instant < 0.5
     distance = np.linalg.norm(path.evaluate([instant]).x[0])
     there = np.pi - np.arccos((one**2 + two**2 - distance**2) / (2 * one * two))

@@ -17,7 +17,7 @@ from flexinv.kinematics.mesh import build
 from flexinv.model.mechanism import Body, Inertia, Link
 from flexinv.tracking.collocation import FreeLayout, Horizon
 from flexinv.tracking.internal_motion import find_internal_rates
-from flexinv.tracking.inverse_kinematics import RigidWay, resolve_frame
+from flexinv.tracking.inverse_kinematics import RigidPath, resolve_frame
 
 STROKE = 0.01  # [rad] of the hub arm: small, so that the linear theory holds to its square
 
@@ -45,8 +45,8 @@ def two_links(root: Folder) -> tuple[Mechanism, Path, dict[str, float]]:
 
 def horizon_of(m: Mechanism, path: Path, link: str, time: np.ndarray, start: dict[str, float]) -> Horizon:
     mesh = build(m)
-    way = RigidWay(mesh, resolve_frame(mesh, link), path, start)
-    return Horizon(FreeLayout(mesh), way, way.reach(time), time, float(time[1] - time[0]))
+    way = RigidPath(mesh, resolve_frame(mesh, link), path, start)
+    return Horizon(FreeLayout(mesh), way, way.solve_joint_motion(time), time, float(time[1] - time[0]))
 
 
 # -------------------------------------------------------------------------------------------------------- the equations
@@ -63,12 +63,12 @@ def tangent_error(horizon: Horizon, wrong: float = 0.0) -> float:
     rng = np.random.default_rng(1)
     layout = horizon.layout
     at = layout.compute_undeformed_poses(horizon.reach.q)
-    at = layout.moved(at, 1e-2 * rng.normal(size=at.flat.shape) * layout.solver.topology.scale)
+    at = layout.apply_increments(at, 1e-2 * rng.normal(size=at.flat.shape) * layout.solver.topology.scale)
     below, own, above = horizon._compute_blocks(at, horizon.evaluate(at))
     own = own * (1 + wrong)
     y = rng.normal(size=at.flat.shape) @ layout.pick.T @ layout.pick
     step = 1e-6
-    ahead, back = (horizon.evaluate(layout.moved(at, s * step * y), want=False).residual for s in (1, -1))
+    ahead, back = (horizon.evaluate(layout.apply_increments(at, s * step * y), want=False).residual for s in (1, -1))
     picked = y @ layout.pick.T
     felt = np.einsum("sij,sj->si", own, picked)
     felt[1:] += np.einsum("sij,sj->si", below[1:], picked[:-1])
@@ -136,10 +136,10 @@ def test_elastic_hub_is_left_at_rest() -> None:
 
 def test_modes_with_the_rotor_locked() -> None:
     m = hub_arm(14)
-    found = flexinv.natural_modes(m, free=["hub"])
-    flat = np.abs(found.displacement[:, :, 2]).max(axis=1) < 1e-6 * np.abs(found.displacement[:, :, 1]).max(axis=1)
+    modes = flexinv.natural_modes(m, free=["hub"])
+    flat = np.abs(modes.displacement[:, :, 2]).max(axis=1) < 1e-6 * np.abs(modes.displacement[:, :, 1]).max(axis=1)
     expected = [2.732579, 17.132913, 47.992431]  # rad/s
-    np.testing.assert_allclose(2 * np.pi * found.frequency[flat][:3], expected, rtol=1e-5)
+    np.testing.assert_allclose(2 * np.pi * modes.frequency[flat][:3], expected, rtol=1e-5)
 
 
 def test_what_runs_there_and_back_is_symmetric_in_time(root: Folder) -> None:
@@ -194,7 +194,7 @@ def test_in_space_with_a_payload_and_gravity(root: Folder) -> None:
     m = flexinv.load_mechanism(root / "models" / "spatial_arm")
     path = Path.arc([0.87766824456, 0, 0.15223989667], [0, 0, 0.15223989667], 0.6, 0.5)
     f = follow(m, path, "forearm", 4e-3, start={"pitch": 0.3})
-    missed = f.frame.poses(f.solution.nodes).x - f.wanted
+    missed = f.frame.compute_poses(f.solution.nodes).x - f.wanted
     off = np.einsum("srt,sr->st", f.reach.within, missed)
     assert np.abs(off).max() < 1e-10
     assert f.distance(f.solution).max() < 2e-3 * path.length  # the forearm, bent, is a little shorter

@@ -137,7 +137,7 @@ def test_a_pose_is_followed_by_the_bent_arm(root: Folder) -> None:
     q, still = m.neutral, np.zeros((1, m.nv))
     for name, value in start.items():
         q[m.q_slices[name]] = value
-    begins = resolve_frame(mesh, "wrist_3_link").poses(compute_rigid_motion(mesh, q[None], still, still))
+    begins = resolve_frame(mesh, "wrist_3_link").compute_poses(compute_rigid_motion(mesh, q[None], still, still))
     assert begins.rotation is not None
     turn = begins.rotation[0]
     to = flexinv.kernels.so3.exp_so3(np.array([0.0, 0.2, 0.3])) @ turn
@@ -153,7 +153,7 @@ def test_a_pose_is_followed_by_the_bent_arm(root: Folder) -> None:
 
 def turned(f: Following, line: Path, solution: flexinv.Solution) -> float:
     """The largest angle between the frame and its wish [rad]."""
-    wanted, now = line.evaluate(f.time).rotation, f.frame.poses(solution.nodes).rotation
+    wanted, now = line.evaluate(f.time).rotation, f.frame.compute_poses(solution.nodes).rotation
     assert wanted is not None
     assert now is not None
     return float(np.linalg.norm(flexinv.kernels.so3.log_so3(np.swapaxes(wanted, 1, 2) @ now), axis=1).max())
@@ -161,14 +161,14 @@ def turned(f: Following, line: Path, solution: flexinv.Solution) -> float:
 
 def test_drives_without_a_rotor_give_what_the_link_needs() -> None:
     """There is no inertia between torque and link: with a spring there or without, the torque is the same."""
-    found = []
+    result = []
     for stiffness in (0.0, 50.0):
         drive = Drive(ratio=2.0, stiffness=stiffness, moves="motor")
         joint = Joint("hub", "revolute", "world", "link", drive=drive)
         f = followed(build_drive_model(Mechanism("light drive", (beam(6),), (joint,), gravity=np.zeros(3))))
-        missed = f.frame.poses(f.solution.nodes).x - f.wanted
+        missed = f.frame.compute_poses(f.solution.nodes).x - f.wanted
         # along the arc, which is what one drive can do
         assert np.abs(np.einsum("srt,sr->st", f.reach.within, missed)).max() < 1e-10
-        found.append(f.solution.torque[:, 0])
+        result.append(f.solution.torque[:, 0])
     # the beam's axial and shear stiffness, 1e9 N, times rounding
-    assert off(found[1], found[0]) < 1e-6
+    assert off(result[1], result[0]) < 1e-6

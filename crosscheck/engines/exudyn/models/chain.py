@@ -30,7 +30,7 @@ from crosscheck.engines.exudyn.models.frames import (
 from crosscheck.engines.exudyn.models.layout import resolve_station
 from crosscheck.engines.shared import loop_closure as assembly
 from crosscheck.engines.shared.cross import cross, cross_columns
-from crosscheck.engines.shared.loop_closure import Moving, Rows, Task
+from crosscheck.engines.shared.loop_closure import ClosureRows, ClosureTask, FrameMotion
 from flexinv.files.load_cases import Case
 from flexinv.model.mechanism import WORLD, Attachment, Joint, Mechanism, Placement
 from flexinv.model.owned_cache import make_owner_cache
@@ -46,12 +46,12 @@ class Tree:
     case: Case
     history: Given | None = None
 
-    def given(self, time: Array) -> tuple[Array, Array, Array]:
+    def evaluate_motion(self, time: Array) -> tuple[Array, Array, Array]:
         """Return q, qd, qdd of the motion at times [s], joints that it leaves out at their guess."""
         q, qd, qdd = self.history(time) if self.history else self.case.motion.evaluate(self.mechanism, time)
         return assembly.apply_guess(self.mechanism, self.case, q), qd, qdd
 
-    def moved(self, q: Array, step: Array) -> Array:
+    def integrate_step(self, q: Array, step: Array) -> Array:
         """Return q after a step (nv,) [rad], [m]."""
         out = q.copy()
         for joint in self.mechanism.joints:
@@ -59,7 +59,7 @@ class Tree:
             out[own] = _integrate_joint_step(joint, q[own], step[self.mechanism.v_slices[joint.name]])
         return out
 
-    def pairs(self, q: Array, v: Array) -> list[tuple[Moving, Moving]]:
+    def compute_frame_pairs(self, q: Array, v: Array) -> list[tuple[FrameMotion, FrameMotion]]:
         """Return the two frames of every closure."""
         links = compute_link_frames(self.mechanism, q, v)
         seen = partial(_compute_attachment_frame, self.mechanism, links)
@@ -87,41 +87,41 @@ def _integrate_joint_step(joint: Joint, q: Array, step: Array) -> Array:
     return np.concatenate([q[:3] + compute_joint_pose(joint, q[None])[1][0] @ step[:3], turned])
 
 
-def compute_link_frames(mechanism: Mechanism, q: Array, v: Array) -> dict[str, Moving]:
+def compute_link_frames(mechanism: Mechanism, q: Array, v: Array) -> dict[str, FrameMotion]:
     """Return every link's frame [m], [rad], [s] at q (nq,), v (nv,), the world included."""
     none = np.zeros((3, mechanism.nv))
     still = np.zeros(3)
-    links = {WORLD: Moving(still, np.eye(3), none, none, still, still, still, still)}
+    links = {WORLD: FrameMotion(still, np.eye(3), none, none, still, still, still, still)}
     for joint in mechanism.joints:
         own = q[mechanism.q_slices[joint.name]]
         rates = mechanism.v_slices[joint.name]
-        seat = compute_offset_frame(
+        offset_frame = compute_offset_frame(
             _compute_section_frame(mechanism, links, joint.parent, joint.station), joint.placement
         )
-        links[joint.child] = _compute_child_frame(seat, joint, own, v[rates], rates)
+        links[joint.child] = _compute_child_frame(offset_frame, joint, own, v[rates], rates)
     return links
 
 
-def compute_offset_frame(frame: Moving, place: Placement) -> Moving:
+def compute_offset_frame(frame: FrameMotion, place: Placement) -> FrameMotion:
     """Return a frame that stands at ``place`` [m] in a moving one."""
     return _move_frame(frame, place.position, place.rotation)
 
 
-def _move_frame(frame: Moving, position: Array, rotation: Array) -> Moving:
+def _move_frame(frame: FrameMotion, position: Array, rotation: Array) -> FrameMotion:
     turned_r = frame.r @ rotation
     if not position.any():
-        return Moving(frame.x, turned_r, frame.linear, frame.angular, frame.v, frame.w, frame.a, frame.alpha)
+        return FrameMotion(frame.x, turned_r, frame.linear, frame.angular, frame.v, frame.w, frame.a, frame.alpha)
     r = frame.r @ position
     w = frame.w
     turned = cross(frame.w, r)
     linear = frame.linear + cross_columns(frame.angular, r)
     a = frame.a + cross(frame.alpha, r) + cross(w, turned)
-    return Moving(frame.x + r, turned_r, linear, frame.angular, frame.v + turned, w, a, frame.alpha)
+    return FrameMotion(frame.x + r, turned_r, linear, frame.angular, frame.v + turned, w, a, frame.alpha)
 
 
-def _compute_child_frame(seat: Moving, joint: Joint, q: Array, qd: Array, rates: slice) -> Moving:
+def _compute_child_frame(frame_motion: FrameMotion, joint: Joint, q: Array, qd: Array, rates: slice) -> FrameMotion:
     p, r = (part[0] for part in compute_joint_pose(joint, q[None]))
-    child = _move_frame(seat, p, r)
+    child = _move_frame(frame_motion, p, r)
     if not joint.nv:
         return child
     units = [compute_joint_twist(joint, q, unit) for unit in np.eye(joint.nv)]
@@ -131,12 +131,12 @@ def _compute_child_frame(seat: Moving, joint: Joint, q: Array, qd: Array, rates:
     for column, (slide, spin) in zip(range(rates.start, rates.stop), units, strict=True):
         linear[:, column] = child.r @ slide
         angular[:, column] = child.r @ spin
-    if not qd.any() and not seat.w.any():
-        return Moving(child.x, child.r, linear, angular, child.v, child.w, child.a, child.alpha)
+    if not qd.any() and not frame_motion.w.any():
+        return FrameMotion(child.x, child.r, linear, angular, child.v, child.w, child.a, child.alpha)
     slide, spin = (child.r @ part for part in compute_joint_twist(joint, q, qd))
-    swing = 2 * cross(seat.w, slide) + cross(spin, slide)
-    alpha = child.alpha + cross(seat.w, spin) + child.r @ _compute_bias_acceleration(joint, q, qd)
-    return Moving(
+    swing = 2 * cross(frame_motion.w, slide) + cross(spin, slide)
+    alpha = child.alpha + cross(frame_motion.w, spin) + child.r @ _compute_bias_acceleration(joint, q, qd)
+    return FrameMotion(
         child.x, child.r, linear, angular, child.v + slide, child.w + spin, child.a + swing, alpha
     )  # fmt: skip
 
@@ -149,13 +149,15 @@ def _compute_bias_acceleration(joint: Joint, q: Array, qd: Array) -> Array:
     return np.asarray(-cross(joint.second_axis * qd[1], first))
 
 
-def _compute_attachment_frame(mechanism: Mechanism, links: dict[str, Moving], at: Attachment) -> Moving:
+def _compute_attachment_frame(mechanism: Mechanism, links: dict[str, FrameMotion], at: Attachment) -> FrameMotion:
     on_beam = at.link != WORLD and mechanism.link_of[at.link].beam is not None
-    seat = _compute_section_frame(mechanism, links, at.link, resolve_station(at.station) if on_beam else None)
-    return compute_offset_frame(seat, at.placement)
+    section_frame = _compute_section_frame(mechanism, links, at.link, resolve_station(at.station) if on_beam else None)
+    return compute_offset_frame(section_frame, at.placement)
 
 
-def _compute_section_frame(mechanism: Mechanism, links: dict[str, Moving], name: str, station: float | None) -> Moving:
+def _compute_section_frame(
+    mechanism: Mechanism, links: dict[str, FrameMotion], name: str, station: float | None
+) -> FrameMotion:
     """Return a link's frame, or that of a section of a beam as it is without stress."""
     beam = None if name == WORLD else mechanism.link_of[name].beam
     if beam is None or station is None:
@@ -182,10 +184,10 @@ def evaluate_closed_motion(
 @make_owner_cache(most=8)
 def _evaluate_case_motion(case: Case, mechanism: Mechanism, time: bytes) -> tuple[Array, Array, Array]:
     """The case's own motion: every run of it is shared out on the same one."""
-    made = _solve_tree_motion(mechanism, case, np.frombuffer(time), None)
-    for part in made:
+    tree_motion = _solve_tree_motion(mechanism, case, np.frombuffer(time), None)
+    for part in tree_motion:
         part.flags.writeable = False
-    return made
+    return tree_motion
 
 
 def _solve_tree_motion(
@@ -194,7 +196,9 @@ def _solve_tree_motion(
     free = assembly.find_unprescribed_joints(mechanism, case)
     unknown = np.array([j.name in free for j in mechanism.joints for _ in range(j.nv)], dtype=bool)
     unknown_q = np.array([j.name in free for j in mechanism.joints for _ in range(j.nq)], dtype=bool)
-    return assembly.solve_closed_motion(Task(mechanism, Tree(mechanism, case, history), unknown, unknown_q), time)
+    return assembly.solve_closed_motion(
+        ClosureTask(mechanism, Tree(mechanism, case, history), unknown, unknown_q), time
+    )
 
 
 def split_sampled_efforts(mechanism: Mechanism, case: Case, q: Array, effort: Array) -> Array:
@@ -207,14 +211,16 @@ def split_sampled_efforts(mechanism: Mechanism, case: Case, q: Array, effort: Ar
 
 def list_closure_rows(
     mechanism: Mechanism, case: Case, positions: Array
-) -> list[tuple[list[tuple[Moving, Moving]], Rows]]:
+) -> list[tuple[list[tuple[FrameMotion, FrameMotion]], ClosureRows]]:
     """Return frames and equations of the closures [m], [-] at rest at positions (samples, nq) [rad], [m]."""
     return _list_closure_rows(case, mechanism, positions.tobytes())
 
 
 @make_owner_cache(most=8)
-def _list_closure_rows(case: Case, mechanism: Mechanism, q: bytes) -> list[tuple[list[tuple[Moving, Moving]], Rows]]:
+def _list_closure_rows(
+    case: Case, mechanism: Mechanism, q: bytes
+) -> list[tuple[list[tuple[FrameMotion, FrameMotion]], ClosureRows]]:
     tree = Tree(mechanism, case)
     rest = np.zeros(mechanism.nv)
-    pairs = [tree.pairs(position, rest) for position in np.frombuffer(q).reshape(-1, mechanism.nq)]
+    pairs = [tree.compute_frame_pairs(position, rest) for position in np.frombuffer(q).reshape(-1, mechanism.nq)]
     return [(one, assembly.assemble_rows(mechanism.closures, one)) for one in pairs]

@@ -25,7 +25,7 @@ from crosscheck.engines.exudyn.models import chain as exudyn_chain
 from crosscheck.engines.exudyn.models.frames import Array, build_frame_along, compose
 from crosscheck.engines.exudyn.models.layout import Frame, Layout, find_attachment_frame, list_attachments
 from crosscheck.engines.exudyn.models.parts import Model
-from crosscheck.engines.shared.loop_closure import REDUNDANT, Moving, compute_direction_row, compute_position_row
+from crosscheck.engines.shared.loop_closure import REDUNDANT, FrameMotion, compute_direction_row, compute_position_row
 from crosscheck.engines.shared.wrenches import evaluate_wrench
 from flexinv.files.load_cases import Case
 from flexinv.model.mechanism import Attachment, Closure, Force, Joint, Mechanism, Placement, Spring
@@ -70,8 +70,8 @@ def compute_marker_axes(one: Joint | Closure) -> tuple[Array, Array]:
 
 def compute_marker_frame(layout: Layout, at: Attachment, axes: Array) -> Frame:
     """Return the frame of an attachment, turned by ``axes`` (3, 3) [-]."""
-    seat = find_attachment_frame(layout, at)
-    return Frame(seat.group, compose(seat.placement, Placement(np.zeros(3), axes)))
+    attachment_frame = find_attachment_frame(layout, at)
+    return Frame(attachment_frame.group, compose(attachment_frame.placement, Placement(np.zeros(3), axes)))
 
 
 def compute_connector_wrench(held: Sequence[int], force: Array, torque: Array, first: Array, second: Array) -> Array:
@@ -101,7 +101,7 @@ def find_independent_axes_at(mechanism: Mechanism, case: Case, q: Array) -> dict
 
     Closure by closure, of all choices with the rank that the closure adds the best conditioned one.
     """
-    pairs = exudyn_chain.Tree(mechanism, case).pairs(q, np.zeros(mechanism.nv))
+    pairs = exudyn_chain.Tree(mechanism, case).compute_frame_pairs(q, np.zeros(mechanism.nv))
     kept = np.zeros((0, mechanism.nv))
     chosen = {}
     for closure, pair in zip(mechanism.closures, pairs, strict=True):
@@ -121,7 +121,7 @@ def _compute_rank(rows: Array) -> int:
     return int(np.linalg.matrix_rank(rows, rtol=REDUNDANT))
 
 
-def _build_closure_jacobian(closure: Closure, held: Sequence[int], first: Moving, second: Moving) -> Array:
+def _build_closure_jacobian(closure: Closure, held: Sequence[int], first: FrameMotion, second: FrameMotion) -> Array:
     """Return the Jacobian (rows, nv) of the equations of a closure's connector that holds these axes."""
     zero, one = (m.r @ axes for m, axes in zip((first, second), compute_marker_axes(closure), strict=True))
     made = [compute_position_row(first, second, zero[:, k])[1] for k in range(3) if held[k]]
@@ -132,7 +132,11 @@ def _build_closure_jacobian(closure: Closure, held: Sequence[int], first: Moving
 def describe_leaning_force(mechanism: Mechanism, layout: Layout, normal: Array, in_plane: float) -> str | None:
     """Return the force that is not its own mirror image in the plane, or None.  normal : (3,) [-]"""
     for force in mechanism.forces:
-        turn = layout.start(compute_marker_frame(layout, force.at, np.eye(3))).rotation if force.follower else np.eye(3)
+        turn = (
+            layout.compute_start_pose(compute_marker_frame(layout, force.at, np.eye(3))).rotation
+            if force.follower
+            else np.eye(3)
+        )
         up = force.wrench[:, :3] @ (turn.T @ normal)
         across = np.cross(force.wrench[:, 3:], turn.T @ normal)
         if max(np.abs(up).max(), np.abs(across).max()) > in_plane * np.abs(force.wrench).max():
@@ -142,7 +146,7 @@ def describe_leaning_force(mechanism: Mechanism, layout: Layout, normal: Array, 
 
 def list_attachment_points(mechanism: Mechanism, layout: Layout) -> list[Array]:
     """Return the points at which closures, springs and forces attach at the start, (3,) [m] each."""
-    return [layout.start(find_attachment_frame(layout, at)).position for at in list_attachments(mechanism)]
+    return [layout.compute_start_pose(find_attachment_frame(layout, at)).position for at in list_attachments(mechanism)]
 
 
 # -------------------------------------------------------------------------------------------------- springs, loads

@@ -208,14 +208,14 @@ def join_inertias(parts: list[tuple[Inertia, Placement]]) -> Inertia:
     mass = sum(i.mass for i, _ in parts)
     if mass == 0.0:
         tensors = [x.rotation @ i.tensor @ x.rotation.T for i, x in parts]
-        return Inertia.stated(0.0, np.zeros(3), sum(tensors, np.zeros((3, 3))))
+        return Inertia.build_unchecked(0.0, np.zeros(3), sum(tensors, np.zeros((3, 3))))
     points = [x.position + x.rotation @ i.com for i, x in parts]
     com = sum((i.mass * p for (i, _), p in zip(parts, points, strict=True)), np.zeros(3)) / mass
     tensor = np.zeros((3, 3))
     for (i, x), p in zip(parts, points, strict=True):
         d = skew(p - com)
         tensor = tensor + x.rotation @ i.tensor @ x.rotation.T - i.mass * d @ d
-    return Inertia.stated(mass, com, tensor)
+    return Inertia.build_unchecked(mass, com, tensor)
 
 
 def take_joint_q(mechanism: Mechanism, joint: Joint, q: Array) -> Array:

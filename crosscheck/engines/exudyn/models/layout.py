@@ -70,7 +70,7 @@ class Layout:
     stations: dict[str, tuple[float, ...]]
     section: dict[tuple[str, float], Frame]
 
-    def start(self, frame: Frame) -> Placement:
+    def compute_start_pose(self, frame: Frame) -> Placement:
         """Return the pose of a frame in the world where the motion starts."""
         return compose(self.groups[frame.group].start, frame.placement)
 
@@ -138,9 +138,9 @@ def find_attachment_frame(layout: Layout, at: Attachment) -> Frame:
     return Frame(seat.group, compose(seat.placement, at.placement))
 
 
-def _find_body_frame(group_of: Callable[[str, float], Frame], child: Link, body: Body, seat: Frame) -> Frame:
+def _find_body_frame(group_of: Callable[[str, float], Frame], child: Link, body: Body, frame: Frame) -> Frame:
     if child.beam is None:
-        return seat
+        return frame
     return group_of(child.name, 0.0 if body.station is None else body.station)
 
 
@@ -152,14 +152,14 @@ def _make_section_group(groups: list[Group], root: Frame, name: str, beam: Beam,
 
 
 def _make_joint_group(
-    groups: list[Group], seat: Frame, mechanism: Mechanism, joint: Joint, q: Array, qd: Array
+    groups: list[Group], frame: Frame, mechanism: Mechanism, joint: Joint, q: Array, qd: Array
 ) -> Group:
-    own = take_joint_q(mechanism, joint, q[None])
-    p, r = compute_joint_pose(joint, own)
-    v, w = compute_joint_twist(joint, own[0], qd[mechanism.v_slices[joint.name]])
-    local = compose(seat.placement, Placement(p[0], r[0]))
-    start = compose(groups[seat.group].start, local)
-    velocity, spin = _compute_frame_velocity(groups[seat.group], local)
+    joint_q = take_joint_q(mechanism, joint, q[None])
+    p, r = compute_joint_pose(joint, joint_q)
+    v, w = compute_joint_twist(joint, joint_q[0], qd[mechanism.v_slices[joint.name]])
+    local = compose(frame.placement, Placement(p[0], r[0]))
+    start = compose(groups[frame.group].start, local)
+    velocity, spin = _compute_frame_velocity(groups[frame.group], local)
     return Group(joint.name, None, Inertia(0.0), start, velocity + start.rotation @ v, spin + start.rotation @ w)
 
 
@@ -184,7 +184,7 @@ class Mesh:
     sections: tuple[tuple[Array, float, Array], ...]
     damping: tuple[Array, ...]
 
-    def node(self, station: float) -> int:
+    def find_node(self, station: float) -> int:
         """Return the node that stands at a station [-]."""
         return int(np.argmin(np.abs(self.fraction - station)))
 

@@ -70,7 +70,7 @@ def find_plane(mechanism: Mechanism, layout: Layout, free: frozenset[str] = froz
     for joint in moving:
         if joint.kind not in ("revolute", "continuous") and not (joint.kind == "prismatic" and joint.name in free):
             return f"joint {joint.name} is {joint.kind}"
-    axes = {j.name: layout.start(layout.joint[j.name]).rotation @ j.axis for j in moving}
+    axes = {j.name: layout.compute_start_pose(layout.joint[j.name]).rotation @ j.axis for j in moving}
     pins = [axes[j.name] for j in moving if j.kind != "prismatic"]
     if not pins:
         return "no joint moves" if not moving else "no joint turns"
@@ -82,7 +82,7 @@ def find_plane(mechanism: Mechanism, layout: Layout, free: frozenset[str] = froz
         return "gravity leans out of the plane"
     for closure in mechanism.closures:
         for at in (closure.first, closure.second):
-            axis = layout.start(find_attachment_frame(layout, at)).rotation @ closure.axis
+            axis = layout.compute_start_pose(find_attachment_frame(layout, at)).rotation @ closure.axis
             if reason := exudyn_flat.describe_leaning_axis(closure, axis, normal, IN_PLANE):
                 return reason
     reason = _describe_asymmetry(mechanism, layout, normal) or exudyn_closing.describe_leaning_force(
@@ -96,7 +96,7 @@ def _describe_asymmetry(mechanism: Mechanism, layout: Layout, normal: Array) -> 
     """Return the section or inertia that is not its own mirror image, in words, or None."""
     for link in mechanism.beams:
         assert link.beam is not None
-        local = layout.start(layout.root[link.name]).rotation.T @ normal  # (xyz of the section)
+        local = layout.compute_start_pose(layout.root[link.name]).rotation.T @ normal  # (xyz of the section)
         if np.abs(local).max() < 1.0 - IN_PLANE or abs(local[0]) > IN_PLANE:
             return f"no principal axis of the section of {link.name} is normal to the plane"
         if np.abs(link.beam.curvature - local * (link.beam.curvature @ local)).max() > IN_PLANE:
@@ -110,7 +110,7 @@ def _describe_asymmetry(mechanism: Mechanism, layout: Layout, normal: Array) -> 
 
 def _describe_height_offsets(mechanism: Mechanism, layout: Layout, normal: Array) -> str | None:
     """Return that joints, beams and masses lie at different heights over the plane, or None."""
-    points = [layout.start(f).position for f in [*layout.joint.values(), *layout.root.values()]]
+    points = [layout.compute_start_pose(f).position for f in [*layout.joint.values(), *layout.root.values()]]
     points += exudyn_closing.list_attachment_points(mechanism, layout)
     points += [g.start.position + g.start.rotation @ g.inertia.com for g in layout.groups[1:] if g.inertia.mass]
     if np.ptp(np.array(points) @ normal) > IN_PLANE * np.linalg.norm(points, axis=1).max():
@@ -133,11 +133,11 @@ class Drawing:
     model: Model
     free: Mapping[str, float]
 
-    def flat(self, frame: Frame) -> tuple[Array, float]:
+    def convert_frame_to_plane(self, frame: Frame) -> tuple[Array, float]:
         """Return position (3,) [m] and angle of the x axis [rad] of a frame in the plane, at the start."""
-        return self.flatten(self.layout.start(frame))
+        return self.convert_pose_to_plane(self.layout.compute_start_pose(frame))
 
-    def flatten(self, pose: Placement) -> tuple[Array, float]:
+    def convert_pose_to_plane(self, pose: Placement) -> tuple[Array, float]:
         """Return position (3,) [m] with zero height and angle of the x axis [rad] of a pose in the plane."""
         p = self.plane.T @ pose.position * (1, 1, 0)
         x = self.plane.T @ pose.rotation[:, 0]
@@ -181,7 +181,11 @@ def _compute_load_axes(drawing: Drawing, force: Force) -> Array:
     if not force.follower:
         return drawing.plane.T
     frame = exudyn_closing.compute_marker_frame(drawing.layout, force.at, np.eye(3))
-    return np.asarray(turn(Z, -drawing.flat(frame)[1]) @ drawing.plane.T @ drawing.layout.start(frame).rotation)
+    return np.asarray(
+        turn(Z, -drawing.convert_frame_to_plane(frame)[1])
+        @ drawing.plane.T
+        @ drawing.layout.compute_start_pose(frame).rotation
+    )
 
 
 def _add_body(drawing: Drawing, index: int) -> None:
@@ -203,12 +207,12 @@ def _add_body(drawing: Drawing, index: int) -> None:
 
 def _compute_mass_centre(drawing: Drawing, index: int) -> Array:
     group = drawing.layout.groups[index]
-    return drawing.flatten(Placement(group.start.position + group.start.rotation @ group.inertia.com))[0]
+    return drawing.convert_pose_to_plane(Placement(group.start.position + group.start.rotation @ group.inertia.com))[0]
 
 
 def _add_marker(drawing: Drawing, frame: Frame) -> Any:
     """Return a marker with the position and the orientation of a frame on its group's body or on the ground."""
-    at, angle = drawing.flat(frame)
+    at, angle = drawing.convert_frame_to_plane(frame)
     local = at - (_compute_mass_centre(drawing, frame.group) if frame.group else np.zeros(3))
     number = drawing.model.body[frame.group] if frame.group else drawing.model.ground
     return drawing.model.mbs.AddMarker(
@@ -254,14 +258,18 @@ def _add_beam(drawing: Drawing, name: str, beam: Beam) -> None:
     drawing.model.lock[name] = _add_lock(drawing, _add_marker(drawing, root), nodes[0])
     for index, group in enumerate(drawing.layout.groups):
         if group.station is not None and group.station[0] == name:
-            _add_lock(drawing, _add_marker(drawing, Frame(index, Placement())), nodes[cells.node(group.station[1])])
+            _add_lock(
+                drawing, _add_marker(drawing, Frame(index, Placement())), nodes[cells.find_node(group.station[1])]
+            )
 
 
 def _make_node(drawing: Drawing, root: Frame, pose: Placement) -> Any:
-    at, angle = drawing.flatten(compose(drawing.layout.start(root), pose))
+    at, angle = drawing.convert_pose_to_plane(compose(drawing.layout.compute_start_pose(root), pose))
     carrier = drawing.layout.groups[root.group]
     spin = float(drawing.plane.T[2] @ carrier.spin)
-    velocity = drawing.plane.T @ carrier.velocity + spin * np.cross(Z, at - drawing.flatten(carrier.start)[0])
+    velocity = drawing.plane.T @ carrier.velocity + spin * np.cross(
+        Z, at - drawing.convert_pose_to_plane(carrier.start)[0]
+    )
     tangent = turn(Z, angle)[:2, 0]
     if drawing.cable:
         rate = spin * np.array([-tangent[1], tangent[0]])
@@ -273,7 +281,7 @@ def _make_element(drawing: Drawing, root: Frame, beam: Beam, cells: Mesh, nodes:
     """Return element k: bending about the section axis that is normal to the plane, shear along the other."""
     stiffness, mass, rotary = cells.sections[k]
     damping = cells.damping[k]
-    normal = drawing.layout.start(root).rotation.T @ drawing.plane[:, 2]
+    normal = drawing.layout.compute_start_pose(root).rotation.T @ drawing.plane[:, 2]
     about = int(np.argmax(np.abs(normal)))  # 1: y, 2: z
     common: dict[str, Any] = {
         "length": cells.lengths[k],
@@ -336,7 +344,9 @@ def run(drawing: Drawing, plan: Plan, q: Array, qd: Array, begin: Begin | None =
 
 def compute_axis_sign(drawing: Drawing, joint: Joint) -> float:
     """Return 1 or -1 [-]: how a joint's axis lies along the normal."""
-    return float(drawing.plane[:, 2] @ drawing.layout.start(drawing.layout.joint[joint.name]).rotation @ joint.axis)
+    return float(
+        drawing.plane[:, 2] @ drawing.layout.compute_start_pose(drawing.layout.joint[joint.name]).rotation @ joint.axis
+    )
 
 
 def _make_user_function(plan: Plan, values: Array) -> Any:
@@ -376,51 +386,57 @@ def _list_connector_outputs(one: Joint | Closure, key: Key, number: Any) -> dict
     return {key: (number, OUT.ForceLocal), (*key, "torque"): (number, OUT.TorqueLocal)}
 
 
-def _compute_group_poses(drawing: Drawing, index: int, seen: dict[Key, Array]) -> tuple[Array, Array]:
+def _compute_group_poses(drawing: Drawing, index: int, sensor_values: dict[Key, Array]) -> tuple[Array, Array]:
     """Return position (samples, 3) [m] and rotation (samples, 3, 3) [-] of a group's frame in the world."""
     group = drawing.layout.groups[index]
     if index == 0:
-        samples = len(next(iter(seen.values())))
+        samples = len(next(iter(sensor_values.values())))
         return np.zeros((samples, 3)), np.tile(np.eye(3), (samples, 1, 1))
-    u = seen["pose", index]
+    u = sensor_values["pose", index]
     centre = _compute_mass_centre(drawing, index)
     r = turn(Z, u[:, 2])
-    flat = centre + u * (1, 1, 0) + r @ (drawing.flatten(group.start)[0] - centre)
+    flat = centre + u * (1, 1, 0) + r @ (drawing.convert_pose_to_plane(group.start)[0] - centre)
     position = flat @ drawing.plane.T + drawing.plane[:, 2] * (drawing.plane[:, 2] @ group.start.position)
     return position, drawing.plane @ r @ drawing.plane.T @ group.start.rotation
 
 
 def convert_to_world(drawing: Drawing, root: Frame, flat: Array) -> Array:
     """Return points of the plane (samples, 3) in the world, at the height of a frame [m]."""
-    return flat @ drawing.plane.T + drawing.plane[:, 2] * (drawing.plane[:, 2] @ drawing.layout.start(root).position)
+    return flat @ drawing.plane.T + drawing.plane[:, 2] * (
+        drawing.plane[:, 2] @ drawing.layout.compute_start_pose(root).position
+    )
 
 
 def _compute_joint_wrench(
-    drawing: Drawing, joint: Joint, pose: dict[int, tuple[Array, Array]], seen: dict[Key, Array]
+    drawing: Drawing, joint: Joint, pose: dict[int, tuple[Array, Array]], sensor_values: dict[Key, Array]
 ) -> Array:
     """Return force [N] and moment [N m] on the child at the joint in the child's frame, (samples, 6)."""
-    both = _compute_connector_wrench(drawing, joint, ("pin", joint.name), pose, seen)
+    both = _compute_connector_wrench(drawing, joint, ("pin", joint.name), pose, sensor_values)
     if joint.name not in drawing.free:
-        both[:, 1] -= seen["motor", joint.name] * drawing.plane[:, 2]
+        both[:, 1] -= sensor_values["motor", joint.name] * drawing.plane[:, 2]
     child = next(k for k, g in enumerate(drawing.layout.groups) if g.joint == joint.name)
     return np.asarray(both @ pose[child][1]).reshape(len(both), 6)
 
 
 def _compute_reaction(
-    drawing: Drawing, closure: Closure, pose: dict[int, tuple[Array, Array]], seen: dict[Key, Array]
+    drawing: Drawing, closure: Closure, pose: dict[int, tuple[Array, Array]], sensor_values: dict[Key, Array]
 ) -> Array:
     """Return force [N] and moment [N m] on the second frame of a closure along its axes, (samples, 6)."""
-    both = _compute_connector_wrench(drawing, closure, ("closure", closure.name), pose, seen)
+    both = _compute_connector_wrench(drawing, closure, ("closure", closure.name), pose, sensor_values)
     second = find_attachment_frame(drawing.layout, closure.second)
     return np.asarray(both @ (pose[second.group][1] @ second.placement.rotation)).reshape(len(both), 6)
 
 
 def _compute_connector_wrench(
-    drawing: Drawing, one: Joint | Closure, key: Key, pose: dict[int, tuple[Array, Array]], seen: dict[Key, Array]
+    drawing: Drawing,
+    one: Joint | Closure,
+    key: Key,
+    pose: dict[int, tuple[Array, Array]],
+    sensor_values: dict[Key, Array],
 ) -> Array:
     """Return force [N] and moment [N m] of a connector on its second frame in the world, (samples, 2, 3)."""
     first = exudyn_flat.compute_marker_frames(drawing.layout, one, drawing.plane[:, 2])[0]
     axes = pose[first.group][1] @ first.placement.rotation
-    return exudyn_flat.compute_wrench(one.kind, seen[key], seen.get((*key, "torque")), axes, drawing.plane).reshape(
-        -1, 2, 3
-    )
+    return exudyn_flat.compute_wrench(
+        one.kind, sensor_values[key], sensor_values.get((*key, "torque")), axes, drawing.plane
+    ).reshape(-1, 2, 3)

@@ -50,11 +50,11 @@ def compute_marker_frames(layout: Layout, one: Joint | Closure, normal: Array) -
     """Return the frames of the two markers, x along the axis or, of what has none in the plane, in the plane."""
     if isinstance(one, Closure):
         axes = _build_marker_axes(
-            one, layout.start(compute_marker_frame(layout, one.first, np.eye(3))).rotation.T @ normal
+            one, layout.compute_start_pose(compute_marker_frame(layout, one.first, np.eye(3))).rotation.T @ normal
         )
         return compute_marker_frame(layout, one.first, axes), compute_marker_frame(layout, one.second, axes)
     seat = layout.joint[one.name]
-    axes = _build_marker_axes(one, layout.start(seat).rotation.T @ normal)
+    axes = _build_marker_axes(one, layout.compute_start_pose(seat).rotation.T @ normal)
     child = next(k for k, g in enumerate(layout.groups) if g.joint == one.name)
     turned = Placement(seat.placement.position, seat.placement.rotation @ axes)
     return Frame(seat.group, turned), Frame(child, Placement(np.zeros(3), axes))

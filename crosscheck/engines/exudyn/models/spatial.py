@@ -97,7 +97,7 @@ class Drawing:
     free: frozenset[str] = frozenset()
     held: Mapping[str, list[int]] = field(default_factory=dict)
 
-    def child(self, joint: str) -> int:
+    def find_child_group(self, joint: str) -> int:
         """Return the group that a joint carries."""
         return next(k for k, g in enumerate(self.layout.groups) if g.joint == joint)
 
@@ -194,7 +194,7 @@ def _add_joint(drawing: Drawing, joint: Joint) -> None:
         return
     mbs = drawing.model.mbs
     seat = drawing.layout.joint[joint.name]
-    child = drawing.child(joint.name)
+    child = drawing.find_child_group(joint.name)
     axes = Placement(np.zeros(3), _build_marker_axes(joint))
     start = _compute_relative_pose(drawing, seat, child)
     markers = [
@@ -215,7 +215,7 @@ def _compute_marker_frames(drawing: Drawing, one: Joint | Closure) -> tuple[Fram
         ), exudyn_closing.compute_marker_frame(drawing.layout, one.second, axes)
     seat = drawing.layout.joint[one.name]
     turned = Frame(seat.group, compose(seat.placement, Placement(np.zeros(3), zero)))
-    return turned, Frame(drawing.child(one.name), Placement(np.zeros(3), axes))
+    return turned, Frame(drawing.find_child_group(one.name), Placement(np.zeros(3), axes))
 
 
 def _add_free_joint(drawing: Drawing, joint: Joint) -> None:
@@ -231,9 +231,9 @@ def _add_closure(drawing: Drawing, closure: Closure) -> None:
     drawing.model.closure[closure.name] = drawing.model.mbs.AddObject(made)
 
 
-def _compute_relative_pose(drawing: Drawing, seat: Frame, child: int) -> Placement:
+def _compute_relative_pose(drawing: Drawing, frame: Frame, child: int) -> Placement:
     """Return the child's pose in its parent group's frame at the start."""
-    parent = drawing.layout.groups[seat.group].start
+    parent = drawing.layout.groups[frame.group].start
     own = drawing.layout.groups[child].start
     turned = parent.rotation.T
     return Placement(turned @ (own.position - parent.position), turned @ own.rotation)
@@ -254,12 +254,14 @@ def _add_beam(drawing: Drawing, name: str, beam: Beam) -> None:
     drawing.model.lock[name] = _add_lock(drawing, _add_marker(drawing, root), nodes[0])
     for index, group in enumerate(drawing.layout.groups):
         if group.station is not None and group.station[0] == name:
-            _add_lock(drawing, _add_marker(drawing, Frame(index, Placement())), nodes[cells.node(group.station[1])])
+            _add_lock(
+                drawing, _add_marker(drawing, Frame(index, Placement())), nodes[cells.find_node(group.station[1])]
+            )
 
 
 def _make_beam_node(drawing: Drawing, root: Frame, pose: Placement) -> Any:
     carrier = drawing.layout.groups[root.group]
-    at = compose(drawing.layout.start(root), pose)
+    at = compose(drawing.layout.compute_start_pose(root), pose)
     velocity = carrier.velocity + np.cross(carrier.spin, at.position - carrier.start.position)
     if not drawing.ancf:
         return _make_rigid_node(at, velocity, carrier.spin)
@@ -305,8 +307,10 @@ def run(drawing: Drawing, plan: Plan, q: Array, begin: Begin | None = None) -> O
     for joint in moving:
         if joint.name in drawing.free:
             continue
-        own = take_joint_q(drawing.mechanism, joint, q)
-        for number, rows in zip(drawing.model.joint[joint.name], _compute_offsets(drawing, joint, own), strict=True):
+        joint_q = take_joint_q(drawing.mechanism, joint, q)
+        for number, rows in zip(
+            drawing.model.joint[joint.name], _compute_offsets(drawing, joint, joint_q), strict=True
+        ):
             drawing.model.drivers.append(Driver(number, _make_user_function(plan, rows[-plan.steps - 1 :])))
     seen = integrate(drawing.model.mbs, plan, drawing.model.drivers, *_add_sensors(drawing), drawing.model.loads, begin)
     pose = {index: _compute_group_poses(drawing, index, seen) for index in range(len(drawing.layout.groups))}
@@ -329,8 +333,8 @@ def _compute_offsets(drawing: Drawing, joint: Joint, q: Array) -> list[Array]:
         still = np.zeros((len(q), 6))
         turned = [np.pad(angles, ((0, 0), (3, 0)))] if can_turn(joint) else []
         return [*turned, still, np.pad((slide - slide[0])[:, None], ((0, 0), (0, 5)))]
-    seat = drawing.layout.start(drawing.layout.joint[joint.name])
-    return [np.hstack([(p - p[0]) @ seat.rotation.T, angles])]
+    start_pose = drawing.layout.compute_start_pose(drawing.layout.joint[joint.name])
+    return [np.hstack([(p - p[0]) @ start_pose.rotation.T, angles])]
 
 
 def _make_user_function(plan: Plan, values: Array) -> Any:
@@ -366,35 +370,39 @@ def _add_sensors(drawing: Drawing) -> tuple[Sensors, Sensors]:
     return motions, reactions
 
 
-def _compute_group_poses(d: Drawing, index: int, seen: dict[Key, Array]) -> Poses:
-    samples = len(next(iter(seen.values())))
+def _compute_group_poses(d: Drawing, index: int, sensor_values: dict[Key, Array]) -> Poses:
+    samples = len(next(iter(sensor_values.values())))
     if index == 0:
         return np.zeros((samples, 3)), np.tile(np.eye(3), (samples, 1, 1))
-    return seen["position", index], seen["rotation", index].reshape(samples, 3, 3)
+    return sensor_values["position", index], sensor_values["rotation", index].reshape(samples, 3, 3)
 
 
-def _compute_joint_wrench(drawing: Drawing, joint: Joint, pose: dict[int, Poses], seen: dict[Key, Array]) -> Array:
+def _compute_joint_wrench(
+    drawing: Drawing, joint: Joint, pose: dict[int, Poses], sensor_values: dict[Key, Array]
+) -> Array:
     """Return force [N] and moment [N m] on the child at the joint in the child's frame, (samples, 6)."""
     if joint.name in drawing.free:
-        return _compute_reaction(drawing, joint, pose, seen)
+        return _compute_reaction(drawing, joint, pose, sensor_values)
     seat = drawing.layout.joint[joint.name]
-    child = drawing.child(joint.name)
+    child = drawing.find_child_group(joint.name)
     axes = _build_marker_axes(joint)
-    force = -sum(seen["force", joint.name, k] for k in range(len(drawing.model.joint[joint.name])))
+    force = -sum(sensor_values["force", joint.name, k] for k in range(len(drawing.model.joint[joint.name])))
     marker = pose[seat.group][1] @ _compute_relative_pose(drawing, seat, child).rotation @ axes
     to_child = np.swapaxes(pose[child][1], 1, 2) @ marker
-    moment = MOMENT_SIGNS * seen["moment", joint.name]
+    moment = MOMENT_SIGNS * sensor_values["moment", joint.name]
     return np.hstack([np.einsum("sij,sj->si", to_child, force), moment @ axes.T])  # (sample, component)
 
 
-def _compute_reaction(drawing: Drawing, one: Joint | Closure, pose: dict[int, Poses], seen: dict[Key, Array]) -> Array:
+def _compute_reaction(
+    drawing: Drawing, one: Joint | Closure, pose: dict[int, Poses], sensor_values: dict[Key, Array]
+) -> Array:
     """Return the wrench of a closure, or a joint without a driver, on its second frame, along its axes, (samples, 6)."""
     first, second = (pose[end.group][1] @ end.placement.rotation for end in _compute_marker_frames(drawing, one))
-    if ("moment", one.name) not in seen:
+    if ("moment", one.name) not in sensor_values:
         return np.zeros((len(first), 6))
     held = drawing.held.get(one.name, exudyn_closing.HELD[one.kind])
     wrench = exudyn_closing.compute_connector_wrench(
-        held, seen["force", one.name, 0], seen["moment", one.name], first, second
+        held, sensor_values["force", one.name, 0], sensor_values["moment", one.name], first, second
     )
     own = second @ exudyn_closing.compute_marker_axes(one)[1].T
     return np.hstack([np.einsum("sji,sj->si", own, part) for part in (wrench[:, :3], wrench[:, 3:])])

@@ -39,14 +39,14 @@ def tip(kind: str) -> np.ndarray:
     q, qd, _ = MOVE.evaluate(mechanism, compute_step_times(plan))
     with quiet():
         if kind == "ANCFBeam":
-            seen = exudyn_spatial.run(exudyn_spatial.build(mechanism, layout, True, 8), plan, q)
+            result = exudyn_spatial.run(exudyn_spatial.build(mechanism, layout, True, 8), plan, q)
         else:
             plane = exudyn_planar.find_plane(mechanism, layout)
             assert not isinstance(plane, str)
-            seen = exudyn_planar.run(
+            result = exudyn_planar.run(
                 exudyn_planar.build(mechanism, layout, plane, kind == "ANCFCable2D", 8), plan, q, qd
             )
-    return np.asarray(seen.end["link"][60:] @ [-np.sin(0.05), np.cos(0.05), 0.0])
+    return np.asarray(result.end["link"][60:] @ [-np.sin(0.05), np.cos(0.05), 0.0])
 
 
 @pytest.mark.parametrize("kind", ["ANCFCable2D", "BeamGeometricallyExact2D", "ANCFBeam"])

@@ -304,7 +304,7 @@ def test_stations_that_are_equal_up_to_rounding_share_a_node() -> None:
     cells = exudyn_layout.build_mesh(beam, (0.0, 0.3, 0.1 + 0.2, 1.0 - 1e-16, 1.0), 10)
     assert len(cells.lengths) == 10
     assert cells.lengths.min() > 0.9 * beam.length / 10
-    assert cells.node(0.3) == cells.node(0.1 + 0.2) == 3
+    assert cells.find_node(0.3) == cells.find_node(0.1 + 0.2) == 3
     assert cells.fraction[0] == 0.0
     assert cells.fraction[-1] == 1.0
     apart = exudyn_layout.build_mesh(beam, (0.0, 0.3, 0.3 + 1e-6, 1.0), 10)

@@ -56,7 +56,7 @@ def test_without_a_lead_in_the_start_is_a_transient(monkeypatch: pytest.MonkeyPa
     example = moving(examples.four_bar(), 0.0, 8.0)
     other = pinocchio.run(*example, "pinocchio", {})
     monkeypatch.setattr(
-        exudyn_loops, "build_history", lambda mechanism, case, step: exudyn_lead.History(mechanism, case)
+        exudyn_loops, "build_history", lambda mechanism, case, step: exudyn_lead.ExtendedMotion(mechanism, case)
     )
     record = exudyn.run(*example, "exudyn-dae", {"step": 5e-4, "error": False})
     assert off(record, other, "torque") > 1e-3

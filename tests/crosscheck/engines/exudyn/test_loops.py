@@ -118,8 +118,8 @@ def test_kinematics_of_the_cut_tree_are_flexinvs() -> None:
     for name in ("spatial", "platform"):
         mechanism, case = EXAMPLES[name]()
         s = flexinv.solve(mechanism, case.motion, case.sample, start=case.start)
-        made = exudyn_chain.evaluate_closed_motion(mechanism, case, sample_times(case))
-        for ours, theirs in zip(made, (s.q, s.qd, s.qdd), strict=True):
+        closed_motion = exudyn_chain.evaluate_closed_motion(mechanism, case, sample_times(case))
+        for ours, theirs in zip(closed_motion, (s.q, s.qd, s.qdd), strict=True):
             assert np.abs(ours - theirs).max() < 1e-12 * np.abs(theirs).max()  # rounding of small linear systems
 
 

@@ -14,10 +14,10 @@ import flexinv
 from crosscheck.engines.base import sample_times
 from crosscheck.engines.exudyn import adapter as exudyn
 from crosscheck.engines.exudyn import phases as exudyn_phases
-from crosscheck.engines.exudyn.phases import Switching
+from crosscheck.engines.exudyn.phases import SwitchingSchedule
 from crosscheck.engines.flexinv import adapter as reference
 from crosscheck.measures.record import Record, check
-from crosscheck.studies.switching import Excerpt
+from crosscheck.studies.switching import MotionExcerpt
 from flexinv.files.load_cases import Case, load_cases
 from flexinv.model.mechanism import Mechanism
 
@@ -91,8 +91,12 @@ def test_there_are_as_many_drives_as_freedoms() -> None:
 
 
 def test_a_phase_begins_with_its_instant() -> None:
-    made = Switching(model("two_arms")[0], {}, frozenset(), [frozenset("a"), frozenset("b")], [0.0, 0.5])
-    assert [made.at(t) for t in (0.0, 0.4999, 0.5 - 1e-12, 0.5, 0.7)] == [frozenset(x) for x in "aabbb"]
+    switching_schedule = SwitchingSchedule(
+        model("two_arms")[0], {}, frozenset(), [frozenset("a"), frozenset("b")], [0.0, 0.5]
+    )
+    assert [switching_schedule.list_active_names(t) for t in (0.0, 0.4999, 0.5 - 1e-12, 0.5, 0.7)] == [
+        frozenset(x) for x in "aabbb"
+    ]
 
 
 # -------------------------------------------------------------------------------------------- faults that must show
@@ -102,8 +106,8 @@ def test_a_phase_begins_with_its_instant() -> None:
 def test_a_switch_one_step_late_is_seen_at_the_instant(monkeypatch: pytest.MonkeyPatch) -> None:
     """The step that arrives at the instant would be made with the constraints of before."""
     mechanism, case, other = model("two_arms")
-    right = Switching.at
-    monkeypatch.setattr(Switching, "at", lambda self, time: right(self, time - 1e-6))
+    right = SwitchingSchedule.list_active_names
+    monkeypatch.setattr(SwitchingSchedule, "list_active_names", lambda self, time: right(self, time - 1e-6))
     late = ran(mechanism, case, COARSE)
     assert apart(late, other, "reaction", 50) > 0.1  # the table still carries the bar
     assert apart(late, other, "reaction", 51) < NEAR
@@ -151,7 +155,7 @@ def test_joints_that_are_no_hinges_are_refused() -> None:
 
 def test_a_start_in_motion_is_refused() -> None:
     mechanism, case, _ = model("two_arms")
-    late = replace(case, motion=Excerpt(case.motion.tracks, case.motion.duration, 0.2, frozenset(SIX)))
+    late = replace(case, motion=MotionExcerpt(case.motion.tracks, case.motion.duration, 0.2, frozenset(SIX)))
     reason = exudyn.unsupported(mechanism, late, "exudyn-dae")
     assert reason == "mechanisms that open and close start at rest here; in motion: A1, B1"
 

@@ -51,7 +51,7 @@ def test_a_record_of_all_quantities(tmp_path: Path, monkeypatch: pytest.MonkeyPa
 
 def test_a_refused_model_is_skipped_in_mujocos_words() -> None:
     mechanism, _ = trees.double_pendulum()
-    impossible = Body("odd", Inertia.stated(1.0, np.zeros(3), np.diag([1.0, 1.0, 3.0])))
+    impossible = Body("odd", Inertia.build_unchecked(1.0, np.zeros(3), np.diag([1.0, 1.0, 3.0])))
     links = (mechanism.links[0], replace(mechanism.links[1], bodies=(impossible,)))
     case = trees.case_of(Motion.point_to_point([0, 0], [1, 1], 1.0), 1.0, 0.1)
     record = mujoco.run(replace(mechanism, links=links), case, "mujoco", {})
@@ -91,9 +91,9 @@ def test_a_urdf_by_its_own_parser(tmp_path: Path, base: str, root: str, payload:
     mechanism = from_urdf(trees.urdf(tmp_path, root), base=base)
     mechanism = trees.overlaid(mechanism) if payload else mechanism
     state = sample_states(mechanism, 5, np.random.default_rng(1))
-    found = mujoco.compute_inverse_dynamics(mechanism, mujoco.build(mechanism), *state).torque
+    result = mujoco.compute_inverse_dynamics(mechanism, mujoco.build(mechanism), *state).torque
     expected = judged(mechanism, state)
-    np.testing.assert_allclose(found, expected, rtol=0, atol=ROUNDING * np.abs(expected).max())
+    np.testing.assert_allclose(result, expected, rtol=0, atol=ROUNDING * np.abs(expected).max())
 
 
 def test_a_urdf_that_is_not_the_mechanism_is_refused(tmp_path: Path) -> None:
@@ -134,15 +134,15 @@ def placement_forgotten(joint: Joint, q: Any) -> Any:
     return Rotation.from_quat(q[:, 3:])
 
 
-def no_bias(mechanism: Mechanism, built: Any, q: Any, qd: Any, qdd: Any) -> Any:
+def no_bias(mechanism: Mechanism, built_model: Any, q: Any, qd: Any, qdd: Any) -> Any:
     """a_mj = R0 R v' without w x v."""
-    state = ORIGINAL_MAP(mechanism, built, q, qd, qdd)
+    state = ORIGINAL_MAP(mechanism, built_model, q, qd, qdd)
     turn = mujoco_joints._compute_world_rotation(mechanism.joints[0], q[:, :7])
     state.a[:, :3] = turn.apply(qdd[:, :3])
     return state
 
 
-def no_dual(mechanism: Mechanism, built: Any, q: Any, force: Any) -> Any:
+def no_dual(mechanism: Mechanism, built_model: Any, q: Any, force: Any) -> Any:
     return force
 
 

@@ -33,8 +33,8 @@ CASES = {
 def test_the_largest_effort(kind: str, tmp_path: Path) -> None:
     joint, actuators, effort = CASES[kind]
     (tmp_path / "arm.xml").write_text(MJCF.format(joint=joint, actuators=actuators))
-    found = describe(tmp_path / "arm.xml").mechanism.joint_of["hinge"].limits.effort
-    assert found == pytest.approx(effort, rel=1e-12)
+    result = describe(tmp_path / "arm.xml").mechanism.joint_of["hinge"].limits.effort
+    assert result == pytest.approx(effort, rel=1e-12)
 
 
 PLUGIN = """<extension><plugin plugin="mujoco.pid"><instance name="pid"><config key="kp" value="4"/></instance></plugin>
@@ -59,15 +59,15 @@ def test_a_control_that_is_not_clamped_bounds_no_effort(tmp_path: Path) -> None:
 
 def test_two_directions_that_differ_are_told(tmp_path: Path) -> None:
     (tmp_path / "arm.xml").write_text(MJCF.format(joint=' actuatorfrcrange="-20 35"', actuators=""))
-    found = describe(tmp_path / "arm.xml")
-    assert found.mechanism.joint_of["hinge"].limits.effort == 35.0
-    assert any("effort of joint hinge: -20 to 35" in words for words in found.dropped)
+    result = describe(tmp_path / "arm.xml")
+    assert result.mechanism.joint_of["hinge"].limits.effort == 35.0
+    assert any("effort of joint hinge: -20 to 35" in words for words in result.dropped)
 
 
 def test_it_is_compared_with_a_urdf(tmp_path: Path) -> None:
     (tmp_path / "arm.urdf").write_text(URDF)
     for effort, named in ((35, []), (30, ["effort limit"])):
         (tmp_path / "arm.xml").write_text(MJCF.format(joint=f' actuatorfrcrange="-{effort} {effort}"', actuators=""))
-        found = crosscheck.compare(tmp_path / "arm.urdf", tmp_path / "arm.xml")
-        assert [d.cause for d in found.differences] == named
-    assert any('<joint actuatorfrcrange="-35 35"/>' in line for _, lines in found.advice for line in lines)
+        comparison = crosscheck.compare(tmp_path / "arm.urdf", tmp_path / "arm.xml")
+        assert [d.cause for d in comparison.differences] == named
+    assert any('<joint actuatorfrcrange="-35 35"/>' in line for _, lines in comparison.advice for line in lines)

@@ -46,7 +46,7 @@ def stiffness_and_mass(elements: int) -> tuple[Array, Array]:
     rod = build_rod(ONE_LINK, elements)
     model = build_flexible_model(ONE_LINK, rod, 1e-6).model
     data = mujoco.MjData(model)
-    free = [int(model.joint(f"{rod.point(k)}/{c}").dofadr[0]) for c in "xy" for k in range(1, elements + 1)]
+    free = [int(model.joint(f"{rod.format_point_name(k)}/{c}").dofadr[0]) for c in "xy" for k in range(1, elements + 1)]
     out = np.empty((len(free), len(free)))
     step = 1e-7  # m: the force's curvature is of third order, its rounding 1e-16 EA / l
     for column, place in enumerate(free):
@@ -57,22 +57,22 @@ def stiffness_and_mass(elements: int) -> tuple[Array, Array]:
             mujoco.mj_forward(model, data)
             forces.append(data.qfrc_passive[free].copy())
         out[:, column] = (forces[1] - forces[0]) / (2 * step)
-    return out, np.array([model.body(rod.point(k)).mass[0] for _ in "xy" for k in range(1, elements + 1)])
+    return out, np.array([model.body(rod.format_point_name(k)).mass[0] for _ in "xy" for k in range(1, elements + 1)])
 
 
 def test_stretch_and_bending_are_those_of_the_rod() -> None:
     """EI / l^3 B^T W B with second differences B, twice the weight at the clamp; EA / l D^T D with first differences D."""
     n, edge = 8, LENGTH / 8
-    found, _ = stiffness_and_mass(n)
+    result, _ = stiffness_and_mass(n)
     bend = np.diff(np.eye(n + 2), 2, axis=0)[:, 2:]  # angle at the root and at every inner point
     bend[0] = np.eye(n)[0]  # at the root it is the angle to the axis: the point before does not move
     weight = np.diag([2 / (1 + mujoco_rod.GHOST), *np.ones(n - 1)])
     stretch = np.diff(np.eye(n + 1), axis=0)[:, 1:]
     # Differences of forces of the size EA / l step: 1e-16 of them beside EI / l^3 step is 1e-6 at most.
     expected = EI / edge**3 * bend.T @ weight @ bend
-    np.testing.assert_allclose(found[n:, n:], expected, rtol=0, atol=1e-6 * np.abs(expected).max())
-    np.testing.assert_allclose(found[:n, :n], EA / edge * stretch.T @ stretch, rtol=0, atol=1e-6 * EA / edge)
-    assert np.abs(found[:n, n:]).max() < 1e-6 * EA / edge
+    np.testing.assert_allclose(result[n:, n:], expected, rtol=0, atol=1e-6 * np.abs(expected).max())
+    np.testing.assert_allclose(result[:n, :n], EA / edge * stretch.T @ stretch, rtol=0, atol=1e-6 * EA / edge)
+    assert np.abs(result[:n, n:]).max() < 1e-6 * EA / edge
 
 
 def first_period(elements: int) -> float:
@@ -122,11 +122,11 @@ def test_the_papers_arm() -> None:
     assert np.abs(torque.values).max() == pytest.approx(1.0145, rel=1e-3)
     assert np.abs(bend.values).max() == pytest.approx(0.09496, rel=1e-3)
     reference = solve(ONE_LINK.with_mesh(1, 8), case.motion, 1e-4, end=end)
-    for found, expected in ((torque, reference.torque_all[::10, 0]), (bend, reference.deflection["link"][::10, 1])):
-        assert found.error is not None
-        difference = np.abs(found.values - expected).max()
+    for result, expected in ((torque, reference.torque_all[::10, 0]), (bend, reference.deflection["link"][::10, 1])):
+        assert result.error is not None
+        difference = np.abs(result.values - expected).max()
         assert difference < 2e-3 * np.ptp(expected)
-        assert difference < found.error.max()
+        assert difference < result.error.max()
 
 
 @pytest.mark.slow
@@ -147,8 +147,8 @@ def test_a_loaded_arm_under_gravity() -> None:
     expected = solve(mechanism.with_mesh(1, 8), motion, 1e-4, end=0.2).torque_all[::10]
     for k, name in enumerate(("rail", "hub")):
         # In the mean square: the beam is released straight under gravity, and the highest modes that ring are the mesh's.
-        found = record.series[f"torque/{name}"].values
-        assert np.sqrt(np.mean((found - expected[:, k]) ** 2)) < 3e-3 * np.ptp(expected[:, k])
+        result = record.series[f"torque/{name}"].values
+        assert np.sqrt(np.mean((result - expected[:, k]) ** 2)) < 3e-3 * np.ptp(expected[:, k])
 
 
 def turned(mechanism: Mechanism, axis: str) -> Mechanism:

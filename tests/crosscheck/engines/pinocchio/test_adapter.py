@@ -68,7 +68,7 @@ def test_joints_left_to_the_dynamics_are_refused_by_name() -> None:
 def test_a_body_has_the_moments_that_are_stated(moment: float) -> None:
     """A rod's moment about itself is rounded below zero, and files state what no body has: Pinocchio's parser takes both."""
     mechanism, _ = trees.double_pendulum()
-    stated = Inertia.stated(1.0, np.array([0.1, 0.0, 0.0]), np.diag([moment, 2e-3, 2e-3]))
+    stated = Inertia.build_unchecked(1.0, np.array([0.1, 0.0, 0.0]), np.diag([moment, 2e-3, 2e-3]))
     link = replace(mechanism.links[1], bodies=(Body("rod", stated),))
     built = pinocchio_model.build(replace(mechanism, links=(mechanism.links[0], link)))
     # Pinocchio adds the body to the empty one of its joint: a rounding or two of the largest moment.
@@ -84,10 +84,10 @@ def test_a_body_has_the_moments_that_are_stated(moment: float) -> None:
 def test_a_urdf_by_its_own_parser(tmp_path: Path, base: str, root: str) -> None:
     mechanism = from_urdf(trees.urdf(tmp_path, root), base=base)
     state = sample_states(mechanism, 5, np.random.default_rng(1))
-    found = pinocchio.compute_inverse_dynamics(pinocchio.build(mechanism), *state).torque
-    found += pinocchio.passive_effort(mechanism, state[1])
+    result = pinocchio.compute_inverse_dynamics(pinocchio.build(mechanism), *state).torque
+    result += pinocchio.passive_effort(mechanism, state[1])
     expected = np.array([kane.torque(mechanism, *row) for row in zip(*state, strict=True)])
-    np.testing.assert_allclose(found, expected, rtol=0, atol=ROUNDING * np.abs(expected).max())
+    np.testing.assert_allclose(result, expected, rtol=0, atol=ROUNDING * np.abs(expected).max())
 
 
 @pytest.mark.parametrize("base", ["fixed", "free"])
@@ -95,12 +95,12 @@ def test_what_is_laid_over_a_urdf_reaches_the_model(tmp_path: Path, base: str) -
     mechanism = from_urdf(trees.urdf(tmp_path), base=base)
     loaded = trees.overlaid(mechanism)
     state = sample_states(mechanism, 5, np.random.default_rng(1))
-    found = pinocchio.compute_inverse_dynamics(pinocchio.build(loaded), *state).torque
-    found += pinocchio.passive_effort(loaded, state[1])
+    result = pinocchio.compute_inverse_dynamics(pinocchio.build(loaded), *state).torque
+    result += pinocchio.passive_effort(loaded, state[1])
     expected = np.array([kane.torque(loaded, *row) for row in zip(*state, strict=True)])
-    np.testing.assert_allclose(found, expected, rtol=0, atol=ROUNDING * np.abs(expected).max())
+    np.testing.assert_allclose(result, expected, rtol=0, atol=ROUNDING * np.abs(expected).max())
     plain = pinocchio.compute_inverse_dynamics(pinocchio.build(mechanism), *state).torque
-    assert np.abs(found - plain).max() > 1e-2 * np.abs(expected).max()
+    assert np.abs(result - plain).max() > 1e-2 * np.abs(expected).max()
 
 
 def test_a_urdf_that_is_not_the_mechanism_is_refused(tmp_path: Path) -> None:
@@ -134,9 +134,9 @@ def test_the_order_of_joints_matters(tmp_path: Path) -> None:
     )
     state = sample_states(turned, 5, np.random.default_rng(1))
     built = pinocchio.build(turned)
-    found = pinocchio.compute_inverse_dynamics(built, *state).torque + pinocchio.passive_effort(turned, state[1])
+    result = pinocchio.compute_inverse_dynamics(built, *state).torque + pinocchio.passive_effort(turned, state[1])
     expected = np.array([kane.torque(turned, *row) for row in zip(*state, strict=True)])
-    np.testing.assert_allclose(found, expected, rtol=0, atol=ROUNDING * np.abs(expected).max())
+    np.testing.assert_allclose(result, expected, rtol=0, atol=ROUNDING * np.abs(expected).max())
     assert built.v_order.tolist() != sorted(built.v_order.tolist())
     unmapped = replace(built, v_order=np.sort(built.v_order), q_order=np.sort(built.q_order))
     wrong = pinocchio.compute_inverse_dynamics(unmapped, *state).torque + pinocchio.passive_effort(turned, state[1])

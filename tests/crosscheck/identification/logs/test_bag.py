@@ -62,17 +62,17 @@ def test_messages_become_columns_over_even_times(storage: str, tmp_path: Path) -
         }
         assert log.time[0] == 0.0
         assert log.spacing == pytest.approx(1.0 / RATE, rel=1e-6)  # stamps hold nanoseconds
-        assert np.allclose(log.column("/joint_states/elbow/position"), np.sin(log.time), atol=1e-6)
-        assert np.allclose(log.column("/joint_states/shoulder/effort"), 2.0 * np.cos(log.time), atol=1e-6)
-        assert np.allclose(log.column("/heat"), 20.0 + np.minimum(log.time, 2.95), atol=1e-6)
+        assert np.allclose(log.read_column("/joint_states/elbow/position"), np.sin(log.time), atol=1e-6)
+        assert np.allclose(log.read_column("/joint_states/shoulder/effort"), 2.0 * np.cos(log.time), atol=1e-6)
+        assert np.allclose(log.read_column("/heat"), 20.0 + np.minimum(log.time, 2.95), atol=1e-6)
     assert "/heat" in list_column_names(folder)
 
 
 def test_what_lies_in_a_gap_is_not_made_up(tmp_path: Path) -> None:
     log = read_log(bag(tmp_path / "run", silent=0.5))
     with pytest.raises(InputError, match=r"position' has no number at 1 s .*cut the log there"):
-        log.column("/joint_states/elbow/position")
-    assert np.isfinite(log.column("/heat")).all()
+        log.read_column("/joint_states/elbow/position")
+    assert np.isfinite(log.read_column("/heat")).all()
 
 
 def test_times_that_run_backwards_are_an_error(tmp_path: Path) -> None:

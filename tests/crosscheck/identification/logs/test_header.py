@@ -21,8 +21,8 @@ def joints(*names: str) -> list[Joint]:
 
 
 def chosen(names: list[str], header: list[str], kind: str = "angle") -> list[str]:
-    found = match_joint_columns(joints(*names), dict.fromkeys(header, FEW))
-    return [found[name][kind].name if kind in found.get(name, {}) else "" for name in names]
+    joint_columns = match_joint_columns(joints(*names), dict.fromkeys(header, FEW))
+    return [joint_columns[name][kind].name if kind in joint_columns.get(name, {}) else "" for name in names]
 
 
 @pytest.mark.parametrize(
@@ -69,12 +69,12 @@ def test_columns_of_many_labs(names: list[str], header: list[str], angles: list[
 
 def test_what_a_header_leaves_open_is_said() -> None:
     wide = {"q1": np.array([0.0, 118.0]), "q2": np.array([0.0, 1.0])}
-    found = match_joint_columns(joints("base", "tip"), wide | {"tau1_Nm": FEW, "i1_A": FEW})
-    assert found["base"]["angle"].unit == "deg"
-    assert found["base"]["angle"].why == "the header names no unit and it reaches 118: is it deg?"
-    assert found["tip"]["angle"].unit == "rad"
-    assert found["base"]["effort"].name == "tau1_Nm"
-    assert found["base"]["effort"].why == "or is it i1_A?"
+    joint_columns = match_joint_columns(joints("base", "tip"), wide | {"tau1_Nm": FEW, "i1_A": FEW})
+    assert joint_columns["base"]["angle"].unit == "deg"
+    assert joint_columns["base"]["angle"].why == "the header names no unit and it reaches 118: is it deg?"
+    assert joint_columns["tip"]["angle"].unit == "rad"
+    assert joint_columns["base"]["effort"].name == "tau1_Nm"
+    assert joint_columns["base"]["effort"].why == "or is it i1_A?"
     assert match_joint_columns(joints("a"), {"pressure_bar": FEW}) == {}
 
 
@@ -92,7 +92,7 @@ def test_semicolons_decimal_commas_and_milliseconds_are_read(tmp_path: Path) -> 
     (tmp_path / "log.csv").write_text(f'\ufeff"t [ms]";"q1, measured"\n{rows}\n', encoding="utf-8")
     log = read_log(tmp_path / "log.csv", "t [ms]", "ms")
     assert log.spacing == pytest.approx(0.004, rel=1e-9)
-    assert log.column("q1, measured")[3] == 0.375
+    assert log.read_column("q1, measured")[3] == 0.375
     (tmp_path / "latin.csv").write_bytes("t;Pos [°]\n".encode("latin-1"))
     with pytest.raises(InputError, match="save it as UTF-8"):
         read_log(tmp_path / "latin.csv", "t")

@@ -28,7 +28,7 @@ UNITS = {"gauge": DEGREE, "accelerometer": ACCELERATIONS["g"]}
 
 
 @dataclass(frozen=True)
-class Gross:
+class GrossFault:
     """A fault of one size: its name, where, what it is [unit], and the log with the fault undone.
 
     places : of the channels that it spoils; moves : the model's side changes with it
@@ -43,32 +43,32 @@ class Gross:
     moves: bool
 
 
-def list_gross_faults(machine: Machine) -> Iterator[Gross]:
+def list_gross_faults(machine: Machine) -> Iterator[GrossFault]:
     """Yield the gross faults that are possible here [unit of each]."""
     for channel in machine.channels:
         yield from _list_channel_faults(machine, channel)
     for name, table in machine.settings.joints.items():
         column = table.angle.column
         wrong = {"rad": DEGREE, "deg": 1.0 / DEGREE, "m": 1e-3, "mm": 1e3}[table.angle.unit]
-        yield Gross("wrong sign of the angle", name, "-", -1.0, _make_factor_undo(column, -1.0), (name,), True)
+        yield GrossFault("wrong sign of the angle", name, "-", -1.0, _make_factor_undo(column, -1.0), (name,), True)
         factor = ANGLES[table.angle.unit]
         size = f"the column is not in {table.angle.unit}"
-        yield Gross(
+        yield GrossFault(
             f"wrong unit of the angle, {size}", name, "-", 1.0 / wrong, _make_factor_undo(column, wrong), (name,), True
         )
         drive = machine.mechanism.joint_of[name].drive
         if drive is not None and abs(drive.ratio) != 1.0 and factor:
             known = drive.ratio if table.angle.over == 1.0 else 1.0 / table.angle.over
             what = "wrong gear before the angle"
-            yield Gross(what, name, "-", known, _make_factor_undo(column, 1.0 / known), (name,), True)
+            yield GrossFault(what, name, "-", known, _make_factor_undo(column, 1.0 / known), (name,), True)
     yield from _list_swap_faults(machine)
 
 
-def _list_channel_faults(machine: Machine, channel: Channel) -> Iterator[Gross]:
+def _list_channel_faults(machine: Machine, channel: Channel) -> Iterator[GrossFault]:
     kind = channel.sense
     place = channel.place
     column = channel.column
-    yield Gross(f"wrong sign of the {kind}", place, "-", -1.0, _make_factor_undo(column, -1.0), (place,), False)
+    yield GrossFault(f"wrong sign of the {kind}", place, "-", -1.0, _make_factor_undo(column, -1.0), (place,), False)
     factors = {1e3: "wrong unit", 1e-3: "wrong unit"}
     if kind in UNITS:
         factors = {1.0 / UNITS[kind]: "wrong unit", UNITS[kind]: "wrong unit"}
@@ -80,12 +80,12 @@ def _list_channel_faults(machine: Machine, channel: Channel) -> Iterator[Gross]:
         if constant:
             factors |= {1.0 / constant: "current in the place of torque, or torque of current"}
     for factor, what in factors.items():
-        yield Gross(
+        yield GrossFault(
             f"{what} of the {kind}", place, "-", factor, _make_factor_undo(column, 1.0 / factor), (place,), False
         )
 
 
-def _list_swap_faults(machine: Machine) -> Iterator[Gross]:
+def _list_swap_faults(machine: Machine) -> Iterator[GrossFault]:
     alike: dict[str, list[tuple[str, str, bool]]] = {}
     for channel in machine.channels:
         alike.setdefault(f"{channel.sense}s", []).append((channel.place, channel.column, False))
@@ -95,7 +95,7 @@ def _list_swap_faults(machine: Machine) -> Iterator[Gross]:
         for (one, first, moves), (other, second, _) in combinations(columns, 2):
             undone = _make_swap_undo(first, second)
             name = f"swapped columns of the {kind}"
-            yield Gross(name, f"{one} and {other}", "-", 1.0, undone, (one, other), moves)
+            yield GrossFault(name, f"{one} and {other}", "-", 1.0, undone, (one, other), moves)
 
 
 def _make_factor_undo(column: str, factor: float) -> Undo:

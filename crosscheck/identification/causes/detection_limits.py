@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import brentq
 
-from crosscheck.identification.causes.rounds import Round
+from crosscheck.identification.causes.rounds import CauseRound
 
 Array = NDArray[np.float64]
 TIMES = 1e-3 * np.array(
@@ -22,7 +22,7 @@ REACH = 1e6  # times the cause's step: a size beyond it is none
 
 
 @dataclass(frozen=True)
-class Least:
+class DetectionLimit:
     """The least size [unit] of a cause that this log would show; inf where it shows none that was tried."""
 
     name: str
@@ -38,13 +38,13 @@ class Least:
         return f"{self.name} of {self.place}: {self.size:.2g} {self.unit}".removesuffix(" -")
 
 
-def find_least_sizes(here: Round, at: Array, evidence: float) -> list[Least]:
+def find_least_sizes(here: CauseRound, at: Array, evidence: float) -> list[DetectionLimit]:
     """Return the least sizes [unit of each] that have so much evidence [-] in a log; of angles' delays none is told.
 
     at : sizes of the causes that were named
     """
     out = []
-    level = here.rest(at)
+    level = here.compute_weighed_residual(at)
     for k, cause in enumerate(here.causes):
         if at[k] or (cause.moves and cause.tries):
             continue
@@ -53,11 +53,11 @@ def find_least_sizes(here: Round, at: Array, evidence: float) -> list[Least]:
             if cause.tries
             else _find_size_by_slope(here, at, k, level, evidence)
         )
-        out.append(Least(cause.name, cause.place, cause.unit, size))
+        out.append(DetectionLimit(cause.name, cause.place, cause.unit, size))
     return out
 
 
-def describe_least_sizes(some: list[Least]) -> Iterator[str]:
+def describe_least_sizes(some: list[DetectionLimit]) -> Iterator[str]:
     """Yield one sentence for each cause, with its places [unit of each]."""
     for name in dict.fromkeys(one.name for one in some):
         own = [one for one in some if one.name == name]
@@ -65,17 +65,17 @@ def describe_least_sizes(some: list[Least]) -> Iterator[str]:
         yield f"{name} [{own[0].unit}]: {sizes}"
 
 
-def _find_size_by_trial(here: Round, at: Array, k: int, level: Array, evidence: float) -> float:
+def _find_size_by_trial(here: CauseRound, at: Array, k: int, level: Array, evidence: float) -> float:
     one = np.eye(len(at))[k]
     for size in TIMES:
-        if here.drop(here.rest(at - size * one), level) > evidence:
+        if here.drop(here.compute_weighed_residual(at - size * one), level) > evidence:
             return float(size)
     return float("inf")
 
 
-def _find_size_by_slope(here: Round, at: Array, k: int, level: Array, evidence: float) -> float:
+def _find_size_by_slope(here: CauseRound, at: Array, k: int, level: Array, evidence: float) -> float:
     cause = here.causes[k]
-    slope = (here.rest(at + cause.step * np.eye(len(at))[k]) - level) / cause.step
+    slope = (here.compute_weighed_residual(at + cause.step * np.eye(len(at))[k]) - level) / cause.step
     slope = slope - level * float(slope @ level) / max(float(level @ level), 1e-300)
 
     def drop(log_size: float) -> float:

@@ -16,7 +16,7 @@ from scipy.optimize import least_squares
 from crosscheck.identification.noise import count_agreeing_samples
 from crosscheck.identification.readings import Run
 from crosscheck.identification.wide_response import (
-    Expected,
+    ExpectedResponse,
     WideResponse,
     build_expectation,
     compute_response_error,
@@ -36,15 +36,17 @@ class WideRows:
     """A channel above the bandwidth: what is expected of it, weights (frequencies,), and how many of its rows are news [-]."""
 
     channel: int
-    told: Expected
+    expected_response: ExpectedResponse
     weights: Array
     news: float
 
-    def rows(self, run: Run) -> Array:
+    def compute_rows(self, run: Run) -> Array:
         """Return the difference between the channel of a run and its expectation (rows,) [-]."""
         seen = run.wide[self.channel]
         return (
-            np.zeros(2 * len(self.weights)) if seen is None else compute_response_error(seen, self.told, self.weights)
+            np.zeros(2 * len(self.weights))
+            if seen is None
+            else compute_response_error(seen, self.expected_response, self.weights)
         )
 
 
@@ -55,19 +57,19 @@ def build_wide_rows(run: Run, before: Sequence[Run]) -> list[WideRows]:
         if seen is None:
             continue
         known = [w for w in (b.wide[c] for b in before if b.wide) if w is not None]
-        told = build_expectation(seen, known)
-        weight = compute_weights(seen, told)
+        expectation = build_expectation(seen, known)
+        weight = compute_weights(seen, expectation)
         if (weight > 0.0).sum() < 10:
             continue
-        best = _fit_delay_and_gain(seen, told, weight)
+        best = _fit_delay_and_gain(seen, expectation, weight)
         alike = max(
             count_agreeing_samples(best[0::2]),
             count_agreeing_samples(best[1::2]),
-            1.0 if told.known else _count_smoothed_lines(seen.frequency),
+            1.0 if expectation.known else _count_smoothed_lines(seen.frequency),
         )
         scale = max(1.0, float(np.mean(best[best != 0.0] ** 2)))
         news = 2.0 * float((weight > 0.0).sum()) / alike
-        out.append(WideRows(c, told, weight / np.sqrt(scale * alike), news))
+        out.append(WideRows(c, expectation, weight / np.sqrt(scale * alike), news))
     return out
 
 
@@ -76,14 +78,14 @@ def _count_smoothed_lines(frequency: Array) -> float:
     return len(frequency) / max(1.0, 2.0 * float(np.log2(frequency[-1] / frequency[0])))
 
 
-def _fit_delay_and_gain(seen: WideResponse, told: Expected, weight: Array) -> Array:
+def _fit_delay_and_gain(response: WideResponse, expected_response: ExpectedResponse, weight: Array) -> Array:
     """The differences (rows,) under the delay, lag and gain that leave least of them."""
-    w = 2.0 * np.pi * seen.frequency
+    w = 2.0 * np.pi * response.frequency
 
     def compute_rest(x: Array) -> Array:
         delay, lag, gain = x * SCALES
-        turned = np.exp(1j * w * delay) * (1.0 + 1j * w * lag) * (np.exp(-gain) if told.known else 1.0)
-        return compute_response_error(replace(seen, both=seen.both * turned), told, weight)
+        turned = np.exp(1j * w * delay) * (1.0 + 1j * w * lag) * (np.exp(-gain) if expected_response.known else 1.0)
+        return compute_response_error(replace(response, both=response.both * turned), expected_response, weight)
 
     starts = [np.array([delay, lag, 0.0]) / SCALES for lag in LAGS for delay in DELAYS]
     start = min(starts, key=lambda x: float(np.sum(compute_rest(x) ** 2)))

@@ -1,4 +1,4 @@
-"""Shelves of a run: answers of one that was cut short, kept answers of all before, and the times that jobs take."""
+"""Stores of answers: those of a run that was cut short, of all runs before, and the times that jobs take."""
 
 from __future__ import annotations
 
@@ -11,10 +11,10 @@ from typing import Any
 
 from crosscheck.measures.record import RecordError, read_record
 from crosscheck.run.abilities import Abilities
-from crosscheck.run.isolation import Ending
-from crosscheck.run.kept_answers import KeptAnswers
+from crosscheck.run.answer_cache import AnswerCache
+from crosscheck.run.isolation import ProcessEnd
 from crosscheck.run.questions import Question
-from crosscheck.run.run_cache import Attempts
+from crosscheck.run.run_cache import AttemptFolder
 from crosscheck.run.run_state import Job, make_job_label
 from crosscheck.run.work import Options
 from crosscheck.verdicts.plan import Task
@@ -27,53 +27,57 @@ STUDY = 30.0
 
 
 @dataclass
-class Shelves:
+class AnswerStores:
     """Answers of a run that was cut short (left), and of all runs before (kept, None: no such)."""
 
     options: Options
-    left: Attempts
-    kept: KeptAnswers | None
+    interrupted_run: AttemptFolder
+    cache: AnswerCache | None
 
     def find(self, job: Job) -> Any:
         """Return the answer to a job where it is there and wanted, else None."""
         kind, what, engine = job
-        if kind == "run" and self.options.resume and (found := self.left.find(what, engine.name, self.options.engine)):
-            return found
-        if self.kept is None or self.options.fresh:
+        if (
+            kind == "run"
+            and self.options.resume
+            and (result := self.interrupted_run.find(what, engine.name, self.options.engine))
+        ):
+            return result
+        if self.cache is None or self.options.fresh:
             return None
         if kind == "run":
-            return self.kept.find_attempt(what, engine)
+            return self.cache.find_attempt(what, engine)
         if kind == "abilities" and engine:  # there is something to be asked
             return None
-        if (things := self._list_dependencies(job)) is None or (words := self.kept.find_values(kind, *things)) is None:
+        if (things := self._list_dependencies(job)) is None or (words := self.cache.find_values(kind, *things)) is None:
             return None
         if kind == "abilities":
             return Abilities(words["answer"])
-        return words["answer"], Ending("ok", "", words["printed"], words["elapsed"], words["when"])
+        return words["answer"], ProcessEnd("ok", "", words["printed"], words["elapsed"], words["when"])
 
     def add_answer(self, job: Job, answer: Any) -> None:
         """Keep the answer to a job, for the case that this run is cut short, and for later runs."""
         kind, what, engine = job
         if kind == "run":
             with contextlib.suppress(OSError):  # a full disk: then there is nothing to resume from
-                self.left.add_answer(what, engine.name, answer, self.options.engine)
-        if self.kept is None:
+                self.interrupted_run.add_answer(what, engine.name, answer, self.options.engine)
+        if self.cache is None:
             return
         if kind == "run":
-            self.kept.add_answer(what, engine, answer)
+            self.cache.add_answer(what, engine, answer)
         elif (told := _convert_answer(kind, answer)) and (things := self._list_dependencies(job)) is not None:
-            self.kept.add_values(told, kind, *things)
+            self.cache.add_values(told, kind, *things)
 
     def _list_dependencies(self, job: Job) -> tuple[object, ...] | None:
         """Return the things that an answer depends on beside those that all answers depend on; None: it is not kept."""
         kind, what, _ = job
-        if self.kept is not None and kind == "study":
-            return self.kept.list_study_dependencies(what)
-        if self.kept is not None and kind == "why":
-            return _list_question_dependencies(what, self.kept)
+        if self.cache is not None and kind == "study":
+            return self.cache.list_study_dependencies(what)
+        if self.cache is not None and kind == "why":
+            return _list_question_dependencies(what, self.cache)
         return (what.adapter_key, what.door) if kind == "abilities" else None
 
-    def expected(self, job: Job) -> float:
+    def find_expected_time(self, job: Job) -> float:
         """Return the time that a job may take [s]: as long as it took last, or an estimate."""
         kind, what, engine = job
         known = self._times.get(make_job_label(kind, what, engine))
@@ -83,7 +87,7 @@ class Shelves:
 
     @cached_property
     def _times(self) -> Mapping[str, float]:
-        return {} if self.kept is None else self.kept.read_times()
+        return {} if self.cache is None else self.cache.read_times()
 
 
 def compute_estimated_time(task: Task) -> float:
@@ -101,7 +105,7 @@ def _convert_answer(kind: str, answer: Any) -> dict[str, Any] | None:
     return {"answer": answer[0], "printed": answer[1].printed, "elapsed": answer[1].elapsed}
 
 
-def _list_question_dependencies(question: Question, kept: KeptAnswers) -> tuple[object, ...] | None:
+def _list_question_dependencies(question: Question, cache: AnswerCache) -> tuple[object, ...] | None:
     """Return the things that an answer depends on: the case, and both records but for the time that they took."""
     told = dict(question.options)
     try:
@@ -109,4 +113,4 @@ def _list_question_dependencies(question: Question, kept: KeptAnswers) -> tuple[
     except RecordError:
         return None
     folder = Path(told.pop("folder"))
-    return folder.name, kept.contents(folder), told, [replace(one, wall_time=0.0) for one in records]
+    return folder.name, cache.contents(folder), told, [replace(one, wall_time=0.0) for one in records]

@@ -1,7 +1,8 @@
 """Reading of strangers' files in a process of its own: what takes too long or too much memory, or crashes, becomes words.
 
-A reader is a compiled parser of somebody else's: it may wait, swell or die.  `Guard.call` lets it do so where it harms nobody.
-The process is forked from this one where that may be, which costs nothing; else it is a fresh one (`crosscheck.run.isolation`).
+A reader is a compiled parser of somebody else's: it may wait, swell or die.  `ReadingLimits.run_function` lets it do so where
+it harms nobody.  The process is forked from this one where that may be, which costs nothing; else it is a fresh one
+(`crosscheck.run.isolation`).
 """
 
 from __future__ import annotations
@@ -23,8 +24,8 @@ from pathlib import Path
 from typing import Any, NoReturn, TypeVar
 
 from crosscheck.run.isolation import (
-    Children,
-    Ending,
+    ChildProcesses,
+    ProcessEnd,
     describe_timeout,
     judge_exit_code,
     make_mark,
@@ -42,7 +43,7 @@ from crosscheck.run.processes import (
     make_subreaper,
     read_waiting_time,
 )
-from crosscheck.run.reading import GIVEN, read
+from crosscheck.run.reading_job import GIVEN, read
 from flexinv.errors import InputError
 from flexinv.files.toml_tables import LONGEST_PATH, make_input_error
 
@@ -53,19 +54,19 @@ MILLI = 1e-3  # [s]
 T = TypeVar("T")
 
 
-class Unread(InputError):
+class UnreadFile(InputError):
     """A file that no reader came to the end of, and why."""
 
 
 @dataclass
-class Guard:
+class ReadingLimits:
     """Limits of reading: time [s] and memory [GB] for one call, each of which runs in a process of its own."""
 
     seconds: float = SECONDS
     gigabytes: float = GIGABYTES
-    children: Children = field(default_factory=Children)
+    children: ChildProcesses = field(default_factory=ChildProcesses)
 
-    def call(self, function: Callable[..., T], file: str, *arguments: Any) -> T:
+    def run_function(self, function: Callable[..., T], file: str, *arguments: Any) -> T:
         """Return the answer of a function of a module of ours to a file [-].
 
         Raises InputError as it does, and Unread where it takes too long or too much memory, dies, or fails.
@@ -86,11 +87,13 @@ class Guard:
         if kind == "refused":
             raise InputError(found)
         if kind == "failed":
-            raise self._make_unread_error(file, Ending("error", found, f"{ending.printed}\n{found}", ending.elapsed))
+            raise self._make_unread_error(
+                file, ProcessEnd("error", found, f"{ending.printed}\n{found}", ending.elapsed)
+            )
         result: T = found
         return result
 
-    def _make_unread_error(self, file: str, ending: Ending) -> Unread:
+    def _make_unread_error(self, file: str, ending: ProcessEnd) -> UnreadFile:
         """Return the words for a reader that came to no end."""
         limits = f"one that is read within {self.seconds:g} s and {self.gigabytes:g} GB of memory"
         if ending.status == "timeout":
@@ -104,7 +107,7 @@ class Guard:
             write = (
                 "the file without what is unusual in it; --readers all of crosscheck compare says which readers take it"
             )
-        return Unread(str(make_input_error(str(file)[:LONGEST_PATH], given[:600], limits, write)))
+        return UnreadFile(str(make_input_error(str(file)[:LONGEST_PATH], given[:600], limits, write)))
 
 
 def can_fork() -> bool:
@@ -115,13 +118,13 @@ def can_fork() -> bool:
     return sys.platform == "linux" and threading.active_count() == 1 and hasattr(os, "pidfd_open")
 
 
-def _run_forked(job: Mapping[str, Any], folder: Path, limit: float) -> Ending:
+def _run_forked(job: Mapping[str, Any], folder: Path, limit: float) -> ProcessEnd:
     """Do a job in a copy of this process, for at most ``limit`` [s]."""
     log_file = folder / "printed.txt"
     log_file.touch()
     start = clock.monotonic()
     late = ""
-    process = _Copy(job, log_file, make_mark(folder))
+    process = _ForkedJob(job, log_file, make_mark(folder))
     try:
         process.wait(limit)
     except subprocess.TimeoutExpired:
@@ -131,11 +134,11 @@ def _run_forked(job: Mapping[str, Any], folder: Path, limit: float) -> Ending:
     elapsed = clock.monotonic() - start
     printed = read_tail(log_file)
     if late:
-        return Ending("timeout", late, printed, elapsed)
-    return Ending(*judge_exit_code(process.returncode or 0, printed), printed, elapsed)
+        return ProcessEnd("timeout", late, printed, elapsed)
+    return ProcessEnd(*judge_exit_code(process.returncode or 0, printed), printed, elapsed)
 
 
-class _Copy:
+class _ForkedJob:
     """A copy of this process that does one job, and prints into a file."""
 
     def __init__(self, job: Mapping[str, Any], log: Path, mark: str) -> None:
@@ -159,17 +162,17 @@ class _Copy:
                 raise subprocess.TimeoutExpired("a copy", limit)
         finally:
             os.close(number)
-        self._reap()
+        self._collect_exit_code()
 
     def end(self) -> None:
         """Kill what is left of it, and of everything that it started."""
         if self.returncode is None:
             end_process_tree(self.pid)
-            self._reap()
+            self._collect_exit_code()
         end_process_group(self.pid)
         end_marked_processes(self.mark)
 
-    def _reap(self) -> None:
+    def _collect_exit_code(self) -> None:
         self.returncode = os.waitstatus_to_exitcode(os.waitpid(self.pid, 0)[1])
 
 

@@ -9,10 +9,10 @@ import numpy as np
 
 from crosscheck.causes.cause import Cause
 from crosscheck.causes.dictionary import collect_causes
-from crosscheck.causes.evidence import NOT_RUNNING, Evidence, Heard
+from crosscheck.causes.evidence import NOT_RUNNING, CauseAssessment, Evidence
 from crosscheck.causes.fit import IMPOSSIBLE, Fit
 from crosscheck.causes.model import Model
-from crosscheck.causes.naming import MARCHED, Naming, Question, choose_causes
+from crosscheck.causes.naming import MARCHED, NamedCauses, ResidualQuestion, choose_causes
 from crosscheck.causes.quantities import Quantities
 
 # What leaves more of the differences after a linear look is not refined; so many are, by whether the mechanism is rigid.
@@ -20,7 +20,7 @@ DISTANT = 0.7
 REFINED = {True: 12, False: 6}
 
 
-def find_other_causes(evidence: Evidence, before: Naming) -> Naming:
+def find_other_causes(evidence: Evidence, before: NamedCauses) -> NamedCauses:
     """Return the naming of what other quantities than the efforts show; ``before`` where they agree or are not known.
 
     A base that stands elsewhere, a clamp that is turned, an axis that points the other way: the motor feels none of that, and
@@ -28,18 +28,18 @@ def find_other_causes(evidence: Evidence, before: Naming) -> Naming:
     the engines may be apart in it, and has to agree with the certificate as well.
     """
     beside = evidence.quantities
-    if beside is None or not (apart := beside.apart()):
+    if beside is None or not (apart := beside.list_deviating_quantities()):
         return before
-    difference = beside.difference()
-    asked = Question(evidence.model, difference, np.ones_like(difference))
+    difference = beside.compute_difference()
+    residual_question = ResidualQuestion(evidence.model, difference, np.ones_like(difference))
     rigid = evidence.model.base.mechanism.is_rigid
-    first = sorted(_fit_other_causes(evidence.model, beside), key=lambda one: one.left)
-    likely = [one for one in first if one.left < DISTANT][: REFINED[rigid]]
-    fits = sorted((_fit_closer(beside, one) for one in likely), key=lambda one: one.left)
-    heard = tuple(Heard(one, _list_contradictions(evidence, one, 0.0 if rigid else MARCHED)) for one in fits)
-    found = choose_causes(asked, fits, heard, evidence)
-    words = found.words.replace("the efforts", "the efforts and all else") if found.words else ""
-    return replace(found, size=max(apart.values()), noise=before.noise, words=words)
+    first = sorted(_fit_other_causes(evidence.model, beside), key=lambda one: one.residual)
+    likely = [one for one in first if one.residual < DISTANT][: REFINED[rigid]]
+    fits = sorted((_fit_closer(beside, one) for one in likely), key=lambda one: one.residual)
+    heard = tuple(CauseAssessment(one, _list_contradictions(evidence, one, 0.0 if rigid else MARCHED)) for one in fits)
+    causes = choose_causes(residual_question, fits, heard, evidence)
+    words = causes.words.replace("the efforts", "the efforts and all else") if causes.words else ""
+    return replace(causes, size=max(apart.values()), noise=before.noise, words=words)
 
 
 def _fit_other_causes(model: Model, beside: Quantities) -> Iterator[Fit]:
@@ -50,7 +50,7 @@ def _fit_other_causes(model: Model, beside: Quantities) -> Iterator[Fit]:
         for target in cause.targets(model):
             try:
                 if cause.scale(model, target) and _is_visible(model, cause, target):
-                    yield beside.look(cause, target)
+                    yield beside.fit_linearly(cause, target)
             except IMPOSSIBLE:
                 continue
 
@@ -66,10 +66,10 @@ def _fit_closer(beside: Quantities, one: Fit) -> Fit:
     if not one.cause.sized:
         return one
     try:
-        better = beside.judged(beside.fit_size(one))
+        better = beside.evaluate_fit(beside.fit_size(one))
     except IMPOSSIBLE:
         return one
-    return min(one, better, key=lambda fit: fit.left)
+    return min(one, better, key=lambda fit: fit.residual)
 
 
 def _list_contradictions(evidence: Evidence, one: Fit, sure: float) -> tuple[str, ...]:

@@ -16,7 +16,7 @@ import pytest
 from click.testing import CliRunner
 
 from crosscheck.cli import main
-from crosscheck.run.guarded import Guard, Unread, can_fork
+from crosscheck.run.reading_limits import ReadingLimits, UnreadFile, can_fork
 from flexinv.errors import InputError
 
 LIMIT = 5.0  # [s]
@@ -96,41 +96,41 @@ ENDS = {
 
 def sleepers() -> list[psutil.Process]:
     """Sleepers that have not been killed; a process that was ends a moment later."""
-    found = [one for one in psutil.process_iter(["cmdline"]) if one.info["cmdline"] == SLEEPER]
-    return psutil.wait_procs(found, timeout=10)[1]
+    result = [one for one in psutil.process_iter(["cmdline"]) if one.info["cmdline"] == SLEEPER]
+    return psutil.wait_procs(result, timeout=10)[1]
 
 
 @pytest.fixture(params=["a copy", "a fresh process"])
-def guard(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> Guard:
+def guard(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> ReadingLimits:
     """A guard whose calls are copies of this process, or fresh ones."""
     if request.param == "a copy" and not can_fork():
         pytest.skip("other threads run in this process")
-    monkeypatch.setattr("crosscheck.run.guarded.can_fork", lambda: request.param == "a copy")
+    monkeypatch.setattr("crosscheck.run.reading_limits.can_fork", lambda: request.param == "a copy")
     monkeypatch.setenv("PYTHONPATH", str(Path(__file__).parent))
-    return Guard(LIMIT if request.param == "a copy" else SLOW)
+    return ReadingLimits(LIMIT if request.param == "a copy" else SLOW)
 
 
 def test_an_answer_comes_back_and_a_refusal_stays_one(
-    guard: Guard, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    guard: ReadingLimits, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    assert guard.call(answer, "arm.urdf", 2) == (f"arm.urdf in {tmp_path}", 3)
+    assert guard.run_function(answer, "arm.urdf", 2) == (f"arm.urdf in {tmp_path}", 3)
     with pytest.raises(InputError, match=r"arm\.urdf: no machine") as caught:
-        guard.call(refuse, "arm.urdf")
-    assert not isinstance(caught.value, Unread)
-    assert guard.call(wait_for_input, "arm.urdf") == ""
+        guard.run_function(refuse, "arm.urdf")
+    assert not isinstance(caught.value, UnreadFile)
+    assert guard.run_function(wait_for_input, "arm.urdf") == ""
 
 
 @pytest.mark.parametrize("end", ENDS)
-def test_whatever_a_reader_does_becomes_words(end: object, guard: Guard) -> None:
+def test_whatever_a_reader_does_becomes_words(end: object, guard: ReadingLimits) -> None:
     words = ENDS[end].replace("of 5 s", f"of {guard.seconds:g} s")
-    with pytest.raises(Unread, match=rf"^arm.urdf\n  given:    {words}.*\n  expected: .*\n  write:    .*"):
-        guard.call(end, "arm.urdf")
+    with pytest.raises(UnreadFile, match=rf"^arm.urdf\n  given:    {words}.*\n  expected: .*\n  write:    .*"):
+        guard.run_function(end, "arm.urdf")
     assert sleepers() == []
 
 
-def test_what_a_reader_started_ends_with_it(guard: Guard) -> None:
-    guard.call(start_others, "arm.urdf")
+def test_what_a_reader_started_ends_with_it(guard: ReadingLimits) -> None:
+    guard.run_function(start_others, "arm.urdf")
     assert sleepers() == []
 
 

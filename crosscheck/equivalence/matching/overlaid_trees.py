@@ -13,9 +13,9 @@ from dataclasses import dataclass
 import numpy as np
 import scipy  # its parts are loaded when they are asked for
 
-from crosscheck.equivalence.alignment.lengths import Lengths
-from crosscheck.equivalence.alignment.poses import Poses
-from crosscheck.equivalence.matching.costs import IMPOSSIBLE, Costs
+from crosscheck.equivalence.alignment.lengths import DescriptionLengths
+from crosscheck.equivalence.alignment.poses import MemberPoses
+from crosscheck.equivalence.matching.costs import IMPOSSIBLE, PairCosts
 from crosscheck.equivalence.tree import SCALARS, Tree, join_into_carriers
 from crosscheck.lifting.rigid import apply_placement, compute_norm, cross
 from flexinv.model.mechanism import Array, Placement
@@ -30,43 +30,45 @@ def join_fixed_links(tree: Tree) -> tuple[Tree, dict[int, int]]:
 
 
 @dataclass(frozen=True)
-class LaidOn:
+class OverlaidTrees:
     """Two trees without fixed links, their costs, and the numbers that members have there by those that they had."""
 
-    plain: Costs
+    plain: PairCosts
     first: Mapping[int, int]
     second: Mapping[int, int]
 
     @classmethod
-    def of(cls, first: Tree, second: Tree) -> LaidOn:
+    def build_for(cls, first: Tree, second: Tree) -> OverlaidTrees:
         """Return two trees that are laid on one another [-]."""
         one, ours = join_fixed_links(first)
         two, theirs = join_fixed_links(second)
-        return cls(Costs(one, two), ours, theirs)
+        return cls(PairCosts(one, two), ours, theirs)
 
-    def costs(self, before: tuple[int, int], ours: list[int], theirs: list[int]) -> Array:
+    def compute_costs(self, before: tuple[int, int], first: list[int], second: list[int]) -> Array:
         """Return the costs [-] of joints of two members, (ours, theirs): what they show, and where they stand.
 
         before : the moving members that carry them, -1 the world
         """
         above = self.first.get(before[0], -1), self.second.get(before[1], -1)
-        mine = [self.first[k] for k in ours]
-        yours = [self.second[k] for k in theirs]
+        mine = [self.first[k] for k in first]
+        yours = [self.second[k] for k in second]
         shown = np.array([[compute_subtree_cost(self.plain, above, k, m) for m in yours] for k in mine])
-        return shown + self._apart(above, mine, yours, shown) if shown.size > 1 else shown
+        return shown + self._compute_placement_costs(above, mine, yours, shown) if shown.size > 1 else shown
 
-    def _apart(self, above: tuple[int, int], ours: list[int], theirs: list[int], shown: Array) -> Array:
+    def _compute_placement_costs(
+        self, above: tuple[int, int], first: list[int], second: list[int], shown: Array
+    ) -> Array:
         """Costs of joints by where they stand on carriers that are laid on one another."""
         best = np.full(shown.shape, FAR)
         least = np.inf, np.inf
-        for frame in self._list_trial_frames(*above, ours, theirs):
-            found = np.array([[self._compute_joint_gap(k, m, frame) for m in theirs] for k in ours])
+        for frame in self._list_trial_frames(*above, first, second):
+            found = np.array([[self._compute_joint_gap(k, m, frame) for m in second] for k in first])
             rows, columns = scipy.optimize.linear_sum_assignment(found + shown)
             total = float((found + shown)[rows, columns].sum())
             if total > least[0] + NEAR:
                 continue
-            chosen = [(ours[i], theirs[j]) for i, j in zip(rows, columns, strict=True)]
-            rest = sum(self._told(k, m, frame) for k, m in chosen)
+            chosen = [(first[i], second[j]) for i, j in zip(rows, columns, strict=True)]
+            rest = sum(self._compute_pose_code_length(k, m, frame) for k, m in chosen)
             if total < least[0] - NEAR or rest < least[1] - NEAR:
                 best = found
                 least = (total, rest)
@@ -74,61 +76,64 @@ class LaidOn:
                 break
         return best
 
-    def _told(self, k: int, m: int, frame: Placement) -> float:
+    def _compute_pose_code_length(self, k: int, m: int, frame: Placement) -> float:
         """The length of what has to be told of a joint and its body in a pose of its carrier: between poses that are as near."""
-        lengths = Lengths(self.plain.first, self.plain.second, {k: m}, self.plain.size)
-        poses = Poses(lengths)
-        still = poses.still(k, frame)
+        lengths = DescriptionLengths(self.plain.first, self.plain.second, {k: m}, self.plain.size)
+        poses = MemberPoses(lengths)
+        still = poses.compute_unmoved_pose(k, frame)
         if self.plain.first.members[k].kind != self.plain.second.members[m].kind:
             return 0.0
-        tried = [still, *poses.others(k, still)]
-        frames = [lengths.of_joint(k, frame, pose) + lengths.compute_content_code_length(k, pose) for pose in tried]
+        tried = [still, *poses.list_other_poses(k, still)]
+        frames = [
+            lengths.compute_joint_code_length(k, frame, pose) + lengths.compute_content_code_length(k, pose)
+            for pose in tried
+        ]
         return min(frames)
 
-    def _list_trial_frames(self, a: int, b: int, ours: list[int], theirs: list[int]) -> Iterator[Placement]:
+    def _list_trial_frames(self, a: int, b: int, first: list[int], second: list[int]) -> Iterator[Placement]:
         one = self.plain.first
         two = self.plain.second
         size = self.plain.size
         yield Placement()
-        trials = [(k, m) for k in ours for m in theirs if one.members[k].kind == two.members[m].kind]
+        trials = [(k, m) for k in first for m in second if one.members[k].kind == two.members[m].kind]
         if a < 0:
             for k, m in trials:
-                yield from Poses(Lengths(one, two, {k: m}, size)).list_base_motions([k])
+                yield from MemberPoses(DescriptionLengths(one, two, {k: m}, size)).list_base_motions([k])
             return
-        yield from Poses(Lengths(one, two, {a: b}, size)).alone(a)
+        yield from MemberPoses(DescriptionLengths(one, two, {a: b}, size)).list_poses_by_content(a)
         for k, m in trials:
-            yield from Poses(Lengths(one, two, {a: b, k: m}, size)).alone(a)
+            yield from MemberPoses(DescriptionLengths(one, two, {a: b, k: m}, size)).list_poses_by_content(a)
 
     def _compute_joint_gap(self, k: int, m: int, frame: Placement) -> float:
         """Distance of two joints' axes, and of masses along these, over the size of the machines; sine of their angle."""
-        ours = self.plain.first.members[k]
-        theirs = self.plain.second.members[m]
+        first = self.plain.first.members[k]
+        second = self.plain.second.members[m]
         size = self.plain.size
-        there = apply_placement(frame, theirs.placement)
-        gap = there.position - ours.placement.position
-        if ours.kind not in SCALARS:
+        there = apply_placement(frame, second.placement)
+        gap = there.position - first.placement.position
+        if first.kind not in SCALARS:
             return min(compute_norm(gap) / size, FAR)
-        along = ours.placement.rotation @ ours.axis
-        other = there.rotation @ theirs.axis
+        along = first.placement.rotation @ first.axis
+        other = there.rotation @ second.axis
         total = compute_norm(cross(along, other))
-        if ours.kind != "prismatic":
+        if first.kind != "prismatic":
             # Two legs may turn about one line: how far along it their masses are, no zero and no frame changes.
-            way = gap + there.rotation @ theirs.com - ours.placement.rotation @ ours.com
+            way = gap + there.rotation @ second.com - first.placement.rotation @ first.com
             total += compute_norm(cross(along, gap)) / size
-            total += abs(float(along @ way)) / size if ours.mass and theirs.mass else 0.0
+            total += abs(float(along @ way)) / size if first.mass and second.mass else 0.0
         return min(total, FAR)
 
 
-def compute_subtree_cost(costs: Costs, before: tuple[int, int], a: int, b: int) -> float:
+def compute_subtree_cost(costs: PairCosts, before: tuple[int, int], a: int, b: int) -> float:
     """Return the cost [-] of what two members and all that they carry show; before : the moving pair before, -1 the world."""
-    own = costs.shown(before, a, b)
-    if own >= IMPOSSIBLE:
+    invariant_cost = costs.compute_invariant_cost(before, a, b)
+    if invariant_cost >= IMPOSSIBLE:
         return IMPOSSIBLE
-    ours = costs.first.list_moving_children(a)
-    theirs = costs.second.list_moving_children(b)
-    lonely = abs(len(ours) - len(theirs))
-    if not ours or not theirs:
-        return own + lonely
-    table = np.array([[compute_subtree_cost(costs, (a, b), k, m) for m in theirs] for k in ours])
+    moving_children = costs.first.list_moving_children(a)
+    second = costs.second.list_moving_children(b)
+    lonely = abs(len(moving_children) - len(second))
+    if not moving_children or not second:
+        return invariant_cost + lonely
+    table = np.array([[compute_subtree_cost(costs, (a, b), k, m) for m in second] for k in moving_children])
     rows, columns = scipy.optimize.linear_sum_assignment(table)
-    return own + lonely + float(np.minimum(table[rows, columns], 2.0).sum())
+    return invariant_cost + lonely + float(np.minimum(table[rows, columns], 2.0).sum())

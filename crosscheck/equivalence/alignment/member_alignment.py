@@ -1,4 +1,4 @@
-"""Seats: how a member of B sits on the one of A that it is, and what of its joint's place is an offset of a zero."""
+"""Alignment of a member of B with the one of A that it is, and what of its joint's place is an offset of a zero."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ APART = 0.1
 
 
 @dataclass(frozen=True)
-class Aligned:
+class MemberAlignment:
     """A member of A and the one of B that it is.
 
     frame : B's frame in A's [m]; shift : pose of B's zero in A's joint frame, the identity where zeros agree [m]
@@ -46,13 +46,13 @@ class Aligned:
 
 def make_joint_alignment(
     one: Member, two: Member, numbers: tuple[int, int], before: Placement, frame: Placement
-) -> Aligned:
+) -> MemberAlignment:
     """Return the seat that follows of two poses of B's frames in A's, of a member's carrier and of its own [m]."""
     shift = apply_placement(
         compute_relative_pose(one.placement, apply_placement(before, two.placement)), inverse(frame)
     )
     sign, offset, rest = _fit_coordinate(one, two, frame, shift)
-    return Aligned(*numbers, frame, rest, sign, offset)
+    return MemberAlignment(*numbers, frame, rest, sign, offset)
 
 
 def _fit_coordinate(one: Member, two: Member, frame: Placement, shift: Placement) -> tuple[float, float, Placement]:
@@ -102,8 +102,10 @@ def _has_shifted_numbers(one: Member, two: Member, sign: float, offset: float) -
     """Return True where all that a joint states in its coordinate [rad], [m] has moved by an offset, and something has."""
     if abs(offset) <= ROUGH:
         return False
-    stated = _list_coordinate_numbers(one, two, sign)
-    return bool(stated) and all(abs(ours - theirs - offset) <= ROUGH for ours, theirs in stated)
+    coordinate_numbers = _list_coordinate_numbers(one, two, sign)
+    return bool(coordinate_numbers) and all(
+        abs(first - second - offset) <= ROUGH for first, second in coordinate_numbers
+    )
 
 
 def _list_coordinate_numbers(one: Member, two: Member, sign: float) -> list[tuple[float, float]]:
@@ -121,7 +123,7 @@ def _add_whole_turns(one: Member, two: Member, sign: float, offset: float) -> fl
     """
     if one.kind != "revolute" or (abs(offset) <= ROUGH and has_same_limits(one, two)):
         return offset
-    told = [ours - theirs for ours, theirs in _list_coordinate_numbers(one, two, sign)]
+    told = [first - second for first, second in _list_coordinate_numbers(one, two, sign)]
     turns = {round((way - offset) / (2 * np.pi)) for way in told}
     # Only where it is whole turns that they say: other limits are other limits.
     whole = len(turns) == 1 and all(

@@ -20,9 +20,9 @@ from crosscheck import output_folder
 from crosscheck.engines import ENGINES, Engine
 from crosscheck.measures.record import Record, torque_series
 from crosscheck.report import render
-from crosscheck.run import isolation, kept_answers, run_cache
+from crosscheck.run import answer_cache, isolation, run_cache
+from crosscheck.run.answer_cache import ENDING, AnswerCache, find_user_folder, is_traceable, remove_oldest_entries
 from crosscheck.run.isolation import Attempt
-from crosscheck.run.kept_answers import ENDING, KeptAnswers, find_user_folder, is_traceable, remove_oldest_entries
 from crosscheck.run.runner import run
 from crosscheck.run.work import Event, Options, Work
 from crosscheck.studies import Study
@@ -52,16 +52,16 @@ PINOCCHIO = ENGINES["pinocchio"]
 
 
 def test_what_was_kept_comes_back_with_its_time(task: Task, good: Attempt, tmp_path: Path) -> None:
-    kept = KeptAnswers(tmp_path / "kept")
-    assert kept.find_attempt(task, PINOCCHIO) is None
-    kept.add_answer(task, PINOCCHIO, good)
-    found = KeptAnswers(tmp_path / "kept").find_attempt(task, PINOCCHIO)
-    assert found is not None
-    assert found.kept
-    assert (found.printed, found.elapsed) == ("printed", 0.5)
+    cache = AnswerCache(tmp_path / "kept")
+    assert cache.find_attempt(task, PINOCCHIO) is None
+    cache.add_answer(task, PINOCCHIO, good)
+    attempt = AnswerCache(tmp_path / "kept").find_attempt(task, PINOCCHIO)
+    assert attempt is not None
+    assert attempt.kept
+    assert (attempt.printed, attempt.elapsed) == ("printed", 0.5)
     for name, one in good.record.series.items():
-        assert np.array_equal(found.record.series[name].values, one.values)
-    assert kept.trouble == []
+        assert np.array_equal(attempt.record.series[name].values, one.values)
+    assert cache.trouble == []
 
 
 def test_a_study_depends_on_the_folders_that_it_names_and_not_on_words_that_are_no_path(tmp_path: Path) -> None:
@@ -69,18 +69,18 @@ def test_a_study_depends_on_the_folders_that_it_names_and_not_on_words_that_are_
     (tmp_path / "one.csv").write_text("1")
     jobs = [{"module": "theirs", "stamp": ["0" * 64] * 20}]
     study = Study("x", "X", "m", "f", {"models": str(tmp_path), "engines": jobs, "words": "w" * 1000})
-    kept = KeptAnswers(tmp_path / "kept")
-    module, function, plain, folders = kept.list_study_dependencies(study)
+    cache = AnswerCache(tmp_path / "kept")
+    module, function, plain, folders = cache.list_study_dependencies(study)
     assert (module, function, plain) == ("m", "f", {"engines": jobs, "words": "w" * 1000})
     assert list(folders) == ["models"]  # type: ignore[call-overload]
     (tmp_path / "one.csv").write_text("2")
-    assert KeptAnswers(tmp_path / "kept").list_study_dependencies(study)[3] != folders
+    assert AnswerCache(tmp_path / "kept").list_study_dependencies(study)[3] != folders
 
 
 def test_what_failed_is_not_kept(task: Task, good: Attempt, tmp_path: Path) -> None:
-    kept = KeptAnswers(tmp_path / "kept")
+    cache = AnswerCache(tmp_path / "kept")
     for status in ("error", "timeout"):
-        kept.add_answer(task, PINOCCHIO, replace(good, record=Record("pinocchio", status=status)))  # type: ignore[arg-type]
+        cache.add_answer(task, PINOCCHIO, replace(good, record=Record("pinocchio", status=status)))  # type: ignore[arg-type]
     assert not (tmp_path / "kept").exists()
 
 
@@ -106,21 +106,21 @@ def _environment(patch: pytest.MonkeyPatch, task: Task) -> Task:
 
 
 def _packages(patch: pytest.MonkeyPatch, task: Task) -> Task:
-    patch.setattr(kept_answers, "compute_installed_digest", lambda: "numpy 9.9")
+    patch.setattr(answer_cache, "compute_installed_digest", lambda: "numpy 9.9")
     return task
 
 
 def _machine(name: str) -> Change:
     def change(patch: pytest.MonkeyPatch, task: Task) -> Task:
-        there = kept_answers.describe_machine()
-        patch.setattr(kept_answers, "describe_machine", lambda: {**there, name: "another"})
+        there = answer_cache.describe_machine()
+        patch.setattr(answer_cache, "describe_machine", lambda: {**there, name: "another"})
         return task
 
     return change
 
 
 def _sources(patch: pytest.MonkeyPatch, task: Task) -> Task:
-    patch.setattr(kept_answers, "compute_source_digest", lambda: "another line")
+    patch.setattr(answer_cache, "compute_source_digest", lambda: "another line")
     return task
 
 
@@ -147,17 +147,17 @@ def _versions(patch: pytest.MonkeyPatch, task: Task) -> Task:
 def test_each_thing_that_matters_changes_the_key(
     change: Change, task: Task, good: Attempt, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    KeptAnswers(tmp_path / "kept").add_answer(task, PINOCCHIO, good)
+    AnswerCache(tmp_path / "kept").add_answer(task, PINOCCHIO, good)
     other = change(monkeypatch, task)
-    assert KeptAnswers(tmp_path / "kept").find_attempt(other, PINOCCHIO) is None
+    assert AnswerCache(tmp_path / "kept").find_attempt(other, PINOCCHIO) is None
 
 
 def test_engine_and_options_change_the_key_and_limits_do_not(task: Task, good: Attempt, tmp_path: Path) -> None:
     folder = tmp_path / "kept"
-    KeptAnswers(folder).add_answer(task, PINOCCHIO, good)
-    assert KeptAnswers(folder).find_attempt(task, ENGINES["mujoco"]) is None
-    assert KeptAnswers(folder, {"step": 1e-3}).find_attempt(task, PINOCCHIO) is None
-    assert KeptAnswers(folder).find_attempt(replace(task, case=replace(task.case, limits=())), PINOCCHIO) is not None
+    AnswerCache(folder).add_answer(task, PINOCCHIO, good)
+    assert AnswerCache(folder).find_attempt(task, ENGINES["mujoco"]) is None
+    assert AnswerCache(folder, {"step": 1e-3}).find_attempt(task, PINOCCHIO) is None
+    assert AnswerCache(folder).find_attempt(replace(task, case=replace(task.case, limits=())), PINOCCHIO) is not None
 
 
 def test_the_sources_of_another_package_change_the_key(
@@ -168,21 +168,21 @@ def test_the_sources_of_another_package_change_the_key(
     source = tmp_path / "outside" / "__init__.py"
     source.write_text("one = 1")
     engine = Engine("outside", "outside:adapter", "", "")
-    KeptAnswers(tmp_path / "kept").add_answer(task, engine, good)
-    assert KeptAnswers(tmp_path / "kept").find_attempt(task, engine) is not None
+    AnswerCache(tmp_path / "kept").add_answer(task, engine, good)
+    assert AnswerCache(tmp_path / "kept").find_attempt(task, engine) is not None
     (tmp_path / "outside" / "law.py").write_text("two = 2")
-    kept_answers.compute_package_digest.cache_clear()
-    assert KeptAnswers(tmp_path / "kept").find_attempt(task, engine) is None
+    answer_cache.compute_package_digest.cache_clear()
+    assert AnswerCache(tmp_path / "kept").find_attempt(task, engine) is None
 
 
 def test_programs_and_modules_of_the_user_are_always_asked(task: Task, good: Attempt, tmp_path: Path) -> None:
-    program = Engine("mine", kept_answers.COMMAND, "", "", settings={"command": ["octave", "run.m"]})
+    program = Engine("mine", answer_cache.COMMAND, "", "", settings={"command": ["octave", "run.m"]})
     module = Engine("mine", "mine:adapter", "", "", path=str(tmp_path))
-    kept = KeptAnswers(tmp_path / "kept")
+    cache = AnswerCache(tmp_path / "kept")
     for engine in (program, module):
         assert not is_traceable(engine)
-        kept.add_answer(task, engine, good)
-        assert kept.find_attempt(task, engine) is None
+        cache.add_answer(task, engine, good)
+        assert cache.find_attempt(task, engine) is None
     assert all(is_traceable(engine) for engine in ENGINES.values())
 
 
@@ -207,12 +207,12 @@ def _flipped(data: bytes) -> bytes:
 def test_a_damaged_entry_is_removed_and_told(
     harm: Callable[[bytes], bytes], task: Task, good: Attempt, tmp_path: Path
 ) -> None:
-    kept = KeptAnswers(tmp_path)
-    kept.add_answer(task, PINOCCHIO, good)
+    cache = AnswerCache(tmp_path)
+    cache.add_answer(task, PINOCCHIO, good)
     file = entry(tmp_path)
     file.write_bytes(harm(file.read_bytes()))
-    assert kept.find_attempt(task, PINOCCHIO) is None
-    assert "a kept answer was damaged and is computed again" in kept.trouble[0]
+    assert cache.find_attempt(task, PINOCCHIO) is None
+    assert "a kept answer was damaged and is computed again" in cache.trouble[0]
     assert not file.exists()
 
 
@@ -222,12 +222,12 @@ def test_where_nothing_can_be_written_that_is_told_once(
     def full(*_: object) -> None:
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr(kept_answers.owned, "replace", full)
-    kept = KeptAnswers(tmp_path)
-    kept.add_answer(task, PINOCCHIO, good)
-    kept.add_answer(task, ENGINES["mujoco"], good)
-    kept.close({})
-    assert kept.trouble == ["answers are not kept: [Errno 28] No space left on device"]
+    monkeypatch.setattr(answer_cache.owned, "replace", full)
+    cache = AnswerCache(tmp_path)
+    cache.add_answer(task, PINOCCHIO, good)
+    cache.add_answer(task, ENGINES["mujoco"], good)
+    cache.close({})
+    assert cache.trouble == ["answers are not kept: [Errno 28] No space left on device"]
 
 
 def test_what_was_not_used_for_longest_goes_first(tmp_path: Path) -> None:
@@ -246,14 +246,14 @@ def test_two_runs_at_once_share_a_folder(task: Task, good: Attempt, tmp_path: Pa
     troubles: list[str] = []
 
     def use() -> None:
-        kept = KeptAnswers(tmp_path)
+        cache = AnswerCache(tmp_path)
         for _ in range(10):
-            kept.add_answer(task, PINOCCHIO, good)
-            found = kept.find_attempt(task, PINOCCHIO)
-            assert found is None or found.record.series.keys() == good.record.series.keys()
+            cache.add_answer(task, PINOCCHIO, good)
+            attempt = cache.find_attempt(task, PINOCCHIO)
+            assert attempt is None or attempt.record.series.keys() == good.record.series.keys()
             remove_oldest_entries(tmp_path, 0)
-        kept.close({"a": 1.0})
-        troubles.extend(kept.trouble)
+        cache.close({"a": 1.0})
+        troubles.extend(cache.trouble)
 
     threads = [threading.Thread(target=use) for _ in range(2)]
     for thread in threads:
@@ -261,7 +261,7 @@ def test_two_runs_at_once_share_a_folder(task: Task, good: Attempt, tmp_path: Pa
     for thread in threads:
         thread.join()
     assert troubles == []
-    assert KeptAnswers(tmp_path).read_times() == {"a": 1.0}
+    assert AnswerCache(tmp_path).read_times() == {"a": 1.0}
 
 
 def test_the_folder_is_the_users_cache_unless_it_is_named(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:

@@ -56,7 +56,7 @@ def find_user_folder() -> Path | None:
 
 
 @dataclass
-class KeptAnswers:
+class AnswerCache:
     """A folder of answers; trouble : what was wrong with entries and with writing, for the reader."""
 
     folder: Path
@@ -75,10 +75,10 @@ class KeptAnswers:
 
     def find_attempt(self, task: Task, engine: Engine) -> Attempt | None:
         """Return the attempt that was kept of an engine at a case, with the time of it, or None."""
-        found: Attempt | None = self._read(
+        attempt: Attempt | None = self._read(
             self._compute_attempt_key(task, engine), lambda words, stem: _read_attempt(words, stem, task)
         )
-        return found
+        return attempt
 
     def add_answer(self, task: Task, engine: Engine, attempt: Attempt) -> None:
         """Keep an attempt that came to an answer."""
@@ -119,7 +119,7 @@ class KeptAnswers:
         try:
             with open_scratch_folder() as folder, zipfile.ZipFile(file) as archive:
                 archive.extractall(folder)
-                found = read(json.loads((folder / "words.json").read_text(encoding="utf-8")), folder / "record")
+                result = read(json.loads((folder / "words.json").read_text(encoding="utf-8")), folder / "record")
             os.utime(file)
         except FileNotFoundError:  # another run has just removed it
             return None
@@ -128,7 +128,7 @@ class KeptAnswers:
             with contextlib.suppress(OSError):
                 file.unlink()
             return None
-        return found
+        return result
 
     def _write(self, name: str, words: Mapping[str, Any], record: Record | None = None) -> None:
         if not name:
