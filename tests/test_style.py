@@ -32,7 +32,7 @@ TEXTS = [
 
 # Functions with more than eight parameters, and why they stay so.
 FLAT = {
-    "flexinv/rigid/blocks.py: torque_blocks": "one sample takes 2.3 us; records as arguments of the call from Python add 1.4 us",
+    "flexinv/rigid/blocks.py: compute_torque_blocks": "a sample takes 2.3 us; records as arguments add 1.4 us",
 }
 # Words that had several meanings; each has one now.
 # What does the same in two forms has the same names: time integration and beams in space and in a plane, vectors and lanes.
@@ -63,14 +63,12 @@ ALONE = {
     "flexinv.kernels.kernel_compiler": "Numba's compiler; keeping what it makes on the disk is another matter",
     "crosscheck.identification.logs.bag": "a file format of its own",
     "crosscheck.doors.program_files": "a walk through folders, apart from engines and their trust",
-    "crosscheck.doors.fmu_replay": "FMUs that move, which know nothing of those that answer",
     "crosscheck.run.cluster": "workers on other machines, which few runs have",
     "crosscheck.run.answer_stores": "answers of earlier runs, apart from the doing of jobs",
     "crosscheck.engines.exudyn.own_dynamics": ASKED,
     "crosscheck.engines.pinocchio.own_dynamics": ASKED,
     "flexinv.rigid.derivative_kernel": KERNEL,
     "flexinv.rigid.regressor_kernel": KERNEL,
-    "crosscheck.bench.cores": "pins threads to processors, apart from the clock",
     "crosscheck.bench.rigid": "a table of the bench, beside others",
     "crosscheck.beyond.drives": FAULTS,
     "crosscheck.beyond.inside": FAULTS,
@@ -95,9 +93,7 @@ ALONE = {
     "crosscheck.kit.page": "the page of a kit in words, apart from its data",
     "crosscheck.equivalence.beams.sampled": "numbers of a beam, apart from what differs in them",
     "crosscheck.equivalence.certificates": COMPARED,
-    "crosscheck.equivalence.couplings": COMPARED,
     "crosscheck.equivalence.matching.numbers": COMPARED,
-    "crosscheck.equivalence.reduce": COMPARED,
     "crosscheck.report.plots": DRAWING,
 }
 

@@ -223,7 +223,7 @@ def fill_closure_rows(nodes, rows, frames, phi, g):
 
 @jit
 def fill_closure_samples(nodes, rows, frames, phi, g):
-    """Set phi (samples, rows, 3) and G (samples, rows, nv), zero on entry, as `fill_closure_rows`, from node motion."""
+    """Set phi (samples, rows, 3) and G (samples, rows, nv), zero on entry, as `fill_closure_rows`, from node motion [m], [-]."""
     for s in range(g.shape[0]):
         fill_closure_rows(nodes, rows, take_sample(frames, s), phi[s], g[s])
 

@@ -19,7 +19,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from flexinv.files import case_schema as schema
-from flexinv.files.toml_tables import Location, check_names, check_table, make_input_error, read_bytes
+from flexinv.files.toml_tables import Location, check_table, check_table_names, make_input_error, read_bytes
 from flexinv.files.values import UNITS
 from flexinv.model import rules
 from flexinv.model.joint_kinds import KINDS, POSE
@@ -123,7 +123,7 @@ def load_cases(path: str | Path, mechanism: Mechanism) -> dict[str, Case]:
     """
     check_kind("mechanism", mechanism, Mechanism)
     file, table = schema.read_cases(path)
-    check_names(file, cases=table.cases)
+    check_table_names(file, cases=table.cases)
     where = Location(file, "cases")
     if not table.cases:
         expected = schema.CasesTable.model_fields["cases"].description or ""

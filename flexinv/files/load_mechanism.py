@@ -27,8 +27,8 @@ from flexinv.files.schema import INERTIA_SHAPES, check_station, compute_far_end,
 from flexinv.files.sections import CrossSection, assemble_section, read_section
 from flexinv.files.toml_tables import (
     Location,
-    check_names,
     check_table,
+    check_table_names,
     format_toml,
     read_option,
     read_toml,
@@ -51,7 +51,7 @@ def load_mechanism(path: str | Path) -> Mechanism:
     data, base = read_layers(file)
     table = check_table(schema.MechanismTable, data, top)
     named = ("sections", "links", "joints", "closures", "springs", "forces")
-    check_names(file, **{kind: getattr(table, kind) for kind in named})
+    check_table_names(file, **{kind: getattr(table, kind) for kind in named})
     sections = {
         name: read_section(data, top.make_inner_location(f"sections.{name}")) for name, data in table.sections.items()
     }

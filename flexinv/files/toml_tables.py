@@ -166,7 +166,7 @@ def read_toml(path: Path) -> dict[str, Any]:
     return tables
 
 
-def check_names(file: Path, **tables: dict[str, Any]) -> None:
+def check_table_names(file: Path, **tables: dict[str, Any]) -> None:
     """Check the names of tables [-]: 1 to 100 printable characters, no slash (series are named by paths)."""
     for kind, names in tables.items():
         for name in names:

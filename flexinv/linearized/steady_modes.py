@@ -354,7 +354,7 @@ class SteadyModes(Shapes):
         """
         if self.mesh.mechanism.is_rigid:
             return self.rounding
-        finer = compute_refined_modes(self)
+        finer = compute_refined_steady_modes(self)
         return np.asarray(self.rounding + at_rest.SAFETY * np.abs(self.root - finer.root))
 
     @property
@@ -370,7 +370,7 @@ class SteadyModes(Shapes):
 
 
 @make_owner_cache()
-def compute_refined_modes(modes: SteadyModes) -> SteadyModes:
+def compute_refined_steady_modes(modes: SteadyModes) -> SteadyModes:
     """Return the same modes of a finer mesh [1/s]: two elements of the next order in place of each."""
     finer = modes.mesh.mechanism.refined(2, 1)
     return steady_modes(finer, modes.q, modes.rates, modes.free, len(modes.root))

@@ -13,7 +13,7 @@ from flexinv.dynamics.constraint_rows import DIRECTION, compute_border_factors
 from flexinv.kernels.jit import jit_inner
 from flexinv.kernels.simd import cos_sin
 from flexinv.kernels.vec3 import ZERO, dot, put, vec, vec_at
-from flexinv.planar.tree import read_motion
+from flexinv.planar.tree import read_node_motion
 from flexinv.planar.tree_solver import solve_part
 
 
@@ -66,8 +66,8 @@ def evaluate_ties(constraints, frames, rated):
             continue
         a = constraints.a[r]
         b = constraints.b[r]
-        x = read_motion(frames, a)
-        y = read_motion(frames, b)
+        x = read_node_motion(frames, a)
+        y = read_node_motion(frames, b)
         u = _compute_rates(_apply_rotation(on_a, constraints.u[r]), x[1][2], x[2][2])
         if constraints.kind[r] == DIRECTION:
             w = _compute_rates(_apply_rotation(on_b, constraints.w[r]), y[1][2], y[2][2])

@@ -106,7 +106,7 @@ def run_forward_pass(tree, state, given, frames):
 
 
 @jit_inner
-def read_motion(frames, n):
+def read_node_motion(frames, n):
     """Return pose, rates and accelerations of a node [m, rad, s], zeros of the world (-1)."""
     if n < 0:
         return ZERO, ZERO, ZERO
@@ -125,7 +125,7 @@ def _compute_child_motion(n, tree, frames):
     ddq = frames.joint[n, 2]
     r1 = tree.offset_p[n, 0] + q * e1
     r2 = tree.offset_p[n, 1] + q * e2
-    x, v, a = read_motion(frames, m)
+    x, v, a = read_node_motion(frames, m)
     if m >= 0 and tree.shifted[n]:
         c, s = cos_sin(x[2])
         r1, r2, e1, e2 = c * r1 - s * r2, s * r1 + c * r2, c * e1 - s * e2, s * e1 + c * e2

@@ -35,7 +35,7 @@ def compute_components(axes, v):
 
 
 @jit_lane
-def read_axes(body, k):
+def read_body_axes(body, k):
     """Return the axes of a body [-], so that `into` gives a vector of its frame in those of the root."""
     return vec_of(body, layout.AXES, k), vec_of(body, layout.AXIS_Y, k), vec_of(body, layout.AXIS_Z, k)
 
@@ -81,7 +81,7 @@ def _turn(own, above, parent, rows, lanes, c):
     """A body that turns about z."""
     p = vec_at(c, 9)
     for k in range(lanes):
-        axes = read_axes(parent, k)
+        axes = read_body_axes(parent, k)
         _write_turned_axes(own, _VEC, k, rows, _compute_zero_axes(axes, c), plus(vec_of(above, _VEC, k), into(axes, p)))
 
 
@@ -99,7 +99,7 @@ def _fill_revolute(own, above, parent, rows, lanes, c):
     sine = c[5]
     p = vec_at(c, 9)
     for k in range(lanes):
-        axes = read_axes(parent, k)
+        axes = read_body_axes(parent, k)
         _write_turned_axes(
             own, _VEC, k, rows, _compute_tilted_axes(axes, cosine, sine), plus(vec_of(above, _VEC, k), into(axes, p))
         )
@@ -112,7 +112,7 @@ def _fill_chain_revolute(both, rows, lanes, c):
     sine = c[5]
     p = vec_at(c, 9)
     for k in range(lanes):
-        axes = read_axes(both, k)
+        axes = read_body_axes(both, k)
         above = vec_of(both, layout.AT, k)
         _write_turned_axes(
             both, layout.CHAINED, k, rows, _compute_tilted_axes(axes, cosine, sine), plus(above, into(axes, p))
@@ -139,7 +139,7 @@ def _fill_prismatic(own, above, parent, rows, lanes, c):
     along = vec_at(c, 6)
     p = vec_at(c, 9)
     for k in range(lanes):
-        axes = read_axes(parent, k)
+        axes = read_body_axes(parent, k)
         d = into(axes, along)
         put_vec(own, layout.SLIDING_AXIS, k, d)
         put_vec(own, layout.AT, k, plus(plus(vec_of(above, _VEC, k), into(axes, p)), times(rows[PLACE + k], d)))
@@ -159,7 +159,7 @@ def _fill_floating(own, above, parent, rows, lanes, c):
     """A body that turns about its origin, which moves too."""
     p = vec_at(c, 9)
     for k in range(lanes):
-        axes = read_axes(parent, k)
+        axes = read_body_axes(parent, k)
         zero_axes = _compute_zero_axes(axes, c)
         x, y, z = read_orientation(rows, k)
         put_vec(own, layout.AXES, k, into(zero_axes, (x[0], y[0], z[0])))

@@ -37,7 +37,7 @@ from flexinv.kernels.simd import cross, dot, into, minus, plus, plus_cross, put_
 from flexinv.kernels.vec3 import mat_at, vec_at
 from flexinv.rnea import loop_layout as layout
 from flexinv.rnea.loop_allocation import LEAST_ENTRY, LEAST_PIVOT, fill_coupling_columns, update_largest_squares
-from flexinv.rnea.loop_bodies import add_squares, compute_components, move, read_axes
+from flexinv.rnea.loop_bodies import add_squares, compute_components, move, read_body_axes
 from flexinv.rnea.recursion import (
     EFFORTS_FREE,
     EFFORTS_TURNING,
@@ -65,13 +65,13 @@ _AT, _THERE, _GROUND_SCALE, _REST, _IS_B, _PAIRS = (np.uint64(i) for i in (0, 3,
 @jit_lane
 def _compute_point(axes, place, k, seat):
     """The place of a point of a body."""
-    return plus(vec_of(place, _VEC, k), into(read_axes(axes, k), seat))
+    return plus(vec_of(place, _VEC, k), into(read_body_axes(axes, k), seat))
 
 
 @jit_lane
 def _convert_to_root(axes, k, turned, v):
     """A vector of the recursion in the axes of the root."""
-    return into(read_axes(axes, k), into(turned, v))
+    return into(read_body_axes(axes, k), into(turned, v))
 
 
 def _make_two_end_kernel(whole: bool) -> Any:
@@ -96,7 +96,7 @@ def _make_two_end_kernel(whole: bool) -> Any:
             gap = minus(point, _compute_point(a, place_a, k, at_a))
             if not whole:
                 arm = compute_components(
-                    turned_a, compute_components(read_axes(a, k), minus(point, vec_of(place_a, _VEC, k)))
+                    turned_a, compute_components(read_body_axes(a, k), minus(point, vec_of(place_a, _VEC, k)))
                 )
             one = compute_acceleration_at(*read_state(state_a, k), arm)
             other = compute_acceleration_at(*read_state(state_b, k), arm_b)
@@ -139,8 +139,8 @@ def _add_direction_squares(e, a, b, own, lanes, u, w):
     for k in range(lanes):
         wa = vec_of(own, layout.SPIN_A, k)
         wb = vec_of(own, layout.SPIN_B, k)
-        us = into(read_axes(a, k), u)
-        ws = into(read_axes(b, k), w)
+        us = into(read_body_axes(a, k), u)
+        ws = into(read_body_axes(b, k), w)
         n = cross(ws, us)
         turning = minus(wb, wa)
         n1 = plus(cross(cross(wb, ws), us), cross(ws, cross(wa, us)))
@@ -174,7 +174,7 @@ def make_ground_kernel(count: int) -> Any:
         is_b = c[_IS_B]
         scale = c[_GROUND_SCALE]
         for k in range(lanes):
-            frame = read_axes(axes, k)
+            frame = read_body_axes(axes, k)
             w, al, a = read_state(state, k)
             d = minus(plus(vec_of(place, _VEC, k), into(frame, at)), there)
             second = minus(into(frame, compute_acceleration_at(w, al, a, at)), rest)
@@ -224,7 +224,7 @@ def _fill_ends(work, closure, own, lanes, c):
     for j in range(positions):  # e = u
         u = vec_at(c, _U + _THREE * j)
         for k in range(lanes):
-            put_vec(vectors, j * layout.VECTOR, k, into(read_axes(a, k), u))
+            put_vec(vectors, j * layout.VECTOR, k, into(read_body_axes(a, k), u))
     for j in range(directions):
         u = c[_U + _THREE * positions + _SIX * j :]
         _add_direction_squares(vectors[(positions + j) * layout.VECTOR :], a, b, own, lanes, vec_at(u, 0), vec_at(u, 3))
@@ -358,7 +358,7 @@ def _fill_floating_columns(entries, body, own, rows, lanes, c):
     sign = c[0] * c[3]
     r = vec_at(c, 4)
     for k in range(lanes):
-        axes = read_axes(body, k)
+        axes = read_body_axes(body, k)
         along = times(scale, compute_components(axes, vec_of(own, layout.UNIT_FORCE, k)))
         pull = times(scale, compute_components(axes, vec_of(own, layout.JOINT_FORCE, k)))
         put_vec(entries, _VEC, k, along)

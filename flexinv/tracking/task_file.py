@@ -14,7 +14,7 @@ from pydantic import Field
 from flexinv.errors import InputError
 from flexinv.files.case_schema import MeshTable, read_cases
 from flexinv.files.load_cases import read_places
-from flexinv.files.toml_tables import Location, Table, check_names, check_table, make_key, make_optional_key
+from flexinv.files.toml_tables import Location, Table, check_table, check_table_names, make_key, make_optional_key
 from flexinv.files.values import Fraction, Name, NotNegative, Number, Positive, Text, Vector
 from flexinv.model.mechanism import Attachment, Mechanism, Placement
 from flexinv.tracking.frame_path import Path
@@ -104,7 +104,7 @@ def load_tasks(path: str | File, mechanism: Mechanism) -> dict[str, PathTask]:
     """
     check_kind("mechanism", mechanism, Mechanism)
     file, table = read_cases(path)
-    check_names(file, tasks=table.tasks)
+    check_table_names(file, tasks=table.tasks)
     return {
         name: _read_task(data, name, mechanism, Location(file, f"tasks.{name}")) for name, data in table.tasks.items()
     }
