@@ -68,7 +68,6 @@ ALONE = {
     "flexinv.kernels.kernel_compiler": "Numba's compiler; keeping what it makes on the disk is another matter",
     "crosscheck.identification.logs.bag": "a file format of its own",
     "crosscheck.doors.program_files": "a walk through folders, apart from engines and their trust",
-    "crosscheck.doors.fmu_replay": "FMUs that move, which know nothing of those that answer",
     "crosscheck.run.cluster": "workers on other machines, which few runs have",
     "crosscheck.run.answer_stores": "answers of earlier runs, apart from the doing of jobs",
     "crosscheck.engines.exudyn.own_dynamics": ASKED,
@@ -94,7 +93,6 @@ ALONE = {
     "crosscheck.equivalence.beams.sampled": "numbers of a beam, apart from what differs in them",
     "crosscheck.equivalence.certificates": COMPARED,
     "crosscheck.equivalence.matching.numbers": COMPARED,
-    "crosscheck.equivalence.reduce": COMPARED,
     "crosscheck.report.plots": DRAWING,
 }
 

@@ -246,7 +246,7 @@ def _solve_closed_start(
     return closed_start[0][None], closed_start[1][None], closed_start[2][None]
 
 
-def add_closure_forces(mesh: Mesh, first: FirstStep, switching: PhaseHistory) -> FirstStep:
+def add_reaction_forces(mesh: Mesh, first: FirstStep, switching: PhaseHistory) -> FirstStep:
     """Return a first step with its closures' forces [N], [N m] among those applied, from multipliers that each step has found."""
     m = mesh.mechanism
     time = first.time

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from flexinv.analysis.evaluation import FirstStep, assemble_solution
-from flexinv.analysis.loops import PhaseHistory, add_closure_forces
+from flexinv.analysis.loops import PhaseHistory, add_reaction_forces
 from flexinv.analysis.solution import Solution
 from flexinv.analysis.task import Settings, Task, make_rest_history
 from flexinv.analysis.trajectory import run_first_step
@@ -115,7 +115,7 @@ def statics(mechanism: Mechanism, loads: Sequence[Load] = (), q: ArrayLike | Non
     fill_passive(mesh, out.motion, passive, *joint_motion)
     first = FirstStep(out, now, joint_motion, compute_applied_forces(mesh, out.motion, now), smooth=passive)
     if mechanism.closures:
-        first = add_closure_forces(mesh, first, switching)
+        first = add_reaction_forces(mesh, first, switching)
     from flexinv.linearized.natural_modes import SLOWEST, count_unstable_motions
 
     solution = assemble_solution(mesh, first, SETTINGS)

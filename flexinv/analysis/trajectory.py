@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from flexinv.analysis.evaluation import FirstStep, build_rigid_first_step
-from flexinv.analysis.loops import PhaseHistory, add_closure_forces, make_closed_task, solve_rigid_loops
+from flexinv.analysis.loops import PhaseHistory, add_reaction_forces, make_closed_task, solve_rigid_loops
 from flexinv.analysis.task import Task, prepare_motion_samples
 from flexinv.constraints.closures import Phase, build_constraint_rows, list_phases
 from flexinv.dynamics.generalized_alpha import (
@@ -171,7 +171,7 @@ class _March:
         self.last = q[-1]
         applied = compute_applied_forces(mesh, trajectory.motion, time)
         first = FirstStep(trajectory, time, (q, qd, qdd), applied, smooth=task.passive, ends=ends)
-        return add_closure_forces(mesh, first, self.switching) if mesh.mechanism.closures else first
+        return add_reaction_forces(mesh, first, self.switching) if mesh.mechanism.closures else first
 
     def begin(self) -> int:
         """Start undeformed or in equilibrium, with the accelerations that belong to it, and record that; return samples done."""

@@ -45,7 +45,7 @@ from flexinv.planar.tree import (
     fill_variations,
     run_forward_pass,
 )
-from flexinv.planar.tree_solver import PlanarFactors, add_element_stiffness, compute_factors, solve_tree
+from flexinv.planar.tree_solver import PlanarFactors, add_element_stiffness, compute_planar_factors, solve_tree
 from flexinv.typing import Array
 
 # Newton stops when the estimated remaining error is below the tolerance: increment times the observed rate of contraction (at
@@ -151,7 +151,7 @@ def build_linearization(system, scheme):
     planar_beam.fill_point_hessians(elements, scheme.cv, work.points)
     add_element_stiffness(tree, elements, work.points, frames, system.factors)
     passes.assemble_diagonal(tree, system.state, frames, system.factors.diagonal, scheme.cv, scheme.ca)
-    compute_factors(tree, elements, frames, system.factors)
+    compute_planar_factors(tree, elements, frames, system.factors)
     compute_tie_factors(system)
 
 

@@ -79,7 +79,7 @@ def add_element_stiffness(tree, elements, points, frames, factors):
 
 
 @jit_inner
-def compute_factors(tree, elements, frames, factors):
+def compute_planar_factors(tree, elements, frames, factors):
     """Eliminate the linearisation, whose diagonal blocks stand in factors.diagonal [N/m], [N], [N m]."""
     for k in range(len(elements.order) - 1, -1, -1):
         if _is_small(k, tree, elements, factors):
