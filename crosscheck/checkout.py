@@ -15,7 +15,7 @@ from flexinv.errors import InputError
 ROOT = Path(__file__).resolve().parents[1]
 
 
-def import_from_checkout(module: str, command: str) -> Any:
+def open_checkout_module(module: str, command: str) -> Any:
     """Import a module such as ``benchmarks.parts`` that stands beside the packages, for a command such as ``crosscheck bench``.
 
     Raises InputError where the packages stand in no checkout.

@@ -11,7 +11,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from crosscheck import output_folder as owned
-from crosscheck.checkout import import_from_checkout
+from crosscheck.checkout import open_checkout_module
 from crosscheck.commands.shared.terminal import (
     COLOURS,
     MODELS,
@@ -79,7 +79,7 @@ def command(parts: tuple[str, ...], models: Path, quick: bool, out: Path, url: s
                 2  a part failed, or the report or the history could not be written
     """
     try:
-        known = import_from_checkout("benchmarks.parts", "crosscheck bench")
+        known = open_checkout_module("benchmarks.parts", "crosscheck bench")
     except InputError as error:
         raise Failure(str(error)) from error
     if unknown := [name for name in parts if name not in known.PARTS]:

@@ -9,7 +9,7 @@ from typing import NoReturn
 import click
 from rich.markup import escape
 
-from crosscheck.checkout import import_from_checkout
+from crosscheck.checkout import open_checkout_module
 from crosscheck.commands.shared.options import RunSelection, add_run_options
 from crosscheck.commands.shared.terminal import (
     FOLDER,
@@ -109,7 +109,7 @@ def command(
 def _list_speed_studies(models: Path) -> tuple[Study, ...]:
     """Return the parts of the speed comparison that a night makes.  Raises Failure where this is no checkout."""
     try:
-        parts = import_from_checkout("benchmarks.parts", "crosscheck nightly --bench")
+        parts = open_checkout_module("benchmarks.parts", "crosscheck nightly --bench")
     except InputError as error:
         raise Failure(str(error)) from error
     studies: tuple[Study, ...] = parts.list_night_studies(models)

@@ -16,7 +16,7 @@ from rich.table import Table
 
 from crosscheck import output_folder as owned
 from crosscheck.causes.fault_benches import BENCHES
-from crosscheck.checkout import import_from_checkout
+from crosscheck.checkout import open_checkout_module
 from crosscheck.commands.shared.terminal import COLOURS, JOBS, Console, Failure, Seconds, convert_sigterm, open_progress
 from crosscheck.commands.shared.terminal import make_out_option as out_option
 from crosscheck.measures.limits import Verdict
@@ -131,7 +131,7 @@ def _run_campaign_and_end(
 ) -> NoReturn:
     """Run a campaign of faults beyond the dictionary, print its sums, and leave with its exit code."""
     try:
-        beyond = import_from_checkout("campaigns.beyond.campaign", "crosscheck selftest --beyond")
+        beyond = open_checkout_module("campaigns.beyond.campaign", "crosscheck selftest --beyond")
     except InputError as error:
         raise Failure(str(error)) from error
     shown = importlib.import_module("campaigns.beyond.shown")

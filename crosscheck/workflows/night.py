@@ -17,7 +17,7 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 from crosscheck import output_folder as owned
-from crosscheck.checkout import import_from_checkout
+from crosscheck.checkout import open_checkout_module
 from crosscheck.measures.record import RecordError
 from crosscheck.report import change_summary, render, trends
 from crosscheck.run.run_state import RESULTS
@@ -92,7 +92,7 @@ def run_night(night: NightSettings, notify: Notify, tell: Callable[[str], None])
 def add_speed_tables(results: Results, night: NightSettings, notify: Notify) -> Results:
     """Return the results with the tables of the speed comparison: alone on the machine, when all else has been done."""
     with TemporaryDirectory() as folder:
-        parts = import_from_checkout("benchmarks.parts", "crosscheck nightly --bench")
+        parts = open_checkout_module("benchmarks.parts", "crosscheck nightly --bench")
         speed = parts.run_parts(night.bench, night.work.options.timeout, Path(folder), notify)
     tables = (*results.studies, *speed.studies)
     whole = replace(results, studies=tables, elapsed=results.elapsed + speed.elapsed)

@@ -20,17 +20,6 @@ KEPT: dict[str, str] = {
         _compile_bytecode _optimize_final_module _optimize_functions compile define_pipelines finalize generic_resolve
         get_call_template get_pointer_to_function on_broken_pipe repr_instance unify
     """,
-    "methods that wait for their names": """
-        _apart _carried _chain _followed _lines _mails _name _note _number _own _reap _serve _settled _shared _told above
-        acquire advance against alone apart arguments asked at base beam between body call cells change child children closed
-        closures column compared coordinate coordinates costs cut description difference differences dismiss drive drives
-        effort element empty error errors expected extend first flat flatten fronts given gravity import_from_checkout inertia
-        inner jacobian job jobs joint judged key largest left level limits longest look made march members missed moved name
-        named names newton node nodes number numbers of_body of_joint others pairs passes pick pieces place places plain point
-        pose poses questions reach refusal release repeats residual rest runs samples scene seams seen settings share shares
-        shown slope spacing spread stated stem steps still stop taken task tips told triple unknown value values widest words
-        work wrong zero
-    """,
     "public names": """
         all arc assert_same base_parameters distance factors follow frame from_samples from_urdf identify internal_frame
         joint_torques joints line linear_model lint load_cases load_mechanism merge meshed motor_side natural_modes nodal of

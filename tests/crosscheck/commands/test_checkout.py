@@ -26,5 +26,5 @@ def test_a_command_for_developers_says_that_it_needs_a_checkout(
 
 
 def test_a_checkout_has_what_its_commands_import() -> None:
-    assert checkout.import_from_checkout("benchmarks.parts", "crosscheck bench").PARTS
-    assert checkout.import_from_checkout("campaigns.beyond.campaign", "crosscheck selftest --beyond").CAMPAIGNS
+    assert checkout.open_checkout_module("benchmarks.parts", "crosscheck bench").PARTS
+    assert checkout.open_checkout_module("campaigns.beyond.campaign", "crosscheck selftest --beyond").CAMPAIGNS

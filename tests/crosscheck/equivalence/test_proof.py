@@ -305,7 +305,7 @@ def test_another_feature_is_not_left_out_with_it(tmp_path: Path) -> None:
 def read_here(monkeypatch: pytest.MonkeyPatch) -> None:
     """Files are read in this process, so that what a test changes in it is seen."""
     monkeypatch.setattr(
-        "crosscheck.run.reading_limits.ReadingLimits.call", lambda guard, function, *words: function(*words)
+        "crosscheck.run.reading_limits.ReadingLimits.run_function", lambda guard, function, *words: function(*words)
     )
 
 
@@ -326,7 +326,7 @@ def test_not_comparable_is_said_in_every_output(tmp_path: Path, monkeypatch: pyt
 
 @pytest.mark.usefixtures("read_here")
 def test_not_proven_is_said_in_every_output(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("crosscheck.equivalence.proving.provers.list_installed_provers", dict)
+    monkeypatch.setattr("crosscheck.equivalence.proving.provers.list_installed_engines", dict)
     monkeypatch.setattr("crosscheck.equivalence.proving.provers.ENGINES", {})
     file = str(arm(tmp_path))
     code, said = outputs(tmp_path / "out", file, file)

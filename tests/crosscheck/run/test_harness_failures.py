@@ -94,7 +94,7 @@ def test_stages_that_fail_leave_a_row_for_everything(
     def fail(*_: object) -> None:
         raise ArithmeticError("something of ours")
 
-    monkeypatch.setattr("crosscheck.run.run_state.RunState.repeats", fail)
+    monkeypatch.setattr("crosscheck.run.run_state.RunState.list_repeats", fail)
     results = run(Work(plan, {"pinocchio": ENGINES["pinocchio"]}, (), Options(60.0)), tmp_path / "out")
     assert results.message == "the run ended early: the harness failed: ArithmeticError: something of ours"
     assert [r.status for r in results.runs] == ["ok"]
