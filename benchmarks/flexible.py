@@ -229,7 +229,7 @@ def find_fastest_setting(
             break
         try:
             start = clock.process_time()
-            tips = march.tips(setting, SAMPLE)
+            tips = march.sample_tips(setting, SAMPLE)
         except exudyn.ExudynFailure as error:
             trouble = error
             continue

@@ -216,7 +216,7 @@ class RunLadder:
         )
         start = clock.perf_counter()
         try:
-            torque = march.torques()
+            torque = march.compute_torques()
         except exudyn.ExudynFailure:
             return None
         return ExudynRun(

@@ -176,7 +176,7 @@ def tried(pair: Pair) -> Outcome:
         if apart > AGREE:
             return Outcome(pair, None, f"this is no pair: its engines differ by {apart:.1e}", apart)
     asked = False
-    sides = [written.path or written.told.mechanism for written in (pair.first, pair.second)]
+    sides = [written.path or written.rewritten.mechanism for written in (pair.first, pair.second)]
     for match in (None, _counterparts(pair)):
         try:
             with warnings.catch_warnings():
@@ -196,8 +196,8 @@ def tried(pair: Pair) -> Outcome:
 def _counterparts(pair: Pair) -> dict[str, str]:
     """By joint of the first the joint of the second that it is."""
     result = {}
-    for name, count in pair.second.told.joints.items():
-        kind = pair.first.told.mechanism.joint_of[name].kind
+    for name, count in pair.second.rewritten.joints.items():
+        kind = pair.first.rewritten.mechanism.joint_of[name].kind
         ends = (".1", ".2") if kind == "universal" else ("",)
         if name != ROOT and kind != "free":
             result |= {name + end: count.name + end for end in ends}

@@ -107,11 +107,16 @@ def judged(one: DrawnMachine, number: int) -> Outcome:
         try:
             modes = steady_modes(one.mechanism, None, one.rates, one.free)
         except FlexinvError as refused:
+<<<<<<< HEAD
             return Outcome(number, name_refusal(refused), str(refused), has=one.words)
+=======
+            return Outcome(number, "refused", str(refused), has=one.features)
+>>>>>>> fields
         exact = reference_of(one, one.rates, modes.free)
         try:
             said = dict(_spoken(one, modes, exact))
         except FlexinvError as refused:
+<<<<<<< HEAD
             return Outcome(number, name_refusal(refused), str(refused), has=one.words)
     has = one.words
     if any(UNPROVED in str(warning.message) for warning in heard):
@@ -133,6 +138,12 @@ def are_wide(root: Complex, bars: Array, exact: Spectrum) -> bool:
     """Return True where a bar [1/s] leaves no digit of a root that the reference knows: such a root is always right."""
     known = exact.near(root, PART)
     return bool((bars > np.maximum(NO_DIGIT * np.abs(root), known)).any())
+=======
+            return Outcome(number, "refused", str(refused), has=one.features)
+    wrong = [f"{verb}: {words}" for verb, (words, _) in said.items() if words]
+    worst = max(ratio for _, ratio in said.values())
+    return Outcome(number, "wrong" if wrong else "right", "; ".join(wrong), worst, one.features)
+>>>>>>> fields
 
 
 def _spoken(one: DrawnMachine, found: steady.SteadyModes, exact: Spectrum) -> Iterator[tuple[str, tuple[str, float]]]:
@@ -226,7 +237,7 @@ def main(count: int, seed: int, only: int | None) -> None:
     """Hold spectra of random mechanisms against a dense reference, and closed forms."""
     if only is not None:
         one = drawn(seed, only)
-        click.echo(", ".join(one.words))
+        click.echo(", ".join(one.features))
         outcome = judged(one, only)
         click.echo(f"{outcome.word} {outcome.said} (largest difference {outcome.worst:.2g} of what is allowed)")
         raise SystemExit(int(outcome.word in FAILS))

@@ -135,12 +135,15 @@ def reference(subject: Subject) -> Reference:
         first, second = (refinement.run_level(mesh, n) for n in (finer // 2, finer))
         if first is None or second is None:
             raise SystemExit(f"no reference: {refinement.failure}")
-        found = mixed([first.found, second.found.rows(second.kept // first.kept)], weights((finer // 2, finer)))
+        found = mixed(
+            [first.quantities, second.quantities.take_samples(second.samples_per_step // first.samples_per_step)],
+            weights((finer // 2, finer)),
+        )
         made.append((first.first.time, found, second.mesh))
     (_, rough, _), (time, fine, mesh) = made
     scale = ranges(mesh, fine)
-    fine_there = fine.rows((len(fine.torque) - 1) // (len(rough.torque) - 1))
-    return Reference(time, fine, scale, scale.errors(fine_there, rough).max(axis=0))
+    fine_there = fine.take_samples((len(fine.torque) - 1) // (len(rough.torque) - 1))
+    return Reference(time, fine, scale, scale.compute_errors(fine_there, rough).max(axis=0))
 
 
 def errors(known: Reference, found: flexinv.Solution) -> tuple[np.ndarray, np.ndarray]:
@@ -155,7 +158,7 @@ def errors(known: Reference, found: flexinv.Solution) -> tuple[np.ndarray, np.nd
     bars = np.hstack(
         [found.torque_error / known.scale.torque, np.stack(list(found.tip_error.values()), axis=1) / known.scale.tip]
     )
-    return known.scale.errors(own, true)[:, : bars.shape[1]], bars
+    return known.scale.compute_errors(own, true)[:, : bars.shape[1]], bars
 
 
 def lines(name: str) -> Iterator[str]:

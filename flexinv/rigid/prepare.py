@@ -143,7 +143,7 @@ class TorqueFunction(ByValue):
         loops = (self.plan.plan, self.plan.fixed)
         samples = np.uint64(len(rows[0]))
         work = own.work
-        counter = own.cells(len(rows[0]))
+        counter = own.prepare_cells(len(rows[0]))
         call = samples, work, counter, mails
         try:
             ended = compute_torque_blocks(

@@ -32,6 +32,6 @@ def test_exudyn_and_flexinv_give_the_torque_of_a_closed_loop_that_bends() -> Non
     end, samples = case.motion.duration, 20
     solution = loop_chains.solve(mechanism, case.motion, end / 4000, end=end, start=case.start)
     march = torque_errors.open_calls("exudyn").TorqueMarch(mechanism, case, "ancf", 8, 1000, end, samples)
-    own, theirs = solution.torque[::200, 0], march.torques()[:, mechanism.actuated][:, 0]
+    own, theirs = solution.torque[::200, 0], march.compute_torques()[:, mechanism.actuated][:, 0]
     assert np.abs(own - theirs).max() < 2e-3 * np.abs(own).max()
     march.make_runner()()

@@ -31,7 +31,7 @@ PAIRS = (0, 2, 5, 9, 14, 33, 35, 37, 43, 47, 51, 53, 55, 57)
 @pytest.mark.parametrize("number", PAIRS)
 def test_one_robot_told_twice_is_the_same_machine(number: int) -> None:
     for one in outcomes([number]):
-        assert one.found is not None, one.words
+        assert one.comparison is not None, one.words
         assert one.named == []
         assert one.same
 
