@@ -107,18 +107,13 @@ def judged(one: DrawnMachine, number: int) -> Outcome:
         try:
             modes = steady_modes(one.mechanism, None, one.rates, one.free)
         except FlexinvError as refused:
-<<<<<<< HEAD
-            return Outcome(number, name_refusal(refused), str(refused), has=one.words)
-=======
-            return Outcome(number, "refused", str(refused), has=one.features)
->>>>>>> fields
+            return Outcome(number, name_refusal(refused), str(refused), has=one.features)
         exact = reference_of(one, one.rates, modes.free)
         try:
             said = dict(_spoken(one, modes, exact))
         except FlexinvError as refused:
-<<<<<<< HEAD
-            return Outcome(number, name_refusal(refused), str(refused), has=one.words)
-    has = one.words
+            return Outcome(number, name_refusal(refused), str(refused), has=one.features)
+    has = one.features
     if any(UNPROVED in str(warning.message) for warning in heard):
         has = (*has, UNPROVED_COUNT)
     if are_wide(modes.root, modes.rounding, exact):
@@ -138,12 +133,6 @@ def are_wide(root: Complex, bars: Array, exact: Spectrum) -> bool:
     """Return True where a bar [1/s] leaves no digit of a root that the reference knows: such a root is always right."""
     known = exact.near(root, PART)
     return bool((bars > np.maximum(NO_DIGIT * np.abs(root), known)).any())
-=======
-            return Outcome(number, "refused", str(refused), has=one.features)
-    wrong = [f"{verb}: {words}" for verb, (words, _) in said.items() if words]
-    worst = max(ratio for _, ratio in said.values())
-    return Outcome(number, "wrong" if wrong else "right", "; ".join(wrong), worst, one.features)
->>>>>>> fields
 
 
 def _spoken(one: DrawnMachine, found: steady.SteadyModes, exact: Spectrum) -> Iterator[tuple[str, tuple[str, float]]]:
