@@ -224,7 +224,7 @@ def find_fastest_setting(
     march = exudyn.March(mechanism, motion, arm.formulation, elements, step, arm.end)
     found: list[tuple[float, Any, dict[str, Array]]] = []
     trouble = exudyn.ExudynFailure("nothing was tried")
-    for setting in march.settings():
+    for setting in march.list_settings():
         if found and (any_setting or setting.tolerance > found[0][1].tolerance):
             break
         try:
