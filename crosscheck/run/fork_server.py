@@ -81,7 +81,7 @@ def prepare(door: Mapping[str, Any]) -> str:
                 return "its adapter says that it must not be forked"
             prepare_adapter(adapter)
         if (kernels := sys.modules.get(KERNELS)) is not None:
-            kernels.start_runtime()
+            kernels.begin_runtime()
     except Exception as error:
         traceback.print_exc()
         return f"it could not be prepared: {type(error).__name__}: {error}"

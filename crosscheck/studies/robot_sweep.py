@@ -130,7 +130,7 @@ def make_robot_row(path: Path, name: str, base: str = "fixed", samples: int = 20
             return RobotRow(name, base, empty=_is_empty_robot(path), words=words)
     state = sample_states(mechanism, samples, np.random.default_rng(seed))
     tau = joint_torques(mechanism, *state, passive=False)
-    theirs = pinocchio.inverse_dynamics(built, *state).torque
+    theirs = pinocchio.compute_inverse_dynamics(built, *state).torque
     largest = float(np.abs(theirs).max(initial=0.0))
     row = RobotRow(
         name,
@@ -197,14 +197,14 @@ def _add_mujoco(row: RobotRow, mechanism: Mechanism, state: State, tau: Array) -
 def _compute_mujoco_error(
     mujoco: ModuleType, mechanism: Mechanism, state: State, tau: Array, largest: float, fuse: bool
 ) -> float | None:
-    with mujoco.warnings_caught():
+    with mujoco.collect_warnings():
         built = mujoco.build(mechanism, fuse=fuse)
-        return _compute_error(tau, mujoco.inverse_dynamics(mechanism, built, *state).torque, largest)
+        return _compute_error(tau, mujoco.compute_inverse_dynamics(mechanism, built, *state).torque, largest)
 
 
 def _describe_fusing_loss(mechanism: Mechanism) -> str:
     """Say what fusing lost, from the inertias of MuJoCo's two models; "" unless that explains all that is missing."""
-    losses = importlib.import_module("crosscheck.engines.mujoco.fuse").losses(mechanism)
+    losses = importlib.import_module("crosscheck.engines.mujoco.fuse").list_losses(mechanism)
     if not losses or not all(loss.explained for loss in losses):
         return ""
     parts = [f"{', '.join(loss.massless)} ({np.trace(loss.stated) / 2:.3g} kg m^2) in {loss.body}" for loss in losses]

@@ -88,8 +88,8 @@ def of_rogues(root: Path) -> dict[str, dict[str, object]]:
     mechanism = load_mechanism(root / "models" / "rigid_3r")
     (task,) = load_tasks(root / "models" / "rigid_3r", mechanism).values()
     here = str(Path(rogue_replays.__file__).parent)
-    names = ("Crashing", "Hanging", "Failing", "Blurred", "Refusing", "Missing", "Replaying")
-    jobs = [{"module": f"rogue_replays:{name}", "path": here, "engine": name} for name in names]
+    names = ("Crashing", "Hanging", "Failing", "Blurred", "Refusing", "Missing", "Replay")
+    jobs = [{"module": f"rogue_replays:{name}Adapter", "path": here, "engine": name} for name in names]
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(feedforward, "LONGEST", 6.0)  # [s]: a child process begins within some of them
         return {str(row["engine"]): row for row in feedforward.list_task_rows(mechanism, task, jobs)}
@@ -103,9 +103,9 @@ def of_rogues(root: Path) -> dict[str, dict[str, object]]:
         ("Hanging", "error", "stopped after the time limit of 6 s"),
         ("Failing", "error", "ArithmeticError: singular"),
         ("Blurred", "error", "is no finite number"),
-        ("Missing", "error", "rogue_replays has no 'Missing'"),
+        ("Missing", "error", "rogue_replays has no 'MissingAdapter'"),
         ("Refusing", "skipped", "no arms of three joints"),
-        ("Replaying", "deviation", "more than 0.0001"),
+        ("Replay", "deviation", "more than 0.0001"),
     ],
 )
 def test_a_replay_that_behaves_badly_is_a_row_in_words(
