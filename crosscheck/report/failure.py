@@ -49,7 +49,7 @@ def _collect_measured(row: Comparison) -> dict[str, str]:
     where = f", at t = {row.time:.6g} s" if row.time is not None else ""
     lines = {
         "difference": f"{format_short(row.maximum)}{unit}, {format_short(row.fraction)} of the range of "
-        "{format_short(row.scale)}{unit}",
+        f"{format_short(row.scale)}{unit}",
         "where": f"{row.series}{where}",
         "limit": "none" if row.limit is None else f"{format_short(row.limit)} of the range: {row.reason}",
     }

@@ -226,7 +226,7 @@ def test_a_repair_that_gives_no_number_leaves_the_diagnosis_without_it(monkeypat
     fit = SimpleNamespace(cause=cause, target="", size=np.ones(1))
     monkeypatch.setattr("crosscheck.causes.repair._run", lambda engine, *_: engine)
     left = {("e", "flexinv"): np.array([0.25]), ("other", "reference"): np.array([np.nan])}
-    model = SimpleNamespace(base=tree, residual=lambda a, b: left[a, b])
+    model = SimpleNamespace(base=tree, compute_residual=lambda a, b: left[a, b])
     result = apply_repair(model, fit, "other", "reference", "e")  # type: ignore[arg-type]
     assert (result.left, result.where) == (0.25, "put into the reference")
 

@@ -21,7 +21,7 @@ pytestmark = pytest.mark.slow  # what they share is computed once, and takes sec
 Paths = dict[str, list[list[str]]]
 
 SOLVE = "analysis/solve.solve"
-ELEMENT = "elements/beam_element.element_gradient", "elements/planar_beam.point_gradients"
+ELEMENT = "elements/beam_element.fill_element_gradient", "elements/planar_beam.fill_point_gradients"
 _CALL = re.compile(r"`(\w+(?:/\w+)+)\.(\w+)`")
 
 
@@ -73,7 +73,7 @@ def test_a_time_step_is_few_calls_from_the_element(followed: Paths, page: str) -
 
 def test_who_follows_solve_reads_about_a_dozen_modules(followed: Paths, page: str) -> None:
     paths = followed["space"]
-    ends = {ELEMENT[0], "inverse/nodal_sums.own_force", "kinematics/mesh.build"}
+    ends = {ELEMENT[0], "inverse/nodal_sums.compute_nodal_force", "kinematics/mesh.build"}
     on_the_way = [path for path in paths if path[-1] in ends and "analysis/trajectory.begin" not in path]
     called = [path for path in paths if len(path) == 2 and not path[1].startswith("validation.")]
     modules = {call.rpartition(".")[0] for path in (*on_the_way, *called) for call in path}

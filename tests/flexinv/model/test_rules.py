@@ -54,7 +54,7 @@ WRONG: list[tuple[Callable[[], Any], str]] = [
     (lambda: M.Inertia(1.0, tensor=np.diag([1, 1, 3])), "one principal moment exceeds the sum of the others"),
     (lambda: M.Inertia(1.0, tensor=-np.eye(3)), "a principal moment is negative"),
     (lambda: M.Inertia(1.0, tensor=np.triu(np.ones((3, 3)))), "it is not symmetric"),
-    (lambda: M.Inertia.stated(NAN), "Inertia: mass = nan: expected a finite number [kg]"),
+    (lambda: M.Inertia.build_unchecked(NAN), "Inertia: mass = nan: expected a finite number [kg]"),
     (lambda: M.Placement([0, 0, 0], 2 * np.eye(3)), "of which R R^T is off the identity by 3"),
     (lambda: M.Placement(rotation=-np.eye(3)), "of which det R = -1, a reflection"),
     (lambda: M.Attachment(3), "Attachment: link = 3: expected a text"),

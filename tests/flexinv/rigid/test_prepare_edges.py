@@ -92,7 +92,10 @@ def test_ctrl_c_waits_for_a_helper_that_writes(monkeypatch: pytest.MonkeyPatch) 
     state = states(f.mechanism, WORTH_HELP)
     f.torques(*state)
     mails, seen = np.zeros((1, CELLS), dtype=np.uint64), []
-    mails[0, STATE], mails[0, OWNER] = TAKEN, f._own.cells(WORTH_HELP).ctypes.data  # as if a helper were at work
+    mails[0, STATE], mails[0, OWNER] = (
+        TAKEN,
+        f._own.prepare_cells(WORTH_HELP).ctypes.data,
+    )  # as if a helper were at work
     monkeypatch.setattr(HELPERS, "prepare_mailboxes", lambda count, wake: mails)
 
     def interrupted(seconds: float) -> None:
@@ -120,11 +123,11 @@ def test_a_prepared_function_goes_to_another_process() -> None:
 PLAIN = """
 import sys
 import numpy as np
-from crosscheck.studies.robot_sweep import random_states
+from crosscheck.studies.robot_sweep import sample_states
 from flexinv.rigid.prepare import prepare
 from rigid_trees import tree
 
-np.save(sys.argv[1], prepare(tree()).torques(*random_states(tree(), 3, np.random.default_rng(0))))
+np.save(sys.argv[1], prepare(tree()).torques(*sample_states(tree(), 3, np.random.default_rng(0))))
 """
 
 
