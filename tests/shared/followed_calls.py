@@ -24,7 +24,7 @@ from flexinv.model.mechanism import Mechanism
 ROOT = Path(flexinv.__file__).parent
 Calls = tuple[str, ...]
 # A decorator that keeps results: what it stands before is the call, as with `functools.lru_cache`.
-KEPT = "model/owned_cache.kept"
+KEPT = "model/owned_cache.run_cached"
 
 
 def name_of(frame: FrameType) -> str | None:
