@@ -93,12 +93,16 @@ def read_tips(record: Record, names: Sequence[str], rows: NDArray[np.intp]) -> A
 
 
 def collect_link_points(record: Record, skeleton: Sequence[Mapping[str, Any]]) -> list[list[Array]] | None:
-    """Return the points (samples, 3) [m] of every link from its joint to its tip, or None where they are not known."""
+    """Return the points (samples, 3) [m] of every link from its joint to its tip, or None where they are not known.
+
+    A link whose tip is at its joint, as files of robots have them, has no length: the next one begins there.
+    """
     shapes: dict[str, list[str]] = {}
     for name in record.series:
         if name.startswith("shape/") and name.endswith("/x"):
             shapes.setdefault(name.split("/")[1], []).append(name[:-2])
     ends: dict[str, Array] = {}
+    without_length: set[str] = set()
     found = []
     for part in skeleton:
         tip = _read_vector(record, f"tip/{part['link']}")
@@ -111,6 +115,11 @@ def collect_link_points(record: Record, skeleton: Sequence[Mapping[str, Any]]) -
             )
             nodes = [] if start is None else [np.asarray(start)]
         points = nodes if tip is None else [*nodes, tip]
+        has_length = any(not np.array_equal(one, points[-1]) for one in points)
+        if part["parent"] in without_length:
+            points = [ends[part["parent"]], *points]
+        if not has_length:
+            without_length.add(part["link"])
         ends[part["link"]] = points[-1]
         found.append(points)
     return found or None

@@ -48,6 +48,17 @@ def test_links_run_from_their_joint_through_their_nodes_to_their_tip() -> None:
     assert data["tips"] == {}
 
 
+def test_a_link_without_length_is_where_the_next_one_begins() -> None:
+    """Files of robots give joints and no tips: a line runs from joint to joint, and no link is a dot alone."""
+    at_joints = {f"tip/{name}": path(place, 0.0, 0.0) for name, place in (("upper", 0.0), ("lower", 1.0))}
+    tips = {k: s for stem, values in at_joints.items() for k, s in vector_series(stem, "m", values).items()}
+    nodes = {k: s for k, s in NODES.items() if "0.5000" not in k}
+    data = animation.build_animation(PARTS, {"flexinv": Record("flexinv", time=TIME, series=tips | nodes)})
+    assert data is not None
+    assert [p["points"] for p in data["links"]] == [2, 3]
+    np.testing.assert_allclose(decode(data["base"], animation.FRAMES, 5, 3)[0, :, 0], [0.0, 0.0, 0.0, 1.0, 1.0])
+
+
 def test_another_engine_is_known_by_its_tips_and_by_how_far_they_are_apart() -> None:
     moved = {n: replace(s, values=s.values + 1e-3 * (n == "tip/lower/z")) for n, s in TIPS.items() if "lower" in n}
     data = animation.build_animation(PARTS, {"flexinv": MAIN, "other": Record("other", time=TIME, series=moved)})
