@@ -369,18 +369,19 @@ def test_a_reference_that_is_not_known_well_enough_judges_nothing(monkeypatch: p
 @pytest.mark.slow
 def test_torque_errors_stand_beside_the_fastest_run_of_exudyn_that_reaches_them() -> None:
     arm = torque_errors.ARMS[0]
-    head, *rows = torque_errors.list_arm_rows(arm, MODELS, (1e-2, 1e-3), SHORT, longest=1.0)
+    head, *rows = torque_errors.list_arm_rows(arm, MODELS, (1e-2,), SHORT, longest=0.2)
     assert head["verdict"] == "within"
-    assert [row["method"] for row in rows] == ["flexinv", "Exudyn"] * 2
+    assert [row["method"] for row in rows] == ["flexinv", "Exudyn"]
     assert all(0.0 < row["error"] <= row["asked_error"] for row in rows)
     assert all(row["faster"] > 1.0 and row["metric"]["lower"] is None for row in rows[1::2])  # asked at 1e-6 alone
 
 
 @pytest.mark.slow
-def test_an_error_that_no_run_reaches_is_a_bound() -> None:
-    *_, row = torque_errors.list_arm_rows(torque_errors.ARMS[0], MODELS, (1e-4,), SHORT, longest=0.02)
+def test_an_error_that_no_run_reaches_is_a_bound(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(torque_errors, "MESHES", torque_errors.MESHES[:1])
+    *_, row = torque_errors.list_arm_rows(torque_errors.ARMS[0], MODELS, (1e-3,), SHORT, longest=0.002)
     assert row["method"] == "Exudyn, not reached"
-    assert row["error"] > 1e-4
+    assert row["error"] > 1e-3
     assert row["metric"]["name"].endswith("times as fast as Exudyn, at least")
 
 
