@@ -5,14 +5,13 @@ from __future__ import annotations
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
-from scipy.signal import butter, cont2discrete, lfilter, lfilter_zi, sosfilt, sosfilt_zi
+from scipy.signal import butter, cont2discrete, lfilter, lfilter_zi, sosfiltfilt
 
-Array = NDArray[np.float64]
+from flexinv.typing import Array
+
 ORDER = 4  # of the Butterworth filter; forth and back it is 8
 # Signals that are kept: a difference quotient by one parameter leaves most of them as they were.
-MOST = 64
-_KEPT: dict[tuple[bytes, float, float], Array] = {}  # by signal, spacing [s] and bandwidth [Hz]
+KEPT_SIGNALS = 64
 
 
 def low_pass(values: Array, spacing: float, bandwidth: float) -> Array:
@@ -27,42 +26,24 @@ def low_pass(values: Array, spacing: float, bandwidth: float) -> Array:
 
 def apply_low_pass_all(values: Array, spacing: float, bandwidth: float) -> Array:
     """Return several signals (samples, signals) [any unit] without what is faster than the bandwidth [Hz], as `low_pass`."""
-    asked = [(column.tobytes(), spacing, bandwidth) for column in np.asarray(values, dtype=np.float64).T]
-    found = {key: _KEPT[key] for key in asked if key in _KEPT}
-    new = [key for key in dict.fromkeys(asked) if key not in found]
-    if new:
-        found |= zip(
-            new,
-            _apply_zero_phase_filter(np.array([np.frombuffer(key[0]) for key in new]), spacing, bandwidth),
-            strict=True,
-        )
-    for key in dict.fromkeys(asked):  # those asked for last are the last to go
-        _KEPT.pop(key, None)
-        _KEPT[key] = found[key]
-    for old in list(_KEPT)[: max(len(_KEPT) - MOST, 0)]:
-        _KEPT.pop(old, None)
-    return np.column_stack([found[key] for key in asked])
+    columns = np.asarray(values, dtype=np.float64).T
+    return np.column_stack([_filter_signal(column.tobytes(), spacing, bandwidth) for column in columns])
 
 
-def _apply_zero_phase_filter(x: Array, spacing: float, bandwidth: float) -> Array:
-    """Signals (signals, samples)."""
-    sections, rest = _build_filter_sections(spacing, bandwidth)
-    count = x.shape[1]
-    pad = min(count - 1, int(np.ceil(2.0 / (bandwidth * spacing))))
-    ahead = 2.0 * x[:, :1] - x[:, pad:0:-1]
-    behind = 2.0 * x[:, -1:] - x[:, -2 : -pad - 2 : -1]
-    longer = np.hstack([ahead, x, behind])
-    at = rest[:, None, :]
-    forth = sosfilt(sections, longer, zi=at * longer[:, :1])[0]
-    back = sosfilt(sections, forth[:, ::-1], zi=at * forth[:, -1:])[0]
-    return np.ascontiguousarray(back[:, ::-1][:, pad : pad + count])
+@lru_cache(maxsize=KEPT_SIGNALS)
+def _filter_signal(signal: bytes, spacing: float, bandwidth: float) -> Array:
+    """One signal (samples,), given as the bytes of its numbers."""
+    x = np.frombuffer(signal)
+    pad = min(len(x) - 1, int(np.ceil(2.0 / (bandwidth * spacing))))
+    result = np.asarray(sosfiltfilt(_build_filter_sections(spacing, bandwidth), x, padtype="odd", padlen=pad))
+    result.flags.writeable = False
+    return result
 
 
 @lru_cache(maxsize=32)
-def _build_filter_sections(spacing: float, bandwidth: float) -> tuple[Array, Array]:
-    """Second-order sections, and their states in which the filter stands still on 1."""
-    sections = np.asarray(butter(ORDER, bandwidth, fs=1.0 / spacing, output="sos"))
-    return sections, np.asarray(sosfilt_zi(sections))
+def _build_filter_sections(spacing: float, bandwidth: float) -> Array:
+    """Second-order sections (2, 6)."""
+    return np.asarray(butter(ORDER, bandwidth, fs=1.0 / spacing, output="sos"))
 
 
 def apply_lag(values: Array, spacing: float, frequency: float, damping: float) -> Array:
