@@ -88,9 +88,9 @@ def test_readers_take_one_file_that_engines_read(tmp_path: Path) -> None:
 
 @pytest.mark.slow
 def test_planted_faults_are_named_first(tmp_path: Path) -> None:
-    """Sixteen of the campaign's faults, `python tests/shared/description_campaign.py`: all named, nothing else."""
+    """Eight of the campaign's faults, `python tests/shared/description_campaign.py`: all named, nothing else."""
     pytest.importorskip("pinocchio")
-    trials = list(campaign(16, seed=3))
+    trials = list(campaign(8, seed=3))
     assert [t.words for t in trials if not t.good] == []
     assert [t.others for t in trials if t.others] == []
 
