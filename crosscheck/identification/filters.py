@@ -27,11 +27,11 @@ def low_pass(values: Array, spacing: float, bandwidth: float) -> Array:
 def apply_low_pass_all(values: Array, spacing: float, bandwidth: float) -> Array:
     """Return several signals (samples, signals) [any unit] without what is faster than the bandwidth [Hz], as `low_pass`."""
     columns = np.asarray(values, dtype=np.float64).T
-    return np.column_stack([_filter_signal(column.tobytes(), spacing, bandwidth) for column in columns])
+    return np.column_stack([_apply_to_signal(column.tobytes(), spacing, bandwidth) for column in columns])
 
 
 @lru_cache(maxsize=KEPT_SIGNALS)
-def _filter_signal(signal: bytes, spacing: float, bandwidth: float) -> Array:
+def _apply_to_signal(signal: bytes, spacing: float, bandwidth: float) -> Array:
     """One signal (samples,), given as the bytes of its numbers."""
     x = np.frombuffer(signal)
     pad = min(len(x) - 1, int(np.ceil(2.0 / (bandwidth * spacing))))

@@ -12,10 +12,10 @@ from typing import Any
 from crosscheck.measures.record import RecordError, read_record
 from crosscheck.run.abilities import Abilities
 from crosscheck.run.answer_cache import AnswerCache
-from crosscheck.run.isolation import ProcessEnd
+from crosscheck.run.isolation import Attempt, ProcessEnd
+from crosscheck.run.jobs import AbilitiesJob, Answer, CaseRun, CauseJob, EngineJob, Job, JsonAnswer, StudyJob
 from crosscheck.run.questions import Question
 from crosscheck.run.run_cache import AttemptFolder
-from crosscheck.run.run_state import Job, make_job_label
 from crosscheck.run.work import Options
 from crosscheck.verdicts.plan import Task
 
@@ -34,56 +34,47 @@ class AnswerStores:
     interrupted_run: AttemptFolder
     cache: AnswerCache | None
 
-    def find(self, job: Job) -> Any:
+    def find(self, job: Job) -> Answer | None:
         """Return the answer to a job where it is there and wanted, else None."""
-        kind, what, engine = job
-        if (
-            kind == "run"
-            and self.options.resume
-            and (result := self.interrupted_run.find(what, engine.name, self.options.engine))
-        ):
-            return result
+        if isinstance(job, CaseRun) and self.options.resume:
+            attempt = self.interrupted_run.find(job.task, job.engine.name, self.options.engine)
+            if attempt is not None:
+                return attempt
         if self.cache is None or self.options.fresh:
             return None
-        if kind == "run":
-            return self.cache.find_attempt(what, engine)
-        if kind == "abilities" and engine:  # there is something to be asked
+        if isinstance(job, CaseRun):
+            return self.cache.find_attempt(job.task, job.engine)
+        if isinstance(job, AbilitiesJob) and job.pairs:  # there is something to be asked
             return None
-        if (things := self._list_dependencies(job)) is None or (words := self.cache.find_values(kind, *things)) is None:
+        dependencies = _list_dependencies(job, self.cache)
+        values = None if dependencies is None else self.cache.find_values(job.kind, *dependencies)
+        if values is None:
             return None
-        if kind == "abilities":
-            return Abilities(words["answer"])
-        return words["answer"], ProcessEnd("ok", "", words["printed"], words["elapsed"], words["when"])
+        if isinstance(job, AbilitiesJob):
+            return Abilities(values["answer"])
+        return JsonAnswer(values["answer"], ProcessEnd("ok", "", values["printed"], values["elapsed"], values["when"]))
 
-    def add_answer(self, job: Job, answer: Any) -> None:
+    def add_answer(self, job: Job, answer: Answer) -> None:
         """Keep the answer to a job, for the case that this run is cut short, and for later runs."""
-        kind, what, engine = job
-        if kind == "run":
+        if isinstance(job, CaseRun) and isinstance(answer, Attempt):
             with contextlib.suppress(OSError):  # a full disk: then there is nothing to resume from
-                self.interrupted_run.add_answer(what, engine.name, answer, self.options.engine)
-        if self.cache is None:
+                self.interrupted_run.add_answer(job.task, job.engine.name, answer, self.options.engine)
+            if self.cache is not None:
+                self.cache.add_answer(job.task, job.engine, answer)
             return
-        if kind == "run":
-            self.cache.add_answer(what, engine, answer)
-        elif (told := _convert_answer(kind, answer)) and (things := self._list_dependencies(job)) is not None:
-            self.cache.add_values(told, kind, *things)
-
-    def _list_dependencies(self, job: Job) -> tuple[object, ...] | None:
-        """Return the things that an answer depends on beside those that all answers depend on; None: it is not kept."""
-        kind, what, _ = job
-        if self.cache is not None and kind == "study":
-            return self.cache.list_study_dependencies(what)
-        if self.cache is not None and kind == "why":
-            return _list_question_dependencies(what, self.cache)
-        return (what.adapter_key, what.door) if kind == "abilities" else None
+        values = _convert_answer(answer)
+        if self.cache is None or not values:
+            return
+        dependencies = _list_dependencies(job, self.cache)
+        if dependencies is not None:
+            self.cache.add_values(values, job.kind, *dependencies)
 
     def find_expected_time(self, job: Job) -> float:
         """Return the time that a job may take [s]: as long as it took last, or an estimate."""
-        kind, what, engine = job
-        known = self._times.get(make_job_label(kind, what, engine))
+        known = self._times.get(job.label)
         if known is not None:
             return known
-        return compute_estimated_time(what) if isinstance(what, Task) else STUDY
+        return compute_estimated_time(job.task) if isinstance(job, EngineJob) else STUDY
 
     @cached_property
     def _times(self) -> Mapping[str, float]:
@@ -96,13 +87,24 @@ def compute_estimated_time(task: Task) -> float:
     return BEGIN + steps * (RIGID * len(task.mechanism.links) + BEAM * len(task.mechanism.beams))
 
 
-def _convert_answer(kind: str, answer: Any) -> dict[str, Any] | None:
-    """Return the part of an answer that is kept, None where it is none."""
-    if kind == "abilities":
+def _convert_answer(answer: Answer) -> dict[str, Any] | None:
+    """Return the part of an answer that is kept beside attempts, None where it is none."""
+    if isinstance(answer, Abilities):
         return {"answer": answer.described} if answer.described and not answer.message else None
-    if kind not in ("study", "why") or answer[1].status != "ok":
-        return None
-    return {"answer": answer[0], "printed": answer[1].printed, "elapsed": answer[1].elapsed}
+    if isinstance(answer, JsonAnswer) and answer.ending.status == "ok":
+        return {"answer": answer.value, "printed": answer.ending.printed, "elapsed": answer.ending.elapsed}
+    return None
+
+
+def _list_dependencies(job: Job, cache: AnswerCache) -> tuple[object, ...] | None:
+    """Return the things that an answer depends on beside those that all answers depend on; None: it is not kept."""
+    if isinstance(job, StudyJob):
+        return cache.list_study_dependencies(job.study)
+    if isinstance(job, CauseJob):
+        return _list_question_dependencies(job.deviation, cache)
+    if isinstance(job, AbilitiesJob):
+        return job.engine.adapter_key, job.engine.door
+    return None
 
 
 def _list_question_dependencies(question: Question, cache: AnswerCache) -> tuple[object, ...] | None:

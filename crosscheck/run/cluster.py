@@ -15,7 +15,8 @@ from dataclasses import replace
 from typing import Any
 
 from crosscheck.run.isolation import ChildProcesses, open_scratch_folder
-from crosscheck.verdicts.plan import Task
+from crosscheck.run.jobs import Answer, EngineJob, Job
+from crosscheck.run.work import Options
 from flexinv.errors import InputError
 
 INSTALL = "python -m pip install 'flexinv[cluster]'"
@@ -96,28 +97,27 @@ def _describe_others(others: Mapping[str, str]) -> str:
     return f"the worker {worker}{more} has Python {python}, this machine has {HERE}"
 
 
-def run_on_worker(do: Callable[..., Any], job: tuple[str, Any, Any], files: Mapping[str, bytes], options: Any) -> Any:
+def run_on_worker(do: Callable[..., Answer], job: Job, files: Mapping[str, bytes], options: Options) -> Answer:
     """Do a job on a worker: put the mechanism's files into a folder of its own, and run the engine there."""
-    kind, what, engine = job
     with open_scratch_folder() as folder:
-        if files:
-            place = folder / what.folder.name
+        if files and isinstance(job, EngineJob):
+            place = folder / job.task.folder.name
             for name, content in files.items():
                 (place / name).parent.mkdir(parents=True, exist_ok=True)
                 (place / name).write_bytes(content)
-            what = replace(what, folder=place)
-        return do((kind, what, engine), options, ChildProcesses())
+            job = replace(job, task=replace(job.task, folder=place))
+        return do(job, options, ChildProcesses())
 
 
-def read_task_files(what: Any) -> dict[str, bytes]:
-    """Return the files of a task's mechanism by name; none where they are not all in its folder (a URDF elsewhere).
+def read_task_files(job: Job) -> dict[str, bytes]:
+    """Return the files of a job's mechanism by name; none where they are not all in its folder (a URDF elsewhere).
 
     Then, as for studies, a worker must see the same folders as this machine.  Raises InputError for a folder too large.
     """
-    if not isinstance(what, Task):
+    if not isinstance(job, EngineJob):
         return {}
-    folder = what.folder.resolve()
-    urdf = what.mechanism.urdf
+    folder = job.task.folder.resolve()
+    urdf = job.task.mechanism.urdf
     inside = urdf is None or urdf.resolve().is_relative_to(folder) or not urdf.resolve().is_relative_to(folder.parent)
     files = [f for f in sorted(folder.rglob("*")) if f.is_file()] if inside else []
     if (size := sum(f.stat().st_size for f in files)) > LARGEST_MODEL:

@@ -14,6 +14,7 @@ from crosscheck.measures.limits import find, list_references, list_unused_limits
 from crosscheck.measures.record import Record, RecordError, read_record
 from crosscheck.measures.spectrum import RINGING, compute_ringing_spectrum, find_peaks
 from crosscheck.run.isolation import Attempt
+from crosscheck.run.jobs import JsonAnswer
 from crosscheck.run.work import Work
 from crosscheck.studies import Study
 from crosscheck.verdicts import results as store
@@ -78,15 +79,17 @@ def list_budget_rows(record: Record, quantities: Iterable[str]) -> Iterator[dict
                 yield {"quantity": quantity, "unit": unit, "series": widest, **record.budget[widest]}
 
 
-def make_study_row(study: Study, answer: Any, ending: Any) -> StudyRow:
+def make_study_row(study: Study, answer: JsonAnswer) -> StudyRow:
     """Return the table of a study, or why there is none."""
     known = {f.name for f in dataclasses.fields(StudyRow)}
+    ending = answer.ending
+    value = answer.value
     row = StudyRow(study.name, study.title, printed=ending.printed, elapsed=ending.elapsed, kept=ending.kept)
     if ending.status != "ok":
         return replace(row, status=ending.status, message=ending.message)
-    if not isinstance(answer, dict) or not set(answer) <= known or not (answer.get("rows") or answer.get("message")):
+    if not isinstance(value, dict) or not set(value) <= known or not (value.get("rows") or value.get("message")):
         return replace(row, status="error", message="the study gave no table")
-    table: dict[str, Any] = {k: tuple(v) if isinstance(v, list) else v for k, v in answer.items()}
+    table: dict[str, Any] = {k: tuple(v) if isinstance(v, list) else v for k, v in value.items()}
     return replace(row, **table)
 
 

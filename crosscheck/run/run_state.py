@@ -9,7 +9,6 @@ import traceback
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
 
 from crosscheck import output_folder as owned
 from crosscheck.engines import Engine, describe_missing_package
@@ -18,10 +17,22 @@ from crosscheck.measures.limits import REFERENCE
 from crosscheck.measures.record import Record, save
 from crosscheck.run.abilities import Abilities, make_skipped_attempt
 from crosscheck.run.isolation import Attempt
+from crosscheck.run.jobs import (
+    AbilitiesJob,
+    Answer,
+    CaseRun,
+    CauseJob,
+    Job,
+    JsonAnswer,
+    RefinedRun,
+    RepeatedRun,
+    ShakenRun,
+    StudyJob,
+    describe_harness_failure,
+)
 from crosscheck.run.questions import list_questions, read_diagnosis
 from crosscheck.run.result_rows import UNREPEATED, compare_all, make_study_row, read_saved_record, run_row
 from crosscheck.run.work import Event, Notify, Work
-from crosscheck.studies import Study
 from crosscheck.verdicts import baseline
 from crosscheck.verdicts import results as store
 from crosscheck.verdicts.certificates import judge_by_certificate, list_certificate_lines
@@ -31,7 +42,6 @@ from crosscheck.verdicts.refinement import (
     RefinementHalvings,
     find_wanted_refinement,
     is_open,
-    read_kind,
     update_open_rows,
 )
 from crosscheck.verdicts.repeatability import SHAKEN, add_scatter, is_doubtful, judge_by_repetition
@@ -44,8 +54,6 @@ INTERRUPTED = "interrupted"
 UNCOMPARED = "nothing is compared with it here: no other engine came to an answer"
 PAUSE = 2.0  # [s] between two writings of results.json at least
 RARELY = 20.0  # times as long as a writing takes: no more than a twentieth of a run is spent on it
-Job = tuple[str, Any, Any]  # kind, what, engine
-SHAKES = {f"shaken {way}": way for way in SHAKEN}  # kinds of jobs: an engine with the last digits of its input moved
 
 
 @dataclass
@@ -71,51 +79,46 @@ class RunState:
     refused: dict[tuple[str, str, str], Attempt] = field(default_factory=dict)
     seconds: dict[str, float] = field(default_factory=dict)
 
-    def list_jobs(self) -> Iterator[Job]:
+    def list_jobs(self) -> Iterator[CaseRun | StudyJob]:
         """Yield every engine at every case, and every study."""
         for task in self.work.plan.tasks:
             for engine in self.work.engines.values():
-                yield "run", task, engine
+                yield CaseRun(task, engine)
         for study in self.work.studies:
-            yield "study", study, None
+            yield StudyJob(study)
 
-    def list_ability_questions(self, left: Iterable[Job]) -> Iterator[Job]:
+    def list_ability_questions(self, left: Iterable[Job]) -> Iterator[AbilitiesJob]:
         """Yield what every adapter is asked before its engines run: what it is, and which of the cases it can do.
 
         left : the jobs that are to be done
         """
         pairs: dict[str, list[tuple[Task, Engine]]] = {}
-        for kind, task, engine in left:
-            if kind == "run":
-                pairs.setdefault(engine.adapter_key, []).append((task, engine))
+        for job in left:
+            if isinstance(job, CaseRun):
+                pairs.setdefault(job.engine.adapter_key, []).append((job.task, job.engine))
         adapters = {e.adapter_key: e for e in self.work.engines.values() if describe_missing_package(e) is None}
         for key, engine in sorted(adapters.items()):
-            yield "abilities", engine, tuple(pairs.get(key, ()))
+            yield AbilitiesJob(engine, tuple(pairs.get(key, ())))
 
     def find_refusal(self, job: Job) -> Attempt | None:
         """Return the attempt of an engine that has said that it cannot do a case, None where it can or has not said."""
-        kind, what, engine = job
-        return self.refused.get((what.folder.name, what.case.name, engine.name)) if kind == "run" else None
+        return self.refused.get(job.key) if isinstance(job, CaseRun) else None
 
-    def is_of_reference(self, job: Job) -> bool:
-        """Return True for the runs of the engine that others are compared with."""
-        return job[0] == "run" and job[2].name == REFERENCE
-
-    def list_compared_jobs(self, jobs: Iterable[Job]) -> Iterator[Job]:
+    def list_compared_jobs(self, jobs: Iterable[CaseRun]) -> Iterator[CaseRun]:
         """Yield the runs of the reference, those that nothing is compared with as refused."""
         answered = {(run.mechanism, run.case) for run in self.results.runs if run.status == "ok"}
         for job in jobs:
-            _, task, engine = job
-            case = task.folder.name, task.case.name
-            if case not in answered:
-                self.refused[*case, engine.name] = make_skipped_attempt(task, engine, UNCOMPARED, "")
+            if job.case not in answered:
+                self.refused[job.key] = make_skipped_attempt(job.task, job.engine, UNCOMPARED, "")
             yield job
 
-    def list_refinements(self) -> list[Job]:
+    def list_refinements(self) -> list[RefinedRun]:
         """Return the runs of the reference, with finer steps and meshes, that comparisons need which are not judged yet."""
         engine = self.work.engines.get(REFERENCE)
-        refinements: list[Job] = []
-        for task in self.work.plan.tasks if engine is not None else ():
+        if engine is None:
+            return []
+        refinements = []
+        for task in self.work.plan.tasks:
             key = task.folder.name, task.case.name
             rows = [row for row in self.results.comparisons if (row.mechanism, row.case) == key and is_open(row)]
             if not rows:
@@ -125,7 +128,7 @@ class RunState:
             elapsed = max((run.elapsed for run in runs), default=0.0)
             one = find_wanted_refinement(rows, record, had)
             if one is not None and elapsed * one.longer <= self.work.options.timeout:
-                refinements.append((one.kind, task, engine))
+                refinements.append(RefinedRun(task, engine, one))
         return refinements
 
     def _read_first_record(self, mechanism: str, case: str, engine: str) -> Record:
@@ -149,7 +152,7 @@ class RunState:
         rows = update_open_rows(self.results.comparisons, judge_by_certificate(fresh, lines))
         self.results = replace(self.results, comparisons=tuple(rows))
 
-    def list_repeats(self) -> Iterator[Job]:
+    def list_repeats(self) -> Iterator[RepeatedRun | ShakenRun]:
         """Yield the runs whose error bars explain a difference: they have to repeat; and those that seem worse than blessed."""
         rows = self.results.comparisons
         known = self.work.options.baseline
@@ -158,8 +161,10 @@ class RunState:
         for task in self.work.plan.tasks:
             for engine in self.work.engines.values():
                 here = task.folder.name, task.case.name, engine.name
-                for kind in (*(("again",) if here in wanted else ()), *(SHAKES if here in worse else ())):
-                    yield kind, task, engine
+                if here in wanted:
+                    yield RepeatedRun(task, engine)
+                if here in worse:
+                    yield from (ShakenRun(task, engine, way) for way in SHAKEN)
 
     def judge_repeats(self) -> None:
         """Judge what error bars explained by whether the engines repeat; state what last digits do where one seems worse."""
@@ -175,64 +180,62 @@ class RunState:
             rows.append(row)
         self.results = replace(self.results, comparisons=tuple(rows))
 
-    def list_cause_questions(self) -> Iterator[Job]:
+    def list_cause_questions(self) -> Iterator[CauseJob]:
         """Yield what is asked once everything is compared: why engines deviate."""
-        for question in list_questions(
-            self._judge_by_baseline(whole=False), self.work.plan, self.out, self.work.engines
-        ):
-            yield "why", question, None
+        results = self._judge_by_baseline(whole=False)
+        yield from map(CauseJob, list_questions(results, self.work.plan, self.out, self.work.engines))
 
-    def take(self, job: Job, answer: Any) -> None:
+    def take(self, job: Job, answer: Answer) -> None:
         """Add one answer to the results."""
-        kind, what, engine = job
-        if kind == "abilities":
-            self._add_abilities(what, engine, answer)
-        elif kind == "study":
-            self._add_study(what, *answer)
-        elif kind == "why":
-            diagnosis = read_diagnosis(what, answer[0], answer[1].message)
-            self.results = replace(self.results, diagnoses=(*self.results.diagnoses, diagnosis))
-        elif (finer := read_kind(kind)) is not None:
-            self._judge_with_finer(what, finer, answer.record)
-        elif kind == "again":
-            self.again.setdefault((what.folder.name, what.case.name), {})[engine.name] = answer.record
-        elif kind in SHAKES:
-            self.shaken.setdefault((what.folder.name, what.case.name, engine.name), []).append(answer.record)
-        else:
-            self._run(what, engine, answer)
+        match job, answer:
+            case CaseRun(), Attempt():
+                self._add_run(job, answer)
+            case RefinedRun(), Attempt():
+                self._judge_with_finer(job.task, job.halvings, answer.record)
+            case RepeatedRun(), Attempt():
+                self.again.setdefault(job.case, {})[job.engine.name] = answer.record
+            case ShakenRun(), Attempt():
+                self.shaken.setdefault(job.key, []).append(answer.record)
+            case AbilitiesJob(), Abilities():
+                self._add_abilities(job, answer)
+            case StudyJob(), JsonAnswer():
+                self._add_study(job, answer)
+            case CauseJob(), JsonAnswer():
+                diagnosis = read_diagnosis(job.deviation, answer.value, answer.ending.message)
+                self.results = replace(self.results, diagnoses=(*self.results.diagnoses, diagnosis))
+            case _:
+                raise TypeError(f"{type(answer).__name__} is no answer to a {type(job).__name__}")
         self._write_results()
 
-    def take_or_fail(self, job: Job, answer: Any) -> None:
+    def take_or_fail(self, job: Job, answer: Answer) -> None:
         """Add one answer to the results; where something of ours fails over it, that is an error of this job alone."""
         try:
             self.take(job, answer)
         except Exception as error:
-            kind, what, engine = job
-            self._add_failure(f"{kind} {make_job_label(kind, what, engine)}".strip(), error)
-            if kind == "run":
-                self._add_failed_run(what, engine, error)
+            self._add_failure(f"run {job.label}" if isinstance(job, CaseRun) else job.label, error)
+            if isinstance(job, CaseRun):
+                self._add_failed_run(job, error)
 
     def add_failures(self, error: Exception) -> None:
         """Add a row for everything that did not come to its end because something of ours failed."""
-        self._add_missing(f"not run: {_describe_harness_failure(error)}")
+        self._add_missing(f"not run: {describe_harness_failure(error)}")
         self._add_failure("the run ended early", error)
 
     def _add_failure(self, where: str, error: Exception) -> None:
         """Say in the results that something of ours failed, where, and in which line."""
-        words = f"{where}: {_describe_harness_failure(error)}"
+        words = f"{where}: {describe_harness_failure(error)}"
         message = "; ".join(filter(None, [self.results.message, words]))
         trace = "".join(traceback.format_exception(error))
         settings = {**self.results.settings, f"failure of {where}": trace}
         self.results = replace(self.results, message=message, settings=settings)
 
-    def _add_failed_run(self, task: Task, engine: Engine, error: Exception) -> None:
+    def _add_failed_run(self, job: CaseRun, error: Exception) -> None:
         """Make an error of the row of an engine, whose answer nothing is compared with."""
-        case = task.folder.name, task.case.name
-        words = _describe_harness_failure(error)
-        others = [row for row in self.results.runs if (row.mechanism, row.case, row.engine) != (*case, engine.name)]
-        failed = RunRow(*case, engine.name, status="error", message=words)
+        attempt = job.make_failure(describe_harness_failure(error))
+        others = [row for row in self.results.runs if (row.mechanism, row.case, row.engine) != job.key]
+        failed = RunRow(*job.key, status="error", message=attempt.record.message)
         self.results = replace(self.results, runs=(*others, failed))
-        self._add_record(task, Record(engine.name, status="error", message=words))
+        self._add_record(job.task, attempt.record)
 
     def add_interrupted(self) -> None:
         """Add a row for everything that did not come to its end (what Ctrl-C met while it was taken has one already)."""
@@ -243,15 +246,11 @@ class RunState:
         """Add a row of an error with these words for every engine and study that has none; `finish` writes them."""
         self.pause = math.inf
         have = {(r.mechanism, r.case, r.engine) for r in self.results.runs} | {s.name for s in self.results.studies}
-        for kind, what, engine in self.list_jobs():
-            name = (what.folder.name, what.case.name, engine.name) if kind == "run" else what.name
-            if name in have:
-                continue
-            if kind == "run":
-                attempt = Attempt(Record(engine=engine.name, status="error", message=words))
-                self.take_or_fail((kind, what, engine), attempt)
-            else:
-                row = StudyRow(what.name, what.title, status="error", message=words)
+        for job in self.list_jobs():
+            if isinstance(job, CaseRun) and job.key not in have:
+                self.take_or_fail(job, job.make_failure(words))
+            elif isinstance(job, StudyJob) and job.study.name not in have:
+                row = StudyRow(job.study.name, job.study.title, status="error", message=words)
                 self.results = replace(self.results, studies=(*self.results.studies, row))
 
     def add_troubles(self, trouble: Iterable[str], afresh: Mapping[str, str]) -> None:
@@ -296,17 +295,16 @@ class RunState:
         known = self.work.options.baseline
         return self.results if known is None else baseline.apply(self.results, known, whole, self.signals)
 
-    def _run(self, task: Task, engine: Engine, attempt: Attempt) -> None:
-        row = self._write_series(run_row(task, attempt), attempt.record)
+    def _add_run(self, job: CaseRun, attempt: Attempt) -> None:
+        row = self._write_series(run_row(job.task, attempt), attempt.record)
         self.results = replace(self.results, runs=(*self.results.runs, row))
         if row.status == "ok":
-            described = describe_signals(attempt.record, task.case.quantities)
-            self.signals |= {(row.mechanism, row.case, row.engine, name): one for name, one in described.items()}
-        self._add_record(task, attempt.record)
-        name = make_job_label("run", task, engine)
-        self._add_job_time(name, attempt.elapsed, attempt.kept)
+            described = describe_signals(attempt.record, job.task.case.quantities)
+            self.signals |= {(*job.key, name): one for name, one in described.items()}
+        self._add_record(job.task, attempt.record)
+        self._add_job_time(job.label, attempt.elapsed, attempt.kept)
         kept = f"unchanged since {attempt.kept}" if attempt.kept else ""
-        self._send_event(name, row.verdict if row.status != "ok" else "ok", row.message or kept)
+        self._send_event(job.label, row.verdict if row.status != "ok" else "ok", row.message or kept)
 
     def _add_record(self, task: Task, record: Record) -> None:
         """Add a record of a case; the last one has all of them compared, and where that fails the case says so."""
@@ -320,7 +318,7 @@ class RunState:
             self._compare(task, records)
         except Exception as error:
             self._add_failure(f"the comparison of {'/'.join(case)}", error)
-            words = _describe_harness_failure(error)
+            words = describe_harness_failure(error)
             pairs = [(name, quantity) for name in records if name != REFERENCE for quantity in task.case.quantities]
             rows = [Comparison(*case, name, REFERENCE, quantity, "", "error", words) for name, quantity in pairs]
             self.results = replace(self.results, comparisons=(*self.results.comparisons, *rows))
@@ -351,25 +349,27 @@ class RunState:
             certificates=(*self.results.certificates, *lines),
         )
 
-    def _add_abilities(self, asked: Engine, pairs: Iterable[tuple[Task, Engine]], answer: Abilities) -> None:
-        said = answer.described
+    def _add_abilities(self, job: AbilitiesJob, answer: Abilities) -> None:
+        described = {"present": False} if answer.described is None else dict(answer.described)
         rows = []
         for row in self.results.engines:
-            if self.work.engines[row.name].adapter_key == asked.adapter_key:
-                told = {**said} if said is not None else {"present": False}
-                row = replace(row, **told, message=answer.message or row.message)
+            if self.work.engines[row.name].adapter_key == job.engine.adapter_key:
+                row = replace(row, **described, message=answer.message or row.message)
             rows.append(row)
         self.results = replace(self.results, engines=tuple(rows))
-        for number, (task, engine) in enumerate(pairs):
-            if said is not None and (reason := answer.refused.get(number)) is not None:
-                no = make_skipped_attempt(task, engine, reason, said["version"])
-                self.refused[task.folder.name, task.case.name, engine.name] = no
+        if answer.described is None:
+            return
+        for number, (task, engine) in enumerate(job.pairs):
+            reason = answer.refused.get(number)
+            if reason is not None:
+                skipped = make_skipped_attempt(task, engine, reason, answer.described["version"])
+                self.refused[task.folder.name, task.case.name, engine.name] = skipped
 
-    def _add_study(self, study: Study, answer: Any, ending: Any) -> None:
-        row = make_study_row(study, answer, ending)
+    def _add_study(self, job: StudyJob, answer: JsonAnswer) -> None:
+        row = make_study_row(job.study, answer)
         self.results = replace(self.results, studies=(*self.results.studies, row))
-        self._add_job_time(make_job_label("study", study, None), ending.elapsed, ending.kept)
-        self._send_event(f"study {study.name}", row.verdict, row.message)
+        self._add_job_time(job.label, answer.ending.elapsed, answer.ending.kept)
+        self._send_event(job.label, row.verdict, row.message)
 
     def _add_job_time(self, name: str, elapsed: float, kept: str) -> None:
         """Note how long a job took [s], where it ran."""
@@ -394,17 +394,3 @@ class RunState:
             store.write(self.results, self.out / RESULTS)
         self.written = clock.monotonic() - self.start
         self.pause = max(PAUSE, RARELY * (self.written - elapsed))
-
-
-def make_job_label(kind: str, what: Any, engine: Engine | None) -> str:
-    """Return the name of a job: "four_bar/turn mujoco", "study robots"."""
-    if kind == "study":
-        return f"study {what.name}"
-    if kind == "why":
-        return "why"
-    return f"{what.folder.name}/{what.case.name} {engine.name if engine else ''}"
-
-
-def _describe_harness_failure(error: Exception) -> str:
-    """Return the words for something of ours that failed."""
-    return f"the harness failed: {type(error).__name__}: {error}"

@@ -23,7 +23,6 @@ MOST = {
     "mesh": 1,
 }  # halvings; a mesh of twice the order takes some four times as long, and its error falls far faster
 LONGER = {"step": 2.0, "mesh": 4.0}  # times as long with each of them [-]
-KIND = "finer"  # kind of a job of the reference: "finer STEP MESH"
 
 
 @dataclass(frozen=True)
@@ -34,11 +33,6 @@ class RefinementHalvings:
     mesh: int = 0
 
     @property
-    def kind(self) -> str:
-        """Return the kind of the job."""
-        return f"{KIND} {self.step} {self.mesh}"
-
-    @property
     def options(self) -> dict[str, int]:
         """Return the options of the reference's adapter."""
         return {"finer_step": self.step, "finer_mesh": self.mesh}
@@ -47,12 +41,6 @@ class RefinementHalvings:
     def longer(self) -> float:
         """Return the factor by which a run takes longer, roughly [-]."""
         return LONGER["step"] ** self.step * LONGER["mesh"] ** self.mesh
-
-
-def read_kind(kind: str) -> RefinementHalvings | None:
-    """Return the refinement of a kind of jobs, None for other kinds."""
-    words = kind.split()
-    return RefinementHalvings(int(words[1]), int(words[2])) if words[:1] == [KIND] else None
 
 
 def is_open(row: Comparison) -> bool:

@@ -25,6 +25,7 @@ from crosscheck.kit.write import write
 from crosscheck.run.cluster import read_task_files, run_on_worker
 from crosscheck.run.forking import ForkServers
 from crosscheck.run.isolation import Attempt, ChildProcesses, run_engine
+from crosscheck.run.jobs import CaseRun
 from crosscheck.run.runner import _run_job
 from crosscheck.run.work import Options
 from crosscheck.verdicts.plan import Task, discover
@@ -234,8 +235,8 @@ def test_a_worker_of_a_cluster_asks_programs_and_records(root: Path, tmp_path: P
     one = engine("numpy", "rigid.py", "{kit}", "{out}", folder=str(SHARED / "kit_programs"))
     records = Engine("adams", RECORD, "", "", settings={})
     for which in (one, records):
-        job = pickle.loads(pickle.dumps(("run", task, which)))
-        files = read_task_files(task)
+        job = pickle.loads(pickle.dumps(CaseRun(task, which)))
+        files = read_task_files(job)
         shutil.move(models, tmp_path / "hidden")  # a worker has another file system
         attempt = run_on_worker(_run_job, job, files, Options(timeout=60.0))
         shutil.move(tmp_path / "hidden", models)

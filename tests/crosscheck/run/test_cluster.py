@@ -22,6 +22,7 @@ from crosscheck.engines import ENGINES
 from crosscheck.measures.record import read_record
 from crosscheck.run.cluster import open_workers, read_task_files
 from crosscheck.run.isolation import Attempt
+from crosscheck.run.jobs import AbilitiesJob, CaseRun
 from crosscheck.run.run_cache import AttemptFolder
 from crosscheck.run.runner import KEPT, run
 from crosscheck.run.work import Event, Options, Work
@@ -152,13 +153,14 @@ def test_a_scheduler_that_is_not_there_is_said(monkeypatch: pytest.MonkeyPatch) 
 
 def test_a_worker_gets_the_files_of_the_mechanism(root: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (task,) = cases(root, tmp_path, 1).tasks
-    files = read_task_files(task)
+    job = CaseRun(task, ENGINES["pinocchio"])
+    files = read_task_files(job)
     assert set(files) == {"mechanism.toml", "cases.toml"}
     assert files["cases.toml"] == (task.folder / "cases.toml").read_bytes()
-    assert read_task_files("crosscheck.engines.pinocchio.adapter") == {}
+    assert read_task_files(AbilitiesJob(ENGINES["pinocchio"], ())) == {}
     monkeypatch.setattr("crosscheck.run.cluster.LARGEST_MODEL", 10)
     with pytest.raises(InputError, match="is not sent to workers"):
-        read_task_files(task)
+        read_task_files(job)
 
 
 def test_a_cluster_without_workers_says_so_and_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

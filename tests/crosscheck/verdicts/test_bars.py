@@ -23,7 +23,6 @@ from crosscheck.verdicts.refinement import (
     RefinementHalvings,
     find_wanted_refinement,
     is_open,
-    read_kind,
     update_open_rows,
 )
 from crosscheck.verdicts.results import CaseRow, EngineRow, Results, RunRow
@@ -251,8 +250,6 @@ def test_the_reference_is_refined_as_far_as_a_comparison_needs_and_no_further() 
     )  # 0.029 / 4^2 < 2e-3 < 0.029 / 4
     assert find_wanted_refinement([open_], reference, RefinementHalvings(step=3)) is None  # no more halvings than that
     assert find_wanted_refinement([replace(open_, verdict="deviation")], reference, RefinementHalvings()) is None
-    assert read_kind(RefinementHalvings(2, 1).kind) == RefinementHalvings(2, 1)
-    assert read_kind("again") is None
     closed = replace(reference, budget={NAME: {**lines, "bars": {"rounding": 1.0}}})
     assert (
         find_wanted_refinement([open_], closed, RefinementHalvings()) is None
