@@ -15,8 +15,8 @@ import numpy as np
 from crosscheck.doors.packages import list_installed_engines
 from crosscheck.engines import ENGINES, Engine, describe_missing_package, resolve_adapter
 from crosscheck.engines.base import offered
+from crosscheck.kit.lift import lift_kit
 from crosscheck.lifting.description import Description
-from crosscheck.lifting.kit import lift_kit
 from crosscheck.lifting.toml import lift_toml
 from crosscheck.lifting.urdf import lift_urdf
 from crosscheck.lifting.usd import PACKAGE as USD_PACKAGE

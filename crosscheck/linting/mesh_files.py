@@ -16,7 +16,7 @@ from xml.etree.ElementTree import Element, ParseError
 import numpy as np
 from defusedxml.common import DefusedXmlException
 
-from crosscheck.linting.finding import Finding, make_error, make_warning
+from crosscheck.findings.finding import Finding, make_error, make_warning
 from flexinv.files.bounded_xml import XmlBoundExceeded, parse_bounded
 from flexinv.files.regular_files import MISSING, describe_kind, read_regular
 from flexinv.model.mechanism import Array

@@ -12,8 +12,8 @@ from xml.etree.ElementTree import Element
 
 import numpy as np
 
-from crosscheck.linting.bodies import LinkStatements
-from crosscheck.linting.finding import Finding, make_warning
+from crosscheck.findings.bodies import LinkStatements
+from crosscheck.findings.finding import Finding, make_warning
 from crosscheck.linting.mesh_files import MeshFile
 from flexinv.files.joints import compute_rpy_rotation
 from flexinv.model.mechanism import Array

@@ -15,7 +15,7 @@ from xml.etree.ElementTree import Element
 
 import numpy as np
 
-from crosscheck.linting.finding import Finding, make_warning
+from crosscheck.findings.finding import Finding, make_warning
 
 WATER = 1000.0  # [kg/m^3]: what MuJoCo takes for a shape without mass
 MADE_UP = "PyBullet and DART take 1 kg"

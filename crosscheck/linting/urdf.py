@@ -10,8 +10,8 @@ from xml.etree.ElementTree import Element
 
 import numpy as np
 
-from crosscheck.linting.bodies import LinkStatements, check_bodies
-from crosscheck.linting.finding import Finding, make_error, make_warning
+from crosscheck.findings.bodies import LinkStatements, check_bodies
+from crosscheck.findings.finding import Finding, make_error, make_warning
 from crosscheck.linting.mesh_files import find_mesh_file, list_mesh_findings, read_meshes
 from crosscheck.linting.meshes import check_meshes
 from crosscheck.linting.shapes import check_shapes

@@ -33,7 +33,7 @@ from crosscheck.engines import ENGINES, Engine
 from crosscheck.measures.record import Record, RecordError, check, compute_fingerprint, read_record, save
 from crosscheck.run.isolation import Attempt, open_scratch_folder
 from crosscheck.run.run_cache import add_door_digest, compute_attempt_key, compute_surroundings_digest
-from crosscheck.studies import Study
+from crosscheck.run.work import Study
 from crosscheck.verdicts.plan import Task
 from crosscheck.verdicts.results import describe_machine, format_current_time
 

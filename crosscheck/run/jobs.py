@@ -15,8 +15,7 @@ from crosscheck.measures.record import Record
 from crosscheck.run.abilities import Abilities, Pair, ask_abilities
 from crosscheck.run.isolation import Attempt, ChildProcesses, ProcessEnd, ask, run_engine
 from crosscheck.run.questions import CaseQuestions, Question
-from crosscheck.run.work import Options
-from crosscheck.studies import Study
+from crosscheck.run.work import Options, Study
 from crosscheck.verdicts.plan import Task
 from crosscheck.verdicts.refinement import RefinementHalvings
 

@@ -15,8 +15,7 @@ from crosscheck.measures.record import Record, RecordError, read_record
 from crosscheck.measures.spectrum import RINGING, compute_ringing_spectrum, find_peaks
 from crosscheck.run.isolation import Attempt
 from crosscheck.run.jobs import JsonAnswer
-from crosscheck.run.work import Work
-from crosscheck.studies import Study
+from crosscheck.run.work import Study, Work
 from crosscheck.verdicts import results as store
 from crosscheck.verdicts.compare import Comparison, RecordPair, compare, split_by_unit
 from crosscheck.verdicts.plan import Task, make_case_row

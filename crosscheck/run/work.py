@@ -8,9 +8,25 @@ from pathlib import Path
 from typing import Any
 
 from crosscheck.engines import Engine
-from crosscheck.studies import Study
 from crosscheck.verdicts.baseline import Baseline
 from crosscheck.verdicts.plan import Plan
+
+
+@dataclass(frozen=True)
+class Study:
+    """A named study: the function of a module, and what it is called with (JSON values).
+
+    asks : its function is told the project's own engines, too (``engines``: jobs of `crosscheck.engines.open_adapter`)
+    path : folder that its module is imported from, where that is not installed
+    """
+
+    name: str
+    title: str
+    module: str
+    function: str = "run_study"
+    options: Mapping[str, Any] = field(default_factory=dict)
+    asks: bool = False
+    path: str = ""
 
 
 @dataclass(frozen=True)

@@ -8,27 +8,9 @@ Where it does not apply it returns {"status": "skipped", "message": why}.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
-from typing import Any
+from crosscheck.run.work import Study
 
-
-@dataclass(frozen=True)
-class Study:
-    """A named study: the function of a module, and what it is called with (JSON values).
-
-    asks : its function is told the project's own engines, too (``engines``: jobs of `crosscheck.engines.open_adapter`)
-    path : folder that its module is imported from, where that is not installed
-    """
-
-    name: str
-    title: str
-    module: str
-    function: str = "run_study"
-    options: Mapping[str, Any] = field(default_factory=dict)
-    asks: bool = False
-    path: str = ""
-
+__all__ = ["STUDIES", "Study"]
 
 STUDIES: dict[str, Study] = {
     s.name: s

@@ -1,6 +1,6 @@
 """Advice: which of two files looks wrong, and what to write in it, in its format's words, its own frames and names.
 
-A file is suspected where `crosscheck.linting.bodies` finds the link's numbers odd and those of the other file not.
+A file is suspected where `crosscheck.findings.bodies` finds the link's numbers odd and those of the other file not.
 """
 
 from __future__ import annotations
@@ -18,9 +18,9 @@ from crosscheck.equivalence.groups import find_counterpart
 from crosscheck.equivalence.judge import Judgement
 from crosscheck.equivalence.members import LEFT_LIMITS, SIGN, ZERO, format_vector
 from crosscheck.equivalence.tree import Member, Tree, join_bodies
+from crosscheck.findings.bodies import LinkStatements, check_bodies
 from crosscheck.lifting.description import Description
 from crosscheck.lifting.rigid import convert_to_quaternion, inverse, move_inertia
-from crosscheck.linting.bodies import LinkStatements, check_bodies
 from flexinv.model.mechanism import WORLD, Placement
 
 SIGN_ALONE = f"{SIGN} alone"  # where the limits of both files are the same numbers

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from crosscheck.linting.finding import Finding
+from crosscheck.findings.finding import Finding
 from crosscheck.linting.lint import lint
 from crosscheck.linting.mesh_files import LARGEST
 

@@ -8,7 +8,7 @@ import pytest
 
 import crosscheck
 from crosscheck.equivalence.sources import describe
-from crosscheck.linting.finding import Finding
+from crosscheck.findings.finding import Finding
 from crosscheck.linting.lint import lint
 from flexinv.errors import InputError
 

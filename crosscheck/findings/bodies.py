@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from crosscheck.linting.finding import Finding, make_error, make_warning
+from crosscheck.findings.finding import Finding, make_error, make_warning
 from flexinv.model.links import describe_impossible_inertia
 from flexinv.model.mechanism import Array, Inertia
 
