@@ -37,9 +37,9 @@ BRANCHES = (ast.If, ast.For, ast.While, ast.IfExp, ast.ExceptHandler, ast.compre
 DOCUMENTED = (ast.Module, ast.ClassDef, ast.FunctionDef, ast.AsyncFunctionDef)
 # Participles that do not end in -ed.
 IRREGULAR = """
-begun bent bound broken brought built chosen cut done drawn driven fallen fed felt forgotten found given gone
-got grown heard held hidden kept known laid led left lent lost made meant met own paid put risen run said
-seen sent set shown shut sold spent spoken stood struck sung swept sworn taken thought thrown told torn
+begun bent bound broken brought built chosen done drawn driven fallen fed felt forgotten found given gone
+got grown heard held hidden kept known laid led left lent lost made meant met own paid risen said
+seen sent shown sold spent spoken stood struck sung swept sworn taken thought thrown told torn
 understood woken won worn wound written
 """
 
@@ -129,7 +129,10 @@ def _functions(path: Path, tree: ast.Module, starts: list[tuple[int, int]]) -> I
 
 
 def is_bare_participle(name: str) -> bool:
-    """Return True if a name begins with a participle, as ``told`` and ``kept_rows`` do; ``read`` and ``split`` are verbs."""
+    """Return True if a name begins with a participle, as ``told`` and ``kept_rows`` do.
+
+    ``read``, ``run``, ``put``, ``cut``, ``set``, ``shut`` and ``split`` are verbs, too.
+    """
     first = name.strip("_").split("_")[0]
     return first in IRREGULAR.split() or (
         first.endswith("ed") and len(first) > 3 and first not in ("need", "feed", "seed", "speed")
