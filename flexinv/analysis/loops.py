@@ -17,6 +17,7 @@ from flexinv.constraints.closures import (
     build_constraint_rows,
     compute_constraint_jacobian,
     list_phases,
+    list_velocity_scales,
     move_second_frames,
 )
 from flexinv.constraints.continuation import solve_closed_motion, solve_closed_start
@@ -106,8 +107,14 @@ def _make_motion_between(task: Task) -> InterpolatedMotion:
         rows = np.searchsorted(at, times)
         return compute_rigid_motion(mesh, *(part[rows] for part in found))
 
+    given = ~unknown
+    scales = list_velocity_scales(mesh)[given]
+
+    def evaluate_speed(times: Array) -> Array:
+        return np.asarray((np.abs(task.after(times)[1][:, given]) / scales).sum(axis=1))
+
     switches = tuple(instant for closure in mesh.mechanism.closures for span in closure.active for instant in span)
-    return InterpolatedMotion(evaluate_nodes, (*task.knots, *switches))
+    return InterpolatedMotion(evaluate_nodes, (*task.knots, *switches), evaluate_speed)
 
 
 def _find_largest_magnitude(values: Array) -> float:

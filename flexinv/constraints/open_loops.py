@@ -6,8 +6,9 @@ only where the motion puts its joints elsewhere; or they close nowhere, since li
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -16,6 +17,7 @@ from flexinv.constraints.closures import list_velocity_scales
 from flexinv.constraints.joint_descriptions import write_start
 from flexinv.errors import OpenLoops
 from flexinv.kinematics.nodal_motion import integrate_configuration
+from flexinv.model.mechanism import Mechanism
 from flexinv.typing import Array
 
 if TYPE_CHECKING:
@@ -75,31 +77,40 @@ def find_nearest_closed(follower: Follower, q: Array) -> Array:
 def make_open_loops_error(follower: Follower, time: float, guess: Array) -> OpenLoops:
     """Return the error for loops that do not close from a guess (nq,) [rad], [m]: which stays open, why, and what to write."""
     m = follower.mesh.mechanism
-    unknown = follower.unknown
     gap = _describe_largest_gap(follower, guess)
     said = f"mechanism '{m.name}', t = {time:g} s: the loops do not close from this start ({gap})"
+    return OpenLoops(said, partial(_find_advice, follower, guess.copy()))
+
+
+def _find_advice(follower: Follower, guess: Array) -> tuple[str, str]:
+    """What to write where loops do not close from a guess (nq,), and places of joints from which they close, or ""."""
+    m = follower.mesh.mechanism
+    unknown = follower.unknown
     own = [joint.name for joint in m.joints if unknown[m.v_slices[joint.name]].any()]
     closed, nearest = _find_closed(follower, guess)
     if closed is not None:
         example = write_start(m, own, closed, True)
-        return OpenLoops(said, f"give a guess of these joints from which they close: start = {example}", example)
+        return f"give a guess of these joints from which they close: start = {example}", example
     every = follower.replace_unknown(np.ones_like(unknown))
     if not unknown.all():
         closed, nearest = _find_closed(every, guess)
     if closed is not None:
-        held = [joint.name for joint in m.joints if joint.nv and joint.name not in own]
-        fewer = ", or give fewer coordinates a motion" if len(held) > 1 else ""
-        return OpenLoops(
-            said,
-            f"where the motion puts {', '.join(held)} none of {TRIES + 1} guesses closes them; they close for example with "
-            f"{write_start(m, held, closed, True)}: begin the motion where they do{fewer}",
-        )
+        return _describe_other_motion(m, own, closed), ""
     bend = " unless links bend; a march begins with links unbent" if m.beams else ""
-    return OpenLoops(
-        said,
-        f"no guess of {TRIES + 1} closes them, with all joints free{bend}: at best {_describe_largest_gap(every, nearest)}; "
-        f"change lengths or "
-        "placements of links by that much, or tie the two ends by a spring instead of a closure",
+    gap = _describe_largest_gap(every, nearest)
+    return (
+        f"no guess of {TRIES + 1} closes them, with all joints free{bend}: at best {gap}; "
+        "change lengths or placements of links by that much, or tie the two ends by a spring instead of a closure"
+    ), ""
+
+
+def _describe_other_motion(m: Mechanism, own: Sequence[str], closed: Array) -> str:
+    """What to write where loops close only with other places (nq,) of the joints that the motion moves; own : all others."""
+    held = [joint.name for joint in m.joints if joint.nv and joint.name not in own]
+    fewer = ", or give fewer coordinates a motion" if len(held) > 1 else ""
+    return (
+        f"where the motion puts {', '.join(held)} none of {TRIES + 1} guesses closes them; they close for example with "
+        f"{write_start(m, held, closed, True)}: begin the motion where they do{fewer}"
     )
 
 

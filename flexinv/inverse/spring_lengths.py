@@ -10,9 +10,10 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 from numpy.polynomial import Polynomial
 
 from flexinv.errors import InputError
@@ -21,7 +22,7 @@ from flexinv.kinematics.mesh import Mesh, find_attachment_node
 from flexinv.kinematics.nodal_motion import NodalMotion
 from flexinv.model.attachments import Spring
 from flexinv.model.links import Attachment
-from flexinv.typing import Array, Triple
+from flexinv.typing import Array, Mask, Triple
 
 if TYPE_CHECKING:
     from scipy.interpolate import BPoly
@@ -31,6 +32,16 @@ NO_LENGTH = 1e-9  # over the mechanism's length: shorter is a spring of no lengt
 # h^4 d / 384, that of the quintic h^6 d'' / 46080: of a motion that turns by a radian between samples, a 120th.
 QUINTIC_ERROR = 1.0 / 120.0
 GAPS_AT_ONCE = 4096  # instants whose nodes are in memory
+# Where the coordinates on which all depend go no farther than this between two samples [rad], over the length [-], what the
+# samples show of the loops' gear changes by less than the safety, but near singular positions, which are an error of their own.
+FAR = 0.3
+SAFETY = 4.0
+FURTHER = 1.5  # as parts of an interval are of equal times and the speed is seen at other instants
+MOST_TIMES = 4096  # that are asked beside the samples
+LOOKS = 9  # at the speed of these coordinates in an interval
+NEARBY = 5  # samples whose gear is asked: where motions turn back it shows in those beside
+AT_REST = 1e-6  # of the largest speed: slower shows no gear
+MOST_SPANS = 8  # each is fitted alone, and follows the loops from the beginning
 
 
 @dataclass(frozen=True)
@@ -39,10 +50,13 @@ class InterpolatedMotion:
 
     nodes : times (n,) [s], increasing, from that of the first sample on -> motion of the nodes
     knots : times [s] between which it is smooth
+    speed : times (n,) [s] -> (n,) sum of the rates [rad/s], slides over the mechanism's length, of the coordinates on which all
+        others depend; None where the nodes cost too little to ask first where they matter
     """
 
     nodes: Callable[[Array], NodalMotion]
     knots: tuple[float, ...]
+    speed: Callable[[Array], Array] | None = None
 
 
 def check_spring_lengths(mesh: Mesh, motion: NodalMotion, time: Array, given: InterpolatedMotion | None = None) -> None:
@@ -57,7 +71,7 @@ def check_spring_lengths(mesh: Mesh, motion: NodalMotion, time: Array, given: In
         if given is None or len(time) < 2:
             instant = find_zero_vector(_compute_gap(mesh, motion, spring), time, mesh.length)
         else:
-            instant = _find_zero_length(mesh, spring, given, time)
+            instant = _find_zero_length(mesh, spring, given, time, _compute_gap(mesh, motion, spring))
         if instant is not None:
             raise InputError(
                 f"mechanism '{mesh.mechanism.name}', t = {instant:.10g} s: spring '{spring.name}' has no length there, so that "
@@ -66,16 +80,83 @@ def check_spring_lengths(mesh: Mesh, motion: NodalMotion, time: Array, given: In
             )
 
 
-def _find_zero_length(mesh: Mesh, spring: Spring, given: InterpolatedMotion, time: Array) -> float | None:
-    """The first instant [s] at which a spring has no length, of a motion that can be asked at any instant."""
+def _find_zero_length(mesh: Mesh, spring: Spring, given: InterpolatedMotion, time: Array, gap: Triple) -> float | None:
+    """The first instant [s] at which a spring has no length, of a motion that can be asked at any instant.
 
-    def evaluate_gap(times: Array) -> Array:
+    gap : at the samples
+    """
+
+    def evaluate_gap(times: Array) -> Triple:
         parts = [times[k : k + GAPS_AT_ONCE] for k in range(0, len(times), GAPS_AT_ONCE)]
-        return np.concatenate([_compute_gap(mesh, given.nodes(part), spring)[0] for part in parts])
+        gaps = [_compute_gap(mesh, given.nodes(part), spring) for part in parts]
+        d, rate, second = (np.concatenate(one) for one in zip(*gaps, strict=True))
+        return d, rate, second
 
-    inside = [knot for knot in given.knots if time[0] < knot < time[-1]]
-    pieces = fit_pieces(evaluate_gap, [time[0], *inside, time[-1]], mesh.length)
-    return pieces.find_zero(NO_LENGTH * mesh.length)
+    least = NO_LENGTH * mesh.length
+    spans = [(float(time[0]), float(time[-1]))]
+    if given.speed is not None:
+        fine = list_fine_times(time, given.speed)
+        if len(fine) > len(time):
+            gap = evaluate_gap(fine)
+        spans = list_doubtful_spans(gap, fine, given.speed, least)
+    for begin, end in spans:
+        inside = [knot for knot in given.knots if begin < knot < end]
+        pieces = fit_pieces(lambda times: evaluate_gap(times)[0], [begin, *inside, end], mesh.length)
+        zero = pieces.find_zero(least)
+        if zero is not None:
+            return zero
+    return None
+
+
+def list_fine_times(time: Array, speed: Callable[[Array], Array]) -> Array:
+    """Return times (n,) [s], the samples among them, between which the coordinates on which all depend go no farther than `FAR`.
+
+    speed : as of an `InterpolatedMotion`; they are no more than `MOST_TIMES`, beside the samples
+    """
+    parts = np.ceil(_compute_ways(time, speed) / FAR).clip(1, MOST_TIMES).astype(int)
+    if parts.sum() > len(time) + MOST_TIMES:
+        return time
+    inside = [np.linspace(time[k], time[k + 1], n, endpoint=False) for k, n in enumerate(parts)]
+    return np.concatenate([*inside, time[-1:]])
+
+
+def _compute_ways(time: Array, speed: Callable[[Array], Array]) -> Array:
+    """The way (samples - 1,) of the coordinates on which all depend between samples [rad], at the largest speed that is seen."""
+    steps = np.diff(time)
+    looks = time[:-1, None] + steps[:, None] * np.linspace(0.0, 1.0, LOOKS)
+    return np.asarray(steps * speed(looks.reshape(-1)).reshape(looks.shape).max(axis=1))
+
+
+def list_doubtful_spans(
+    gap: Triple, time: Array, speed: Callable[[Array], Array], least: float
+) -> list[tuple[float, float]]:
+    """Return the spans [s] of samples within which a vector may be shorter than ``least`` [m].
+
+    Between two samples the vector d gets no shorter than that where
+
+        |d_k| + |d_(k+1)|  >  SAFETY  max |d'| / s  (h max s)  +  2 least
+
+    s is the speed of the coordinates on which all depend, asked at `LOOKS` instants of each interval, and |d'| / s what the
+    samples nearby show of how the loops gear it.  An interval in which these coordinates go farther than `FAR` is doubtful:
+    there the gear may change.
+    """
+    size, rate = (np.linalg.norm(part, axis=1) for part in gap[:2])
+    at_samples = speed(time)
+    moving = at_samples > AT_REST * at_samples.max(initial=0.0)
+    gear = _find_largest_nearby(np.divide(rate, at_samples, out=np.zeros_like(rate), where=moving))
+    seen = _find_largest_nearby(moving)
+    way = _compute_ways(time, speed)
+    reach = SAFETY * np.maximum(gear[1:], gear[:-1]) * way
+    clear = seen[1:] & seen[:-1] & (way <= FURTHER * FAR) & (size[1:] + size[:-1] > reach + 2.0 * least)
+    edges = np.flatnonzero(np.diff(np.concatenate([[True], clear, [True]]).astype(np.int8)))
+    spans = [(float(time[first]), float(time[last])) for first, last in edges.reshape(-1, 2)]
+    return spans if len(spans) <= MOST_SPANS else [(float(time[0]), float(time[-1]))]
+
+
+def _find_largest_nearby(values: Array | Mask) -> Any:
+    """The largest value (samples,) of each sample and of those beside it."""
+    padded = np.pad(values, NEARBY // 2, mode="edge")
+    return sliding_window_view(padded, NEARBY).max(axis=1)
 
 
 def find_zero_vector(gap: Triple, time: Array, length: float) -> float | None:
