@@ -26,6 +26,7 @@ from flexinv.inverse.inverse_dynamics import (
 )
 from flexinv.kinematics.mesh import build
 from flexinv.kinematics.nodal_motion import compute_rigid_motion
+from flexinv.model.by_value import is_same
 from flexinv.model.mechanism import Mechanism
 from flexinv.model.motion import evaluate_motion
 
@@ -205,19 +206,18 @@ def _compute_model_efforts(model: Model, subject: Subject) -> Array:
 
 
 def _has_same_motion(base: Subject, subject: Subject) -> bool:
-    """Return True if a rigid mechanism's closures move it, and share its efforts, as before: nothing there was touched."""
+    """Return True if a rigid mechanism's closures move it, and share its efforts, as before: nothing there was changed."""
     a = base.mechanism
     b = subject.mechanism
     joints = all(
-        one.placement is two.placement
-        and one.axis is two.axis
+        is_same(one.placement, two.placement)
+        and is_same(one.axis, two.axis)
         and (one.kind, one.actuated, one.weight) == (two.kind, two.actuated, two.weight)
         for one, two in zip(a.joints, b.joints, strict=True)
     )
     always = not any(c.active for c in a.closures)
-    return (
-        always and bool(a.closures) and joints and a.closures is b.closures and base.case.motion is subject.case.motion
-    )
+    tied = bool(a.closures) and is_same(a.closures, b.closures)
+    return always and tied and joints and base.case.motion is subject.case.motion
 
 
 def _solve_march(subject: Subject, time: Array) -> tuple[Solution, slice]:
