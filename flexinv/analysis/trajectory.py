@@ -12,6 +12,7 @@ from flexinv.analysis.evaluation import FirstStep, build_rigid_first_step
 from flexinv.analysis.loops import PhaseHistory, add_reaction_forces, make_closed_task, solve_rigid_loops
 from flexinv.analysis.task import Task, prepare_motion_samples
 from flexinv.constraints.closures import Phase, build_constraint_rows, list_phases
+from flexinv.constraints.singular_marches import check_march
 from flexinv.dynamics.generalized_alpha import (
     ACCELERATIONS,
     EARLY,
@@ -167,11 +168,22 @@ class _March:
                 own = mesh.mechanism.q_slices[joint.name]
                 q[:, own] = self.last[own]
         check_spring_lengths(mesh, trajectory.motion, time)
+        if mesh.mechanism.closures:
+            self._check_closures(len(time))
         fill_passive(mesh, trajectory.motion, task.passive, q, qd, qdd)
         self.last = q[-1]
         applied = compute_applied_forces(mesh, trajectory.motion, time)
         first = FirstStep(trajectory, time, (q, qd, qdd), applied, smooth=task.passive, ends=ends)
         return add_reaction_forces(mesh, first, self.switching) if mesh.mechanism.closures else first
+
+    def _check_closures(self, samples: int, failed_at: float | None = None) -> None:
+        """Raise ConvergenceError where closures pass a singular position in the first so many samples: `check_march`.
+
+        With closures a march is not made in parts, and keeps every step.
+        """
+        task = self.task
+        motion = self.out.motion.take_samples(slice(samples))
+        check_march(task.mesh, motion, task.time[:samples], self.switching.stretches, task.passive, failed_at)
 
     def begin(self) -> int:
         """Start undeformed or in equilibrium, with the accelerations that belong to it, and record that; return samples done."""
@@ -232,7 +244,7 @@ class _March:
         def end_leg(result: Status) -> int:
             if whole is not None:
                 self.out.write_samples(row[row >= 0], whole, row >= 0)
-            self.check(result, time, begins, parts)
+            self.check(result, time, first + result[1] // parts, begins, parts)
             if parts == 1:
                 self.early = EARLY * (result[0] == SUDDEN_START)
                 return first + result[1]
@@ -243,12 +255,14 @@ class _March:
 
         return kernel, arguments, end_leg
 
-    def check(self, result: Status, time: Array, begins: bool, parts: int = 1) -> None:
-        """Raise the error [-] of `make_march_error` if there is one."""
+    def check(self, result: Status, time: Array, reached: int, begins: bool, parts: int = 1) -> None:
+        """Raise the error of `make_march_error` at the sample ``reached`` [-] if there is one, or what closures say of it."""
         turned = (self._resolve_spatial_solver() if self.flat is None else self.flat).compute_section_turn
         if error := make_march_error(
             (self.task.mesh, self.task.passive), result, time, self.scheme.h, begins, turned, parts
         ):
+            if reached > 0 and self.task.mesh.mechanism.closures:
+                self._check_closures(reached, failed_at=float(time[result[1]]))
             raise error
 
     def list_history_rows(self, first: int, last: int) -> Indices:
@@ -280,7 +294,7 @@ class _March:
         when = f"at t = {time[0]:g} s"
         if flat is not None and phase is None:
             result = flat.update_accelerations(self.scheme, *motion, row, self.out)
-            self.check(result, time, begins=True)
+            self.check(result, time, sample, begins=True)
             self.early = EARLY * (result[0] == SUDDEN_START)
             return
         solver = self._resolve_spatial_solver()
