@@ -130,9 +130,16 @@ def name_refusal(refused: FlexinvError) -> str:
 
 
 def are_wide(root: Complex, bars: Array, exact: Spectrum) -> bool:
-    """Return True where a bar [1/s] leaves no digit of a root that the reference knows: such a root is always right."""
+    """Return True where a bar [1/s] leaves no digit of a root that the reference knows: such a root is always right.
+
+    A zero of both has no size of its own: its bar is measured against the slowest root that is none.
+    """
     known = exact.near(root, PART)
-    return bool((bars > np.maximum(NO_DIGIT * np.abs(root), known)).any())
+    size = np.abs(root)
+    is_zero = (size == 0.0) & (np.abs(root[:, None] - exact.root[None]).min(axis=1, initial=np.inf) <= known)
+    if is_zero.any() and not is_zero.all():
+        size[is_zero] = size[~is_zero].min()
+    return bool((bars > np.maximum(NO_DIGIT * size, known)).any())
 
 
 def _spoken(one: DrawnMachine, found: steady.SteadyModes, exact: Spectrum) -> Iterator[tuple[str, tuple[str, float]]]:

@@ -16,6 +16,10 @@ Roots whose discs do not come apart are taken together.  A root that is there tw
 Where roots are all but defective their vectors are all but one, and no basis.  These are replaced by a basis of what the others
 leave, {z : W^H B z = 0} and {w : w^H B Z = 0} with the others' W and Z, in which T is made triangular (Schur).
 
+Where few roots of many are known, Z and W have few columns and T is that of the pencil between them.  What this leaves out is the
+residual  R = A Z - B Z T:  with Y = W (W^H B Z)^-H the pencil with A - R Y^H B has the roots of T, and R brings |Y|^T |R| to F.
+That none of the others is within reach is for a count to say (`root_counts`).
+
 Source: Gershgorin, 1931; Stewart, Sun, *Matrix perturbation theory*, Academic Press 1990, sections IV.2 and VI.2.
 """
 
@@ -27,7 +31,7 @@ import numpy as np
 import scipy  # its parts are loaded when they are asked for
 from numpy.typing import NDArray
 
-from flexinv.typing import Array, Complex
+from flexinv.typing import Array, Complex, Sparse
 
 # Roundings over the absolute sum of terms: sums of some tens of terms in M, C and K, of the linearisation before.
 ROUNDED_TERMS = 1e-13
@@ -46,18 +50,18 @@ Members = NDArray[np.bool_]
 
 
 def compute_root_discs(
-    a: Array, b: Array, root: Complex, right: Complex, left: Complex, shift: float
+    a: Array | Sparse, b: Array | Sparse, root: Complex, right: Complex, left: Complex, shift: float
 ) -> tuple[Complex, Array]:
     """Return centres and radii (roots,) [1/s] of discs that hold the roots of A - s B, one each; infinite where it is not proved.
 
-    root, right, left : roots that were found, with vectors as columns, in the order of the discs
+    root, right, left : roots that were found, all or few of many, with vectors as columns, in the order of the discs
     shift : rounding is that at this size [1/s] where roots are slower
     """
     if not len(root):
         return root, np.zeros(0)
     z = right / np.linalg.norm(right, axis=0)
     w = left / np.linalg.norm(left, axis=0)
-    terms = np.einsum("km,km->m", np.abs(w), np.abs(b) @ np.abs(z))
+    terms = np.einsum("km,km->m", np.abs(w), abs(b) @ np.abs(z))
     slope = np.abs(np.einsum("km,km->m", w.conj(), b @ z))
     together = slope < DEFECTIVE * terms
     with np.errstate(all="ignore"):
@@ -71,13 +75,18 @@ def compute_root_discs(
     return centre[order], radius[order]
 
 
-def _replace_defective(a: Array, b: Array, z: Complex, w: Complex, together: Members) -> tuple[Complex, Complex]:
-    """Vectors with those ``together`` replaced by a basis of what the others leave, in which T is triangular."""
+def _replace_defective(
+    a: Array | Sparse, b: Array | Sparse, z: Complex, w: Complex, together: Members
+) -> tuple[Complex, Complex]:
+    """Vectors with those ``together`` replaced by a basis, in which T is triangular: of what the others leave, or their own."""
     if not together.any():
         return z, w
     count = int((~together).sum())
-    right = scipy.linalg.qr((w[:, ~together].conj().T @ b).conj().T)[0][:, count:]
-    left = scipy.linalg.qr(b @ z[:, ~together])[0][:, count:]
+    if len(z) > z.shape[1]:
+        right, left = (scipy.linalg.qr(part[:, together], mode="economic")[0] for part in (z, w))
+    else:
+        right = scipy.linalg.qr((w[:, ~together].conj().T @ b).conj().T)[0][:, count:]
+        left = scipy.linalg.qr(b @ z[:, ~together])[0][:, count:]
     dual = np.linalg.solve(left.conj().T @ b @ right, left.conj().T)
     inner = dual @ a @ right
     if not np.isfinite(inner).all():
@@ -90,25 +99,31 @@ def _replace_defective(a: Array, b: Array, z: Complex, w: Complex, together: Mem
     return z, w
 
 
-def _compute_error(a: Array, b: Array, z: Complex, w: Complex, shift: float) -> tuple[Complex, Array]:
-    """The diagonal of T (roots,), and F (roots, roots): what is beside it, and what rounding does [1/s].
+def _compute_error(a: Array | Sparse, b: Array | Sparse, z: Complex, w: Complex, shift: float) -> tuple[Complex, Array]:
+    """The diagonal of T (roots,), and F (roots, roots): what is beside it, what it leaves out, and what rounding does [1/s].
 
     Raises LinAlgError where the vectors are no basis.
     """
     rows = w.conj().T
     slope = np.einsum("mk,km->m", rows, b @ z)
     rows = rows / np.where(slope == 0.0, 1.0, slope)[:, None]
-    inverse = np.linalg.inv(rows @ b @ z)
-    shown = inverse @ (rows @ a @ z)
+    basis = rows @ (b @ z)
+    few = len(z) > z.shape[1]
+    if few and np.linalg.cond(basis) > 1.0 / ROUNDED_TERMS:  # a root that is there twice, and another may be lost
+        raise np.linalg.LinAlgError
+    inverse = np.asarray(np.linalg.inv(basis))
+    shown = inverse @ (rows @ (a @ z))
     centre = np.diag(shown).copy()
-    sizes = [np.abs(rows) @ np.abs(part) @ np.abs(z) for part in (a, b)]
+    sizes = [np.abs(rows) @ (abs(part) @ np.abs(z)) for part in (a, b)]
     moved = np.abs(shown)
     moved[np.diag_indices(len(centre))] = np.maximum(np.abs(centre), shift)
     error = ROUNDED_TERMS * np.abs(inverse) @ (sizes[0] + sizes[1] @ moved)
     error += np.abs(shown - np.diag(centre))
+    if few:
+        error += np.abs(inverse @ rows) @ np.abs(a @ z - b @ (z @ shown))
     if not np.isfinite(error).all():
         raise np.linalg.LinAlgError
-    return centre, error
+    return np.asarray(centre), error
 
 
 def _match(root: Complex, centre: Complex, together: Members) -> NDArray[np.int64]:

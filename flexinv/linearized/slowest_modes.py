@@ -29,6 +29,7 @@ from flexinv.linearized.eigenvalues import (
     split_by_inertia,
 )
 from flexinv.linearized.root_counts import count_missing_roots
+from flexinv.linearized.root_discs import compute_root_discs
 from flexinv.typing import Array, Sparse
 
 # A pivot of K with a unit diagonal below this part is rounding, that of a motion without stiffness: some hundreds of roundings.
@@ -179,7 +180,8 @@ def find_slowest_circulatory(stiffness: Sparse, mass: Sparse, count: int) -> tup
     """Return omega^2 (count,) [1/s^2], by size, shapes (freedoms, count) of unit modal mass, and error bars; K is not symmetric.
 
     As `circulatory`, by Arnoldi's method; of a pair that the count parts both are returned.  There is no law of inertia here:
-    that none is missed is proved by the argument principle (`root_counts`).
+    that none is missed is proved by the argument principle (`root_counts`), and discs of the pencil between the vectors see wrong
+    ones and roots that are there twice (`root_discs`).
     Raises InputError where a freedom has neither inertia nor stiffness, ConvergenceError where some are missed.
     """
     k, m = (scipy.sparse.csc_array(part) for part in (stiffness, mass))
@@ -193,7 +195,9 @@ def find_slowest_circulatory(stiffness: Sparse, mass: Sparse, count: int) -> tup
         looked_for = min(looked_for, _compute_most_modes(k))
         squared, right, left = _run_arnoldi(k, m, shift, looked_for)
         place = find_gap_beyond(np.abs(squared), count)
-        if count_missing_roots(place, squared, lambda z: k - z * m) == 0:
+        slow = np.abs(squared) < place
+        centre, radius = compute_root_discs(k, m, squared[slow], right[:, slow], left[:, slow].conj(), shift)
+        if np.isfinite(radius).all() and count_missing_roots(place, squared, lambda z: k - z * m) == 0:
             break
         looked_for *= 2
     else:
@@ -201,11 +205,15 @@ def find_slowest_circulatory(stiffness: Sparse, mass: Sparse, count: int) -> tup
             f"modes: whether all of the {count} slowest modes under loads that turn along are found is not proved: they are too "
             "close together; write another count"
         )
+    squared = squared[slow]
+    right = right[:, slow]
+    left = left[:, slow]
     weight = np.abs(np.einsum("km,km->m", left, m @ right))
     known = CIRCULATORY * np.einsum("km,km->m", np.abs(left), abs(k) @ np.abs(right)) / weight
     if shift == 0.0:
         known = np.minimum(known, SOFT**0.5 * np.abs(squared))  # K is definite beyond rounding: nothing is zero
     squared, right = drop_rounded_parts(squared, right, known)
+    known = np.maximum(known, radius + np.abs(squared - centre))
     shapes = right / np.sqrt(np.einsum("km,km->m", right.conj(), m @ right).real)
     order = np.argsort(np.abs(squared), kind="stable")
     if count < len(order) and np.isclose(squared[order[count]], squared[order[count - 1]].conj()):
@@ -274,4 +282,7 @@ def _run_arnoldi(k: Sparse, m: Sparse, shift: float, count: int) -> tuple[NDArra
         nearest = int(np.where(free, np.abs(others - value), np.inf).argmin()) if free.any() else 0
         free[nearest] = False
         order.append(nearest)
+    # what fast motions have of rounding is taken away: x = (K + shift M)^-1 M x / mu
+    right = np.column_stack([apply_inverse(x.real) + 1j * apply_inverse(x.imag) for x in right.T]) / values
+    left = np.column_stack([apply_transposed_inverse(x.real) + 1j * apply_transposed_inverse(x.imag) for x in left.T])
     return 1 / values - shift, right, left[:, order]

@@ -5,8 +5,9 @@ of
 
     (A - shift B)^-1 B      x = -K_s^-1 (M w_2 + (C + shift M) w_1),  v = w_1 + shift x      K_s = K + shift C + shift^2 M
 
-so that one factorisation does, and what has no inertia (mu = 0) needs no care.  Roots are corrected as in `complex_roots`, and
-that none is missed is proved by the argument principle (`root_counts`).
+so that one factorisation does, and what has no inertia (mu = 0) needs no care.  Roots are corrected as in `complex_roots`.  All
+that are slower than a gap are held by discs of the pencil between their vectors, which see wrong ones and roots that are there
+twice (`root_discs`), and that none is missed there is proved by the argument principle (`root_counts`).
 Source: Tisseur, Meerbergen, *The quadratic eigenvalue problem*, SIAM Review 43(2), 2001, section 5; ARPACK.
 """
 
@@ -18,7 +19,9 @@ import scipy  # its parts are loaded when they are asked for
 from flexinv.errors import ConvergenceError, InputError
 from flexinv.linearized.complex_roots import SMALLEST_SHIFT, Roots, match_conjugate_roots, update_roots
 from flexinv.linearized.eigenvalues import NO_STIFFNESS, choose_shift
+from flexinv.linearized.first_order import Corrected
 from flexinv.linearized.root_counts import count_missing_roots
+from flexinv.linearized.root_discs import compute_root_discs
 from flexinv.linearized.slowest_modes import (
     MOST_DOUBLINGS,
     NO_SHIFT,
@@ -29,7 +32,7 @@ from flexinv.linearized.slowest_modes import (
     find_krylov_eigenvalues,
     refuse_loose,
 )
-from flexinv.typing import Array, Complex, Sparse
+from flexinv.typing import Array, Complex, Mask, Sparse
 
 Terms = tuple[Sparse, Sparse, Sparse]
 
@@ -50,7 +53,10 @@ def find_slowest_roots(mass: Sparse, damping: Sparse, stiffness: Sparse, count: 
         looked_for = min(looked_for, most)
         root, right, left = _run_arnoldi(parts, shift, looked_for)
         place = find_gap_beyond(np.abs(root), min(2 * count, len(root) - 1))
-        if count_missing_roots(place, root, lambda s: k + s * c + s * s * m) == 0:
+        corrected = update_roots(list(parts), root, right, left, shift)
+        beyond = _compute_disc_bars(parts, corrected, shift, np.abs(root) < place)
+        sure = np.isfinite(beyond).all()
+        if sure and count_missing_roots(place, root, lambda s: k + s * c + s * s * m) == 0:
             break
         looked_for *= 2
     else:
@@ -58,13 +64,31 @@ def find_slowest_roots(mass: Sparse, damping: Sparse, stiffness: Sparse, count: 
             f"modes: whether all of the {count} slowest roots are found is not proved: they are too close together; "
             "write another count"
         )
-    conjugate_roots = match_conjugate_roots(*update_roots(list(parts), root, right, left, shift))
+    slow = np.abs(root) < place
+    root, right, left, bar, lost = corrected
+    conjugate_roots = match_conjugate_roots(root[slow], right[:, slow], left[:, slow], bar[slow], lost[slow] + beyond)
     return Roots(
         conjugate_roots.root[:count],
         conjugate_roots.shapes[:, :count],
         conjugate_roots.left[:, :count],
         conjugate_roots.bar[:count],
     )
+
+
+def _compute_disc_bars(parts: Terms, corrected: Corrected, shift: float, slow: Mask) -> Array:
+    """What discs leave of the ``slow`` roots beyond their bars (slow,) [1/s], of the pencil with y^H (C + s M, 1) on the left."""
+    m, c, k = parts
+    size = k.shape[0]
+    root = corrected[0][slow]
+    x = corrected[1][:, slow]
+    y = corrected[2][:, slow]
+    one = scipy.sparse.eye_array(size)
+    a = scipy.sparse.block_array([[None, one], [-k, -c]], format="csc")
+    b = scipy.sparse.block_array([[one, None], [None, m]], format="csc")
+    z = np.concatenate([x, root * x])
+    w = np.concatenate([c.T @ y + root.conj() * (m.T @ y), y])
+    centre, radius = compute_root_discs(a, b, root, z, w, shift)
+    return np.asarray(np.maximum(radius + np.abs(root - centre) - corrected[3][slow], 0.0))
 
 
 def _run_arnoldi(parts: Terms, shift: float, count: int) -> tuple[Complex, Complex, Complex]:
@@ -100,5 +124,7 @@ def _run_arnoldi(parts: Terms, shift: float, count: int) -> tuple[Complex, Compl
         nearest = int(np.where(free, np.abs(others - value), np.inf).argmin()) if free.any() else 0
         free[nearest] = False
         order.append(nearest)
+    # what fast motions have of rounding is taken away: z = (A - shift B)^-1 B z / mu
+    right = np.column_stack([apply_inverse(z.real) + 1j * apply_inverse(z.imag) for z in right.T]) / values
     y = np.column_stack([solve_left_part(u.real) + 1j * solve_left_part(u.imag) for u in left[:, order].T])
     return np.asarray(shift + 1 / values, dtype=complex), np.asarray(right[:size]), np.conj(y)

@@ -7,6 +7,7 @@ import json
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -320,3 +321,15 @@ def test_what_cannot_be_asked_is_said(words: list[str], expected: str, monkeypat
 
 def test_engines_of_the_campaigns_are_known() -> None:
     assert {e for one in CAMPAIGNS.values() for bench in one.benches for e in bench.engines} <= set(ENGINES)
+
+
+def test_a_tensor_in_another_order_is_planted_whatever_its_signs() -> None:
+    """Slots xx, xy, yy, xz, yz, zz get xx, yy, zz, xy, xz, yz; where yz < 0 the constructor refused it as no inertia."""
+    pin = pytest.importorskip("pinocchio")
+    faults = importlib.import_module("campaigns.beyond.engines.pinocchio")
+    tensor = np.array([[0.10, 0.02, -0.01], [0.02, 0.20, -0.03], [-0.01, -0.03, 0.25]])
+    model = SimpleNamespace(inertias=[pin.Inertia(2.0, np.array([0.1, 0.2, 0.3]), tensor)])
+    faults.replace_inertia_order(SimpleNamespace(model=model, joint={"j": (0, None)}), "j")
+    wrong = np.asarray(model.inertias[0].inertia)
+    np.testing.assert_array_equal(wrong[[0, 0, 1, 0, 1, 2], [0, 1, 1, 2, 2, 2]], [0.10, 0.20, 0.25, 0.02, -0.01, -0.03])
+    assert model.inertias[0].mass == 2.0

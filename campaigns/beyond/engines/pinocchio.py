@@ -9,7 +9,10 @@ from crosscheck.engines.pinocchio.model import BuiltModel
 
 
 def replace_inertia_order(built_model: BuiltModel, joint: str) -> None:
-    """Give xx, yy, zz, xy, xz, yz [kg m^2] of what a joint carries where xx, xy, yy, xz, yz, zz are wanted."""
+    """Give xx, yy, zz, xy, xz, yz [kg m^2] of what a joint carries where xx, xy, yy, xz, yz, zz are wanted.
+
+    The constructor refuses a tensor with a negative diagonal, as yz may be one; who writes into an inertia is not refused.
+    """
     index, _ = built_model.joint[joint]
     old = built_model.model.inertias[index]
     t = np.array(old.inertia)
@@ -19,9 +22,9 @@ def replace_inertia_order(built_model: BuiltModel, joint: str) -> None:
     xy = t[0, 1]
     xz = t[0, 2]
     yz = t[1, 2]
-    built_model.model.inertias[index] = pin.Inertia(
-        old.mass, old.lever, np.array([[xx, yy, xy], [yy, zz, xz], [xy, xz, yz]])
-    )
+    wrong = pin.Inertia(old)
+    wrong.inertia = np.array([[xx, yy, xy], [yy, zz, xz], [xy, xz, yz]])
+    built_model.model.inertias[index] = wrong
 
 
 def scale_mass_lever(built_model: BuiltModel, joint: str, factor: float) -> None:

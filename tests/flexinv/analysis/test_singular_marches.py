@@ -196,7 +196,7 @@ def test_the_free_jacobian_is_a_part_of_g(name: str, root: object) -> None:
     ):
         entries = one.compute_entries(motion)
         np.testing.assert_allclose(entries, one.evaluate_entries(mesh, motion), rtol=0.0, atol=1e-14)
-        left[np.ix_(range(3), np.flatnonzero(one.which), one.coordinate)] = one.assemble(entries)
+        left[np.ix_(np.arange(3), np.flatnonzero(one.which), one.coordinate)] = one.assemble(entries)
     np.testing.assert_allclose(left, g, rtol=0.0, atol=1e-14)
 
 

@@ -102,3 +102,13 @@ def test_the_judge_sees_bars_that_leave_no_digit() -> None:
     exact = Spectrum(np.array([2j, -2j, -1.0]), np.full(3, 4.0), np.full(3, 4.0), np.full(3, 1.0), 2.0)
     assert not spectra.are_wide(exact.root, np.full(3, 0.01), exact)
     assert spectra.are_wide(exact.root, np.array([0.01, 0.01, 0.5]), exact)
+
+
+def test_the_judge_measures_a_zero_against_the_slowest_root() -> None:
+    """Bars of zeros were wide whatever they were, as a part of nothing; those of roots that are no zeros still are."""
+    exact = Spectrum(np.array([2j, -2j, 0.0]), np.full(3, 4.0), np.full(3, 4.0), np.full(3, 1.0), 2.0)
+    assert not spectra.are_wide(exact.root, np.array([0.01, 0.01, 0.1]), exact)
+    assert spectra.are_wide(exact.root, np.array([0.01, 0.01, 0.3]), exact)
+    other = Spectrum(np.array([2j, -2j, -1e-3]), np.full(3, 4.0), np.full(3, 4.0), np.full(3, 1.0), 2.0)
+    assert spectra.are_wide(exact.root, np.array([0.01, 0.01, 0.1]), other)
+    assert spectra.are_wide(other.root, np.array([0.01, 0.01, 0.1]), other)
