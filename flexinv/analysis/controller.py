@@ -267,6 +267,9 @@ class FlexibleState:
 class Controller:
     """Torques of a mechanism call by call; with beams, joints without drives move as the dynamics have it.
 
+    Only the instants of its calls are looked at: limits of joints, singular positions and dead points that the motion passes
+    between two calls are not seen.  `flexinv.solve` and `flexinv.find_limits` of the same motion see them.
+
     A copy (`copy.copy`, `copy.deepcopy`) and a pickle go on from the instant at which they were made, each for itself.
 
     controller = Controller.of(arm, step=1e-3)      # step: the time between two calls [s]

@@ -21,6 +21,7 @@ from flexinv.constraints.closures import (
     move_second_frames,
 )
 from flexinv.constraints.continuation import solve_closed_motion, solve_closed_start
+from flexinv.constraints.drive_dead_points import check_drives
 from flexinv.constraints.loop_starts import build_joint_mask
 from flexinv.constraints.reactions import (
     Impact,
@@ -61,10 +62,13 @@ def solve_rigid_loops(task: Task) -> FirstStep:
     mesh = task.mesh
     time = task.time
     m = task.mesh.mechanism
-    joints, stretches, impacts, given = _solve_phased_motion(
-        mesh, task.after, time, build_joint_mask(m, task.passive), task.knots
-    )
+    unknown = build_joint_mask(m, task.passive)
+    joints, stretches, impacts, given = _solve_phased_motion(mesh, task.after, time, unknown, task.knots)
     q, qd, qdd = joints
+    for one in stretches:
+        rows = one.rows.take_active(one.phase.active)
+        part = slice(one.phase.first, min(one.phase.last + 1, len(time)))
+        check_drives(mesh, rows, (task.after, task.knots), unknown, time[part], (q[part], qd[part], qdd[part]))
     g, motion = given or (None, compute_rigid_motion(mesh, q, qd, qdd))
     check_spring_lengths(mesh, motion, time, _make_motion_between(task))
     acting = compute_applied_forces(mesh, motion, time)

@@ -252,26 +252,32 @@ class Follower:
         """
         if len(time) < 2 or not self.unknown.any():
             return
-        turning = self.rows.pattern[(self.rows.a >= 0) | (self.rows.b >= 0)].any(
-            axis=0
-        )  # G does not change with other joints
-        q, qd, qdd = joints
+        way = self.compute_ways(time, joints)
+        history, knots = given
+        branch = self.build_branch(history, knots)
+        if (singular := find_singular(branch, time, joints[0], condition, change, way)) is not None:
+            raise self._make_singular_error(singular, f"above {WORST_CONDITION:.0e}")
+
+    def compute_ways(self, time: Array, joints: Triple) -> tuple[Array, Array]:
+        """Return the ways of all joints between samples by rates and by accelerations, as `find_singular` takes them [-].
+
+        joints : q (samples, nq), qd, qdd (samples, nv) [rad or m, s] at ``time`` (samples,) [s]
+        """
+        # G does not change with other joints
+        turning = self.rows.pattern[(self.rows.a >= 0) | (self.rows.b >= 0)].any(axis=0)
         rates, accelerations = (
-            (np.abs(part) / list_velocity_scales(self.mesh))[:, turning].sum(axis=1) for part in (qd, qdd)
+            (np.abs(part) / list_velocity_scales(self.mesh))[:, turning].sum(axis=1) for part in joints[1:]
         )
         step = np.diff(time)
         way = step * np.maximum(rates[1:], rates[:-1])
         back = step**2 * np.maximum(accelerations[1:], accelerations[:-1])
-        history, knots = given
-        branch = self.build_branch(history, knots)
-        if (singular := find_singular(branch, time, q, condition, change, (way, back))) is not None:
-            raise self._make_singular_error(singular, f"above {WORST_CONDITION:.0e}")
+        return way, back
 
     def build_branch(self, history: JointHistory, knots: tuple[float, ...]) -> Branch:
         """Return the branch on which a motion with knots at some times [s] moves, for the search between samples."""
         return Branch(
             lambda times, start: self._sample_branch(history, times, start),
-            self._compute_passive_columns,
+            self.compute_passive_columns,
             knots,
             self._find_single_driver(history),
         )
@@ -285,8 +291,8 @@ class Follower:
         own = m.q_slices[given[0].name]
         return lambda times: history(times)[0][:, own][:, 0]
 
-    def _compute_passive_columns(self, q: Array) -> Array:
-        """G_u (samples, rows, unknown) [-] at q (samples, nq), over its scales."""
+    def compute_passive_columns(self, q: Array) -> Array:
+        """Return G_u (samples, rows, unknown) [-] at q (samples, nq), over its scales."""
         rest = np.zeros((len(q), self.mesh.mechanism.nv))
         _, g = evaluate_closures(self.mesh, compute_rigid_motion(self.mesh, q, rest, rest), self.rows)
         return (g * list_velocity_scales(self.mesh) / self.rows.scale[:, None])[:, :, self.unknown]

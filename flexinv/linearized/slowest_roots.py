@@ -76,7 +76,7 @@ def find_slowest_roots(mass: Sparse, damping: Sparse, stiffness: Sparse, count: 
 
 
 def _compute_disc_bars(parts: Terms, corrected: Corrected, shift: float, slow: Mask) -> Array:
-    """What discs leave of the ``slow`` roots beyond their bars (slow,) [1/s], of the pencil with y^H (C + s M, 1) on the left."""
+    """Radii of discs of the ``slow`` roots beyond their bars (slow,) [1/s], of the pencil with y^H (C + s M, 1) on the left."""
     m, c, k = parts
     size = k.shape[0]
     root = corrected[0][slow]

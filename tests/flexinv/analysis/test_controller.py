@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 import rigid_trees as trees
 from flexible_examples import spatial_tree
+from four_bar_example import four_bar
 from hub_arm import hub_arm
 from kernels import Array
 
@@ -226,3 +227,17 @@ def test_a_spring_goes_on_over_half_a_turn(root: Path) -> None:
     now = [controller.start(s.q[0], s.qd[0], s.qdd[0]).copy()]
     now += [controller.step(*state).copy() for state in zip(s.q[1:], s.qd[1:], s.qdd[1:], strict=True)]
     np.testing.assert_allclose(now, s.torque_all, rtol=0, atol=1e-9)
+
+
+def test_what_lies_between_two_calls_is_for_solve() -> None:
+    """A parallelogram goes over its flat position: a controller sees the instants before and after, `solve` the one between."""
+    flat = four_bar(0.2, 0.45, 0.2, 0.45)
+    time = np.linspace(0.0, 1.0, 12)
+    angle = 0.5 - time
+    motion = flexinv.Motion.from_samples(time, {"A": angle, "B": -angle, "D": angle})
+    controller = Controller.of(flat)
+    q, qd, qdd = motion.evaluate(flat, time)
+    for now in zip(q, qd, qdd, strict=True):
+        assert np.isfinite(controller.step(*now)).all()
+    with pytest.raises(flexinv.ConvergenceError, match=r"t = 0\.5 s"):
+        flexinv.solve(flat, motion, step=1.0 / 11.0)

@@ -1,0 +1,81 @@
+"""Dead points of drives: positions at which some motion that the closures allow moves no drive, so that none can give it.
+
+Where the motion is given at other joints than the drives', positions are regular there and efforts are not: they grow as one over
+the way to it.  A motion v of the joints without a drive alone keeps the closures where  G_u v = 0,  with the columns G_u of these
+joints: a dead point is where G_u loses a rank for an instant, touched or passed, and it is one whether a force is needed or not.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from flexinv.constraints.closures import Rows
+from flexinv.constraints.continuation import Follower
+from flexinv.constraints.singular_search import WORST_CONDITION, find_singular
+from flexinv.errors import ConvergenceError
+from flexinv.kinematics.mesh import Mesh
+from flexinv.kinematics.nodal_motion import JointHistory
+from flexinv.typing import Array, Mask, Triple
+
+SAMPLES_AT_ONCE = 4096  # whose Jacobians are in memory
+
+
+def check_drives(
+    mesh: Mesh,
+    rows: Rows,
+    given: tuple[JointHistory, tuple[float, ...]],
+    unknown: Mask,
+    time: Array,
+    joints: Triple,
+) -> None:
+    """Raise ConvergenceError with the instant at which drives come to a dead point, at a sample or between two.
+
+    rows : constraints of the closures that act; given : the motion and its knots [s]; unknown : (nv,) what follows from it
+    time : (samples,) [s]; joints : q (samples, nq), qd, qdd (samples, nv) of the closed loops [rad or m, s]
+    Nothing is said where the unknown joints are those without a drive, as `continuation` has looked at them, where there are too
+    few drives everywhere, and where there is none.
+    """
+    m = mesh.mechanism
+    undriven = ~m.actuated
+    if len(time) < 2 or undriven.all() or not undriven.any() or np.array_equal(undriven, unknown):
+        return
+    history, knots = given
+    follower = Follower(mesh, rows, undriven)
+    branch = replace(
+        Follower(mesh, rows, unknown).build_branch(history, knots), matrices=follower.compute_passive_columns
+    )
+    q = joints[0]
+    condition, change = _compute_conditions(follower, q)
+    if not (condition < WORST_CONDITION).any():
+        return
+    instant = find_singular(branch, time, q, condition, change, follower.compute_ways(time, joints))
+    on_it = np.flatnonzero(~(condition < WORST_CONDITION))
+    if len(on_it) and (instant is None or time[on_it[0]] < instant):
+        instant = float(time[on_it[0]])
+    if instant is not None:
+        names = ", ".join(f"'{joint.name}'" for joint in m.joints if joint.actuated)
+        raise ConvergenceError(
+            f"mechanism '{m.name}', t = {instant:.10g} s: dead point of the drives at {names}: some motion that the closures "
+            "allow moves none of them there, and their efforts grow without bound on the way to it; write actuated = true for "
+            "another joint, or keep the motion away from this position"
+        )
+
+
+def _compute_conditions(follower: Follower, q: Array) -> tuple[Array, Array]:
+    """Condition of G_u at q (samples, nq), and its change since the sample before over its largest singular value [-]."""
+    condition = np.empty(len(q))
+    change = np.zeros(len(q))
+    for first in range(0, len(q), SAMPLES_AT_ONCE):
+        begin = max(first - 1, 0)
+        g = follower.compute_passive_columns(q[begin : first + SAMPLES_AT_ONCE])
+        values = np.linalg.svd(g, compute_uv=False)
+        size = np.maximum(values[:, 0], np.finfo(float).tiny)
+        own = slice(begin, begin + len(g))
+        condition[own] = np.divide(size, values[:, -1], out=np.full(len(g), np.inf), where=values[:, -1] > 0.0)
+        if g.shape[1] < g.shape[2]:
+            condition[own] = np.inf
+        steps = np.linalg.norm(np.diff(g, axis=0), ord=2, axis=(1, 2)) / np.minimum(size[1:], size[:-1])
+        change[begin + 1 : begin + len(g)] = steps
+    return condition, change
