@@ -40,8 +40,10 @@ BEND_OF_CHORD = 0.5
 STEP_PARTS = 8  # of a step that is cut
 WINDOW = 6  # samples of the polynomial; one through one sample less says how well it is known
 END_DEGREE = 3  # of the polynomial of s^2 by which an end of a branch is extrapolated
+SAME_END = 0.25  # of a step: as near is that of the polynomial of a degree less, where s^2 is smooth
 REAL_PLACE = 1e-9  # imaginary parts below this are rounding, of steps
 WHERE = 1e-5  # of a step: how well the place of the least s in it is looked for
+AGREES = 0.1  # of s on both sides: as near a polynomial comes to the next sample that is on the same branch
 AHEAD = 4.0  # steps that it is looked for in
 ENTRIES_AT_ONCE = 1 << 20  # of Jacobians in memory
 
@@ -131,13 +133,15 @@ class MarchedJacobian:
         if rank == 0:
             return None
         known = dict(zip(places.tolist(), values[:, rank - 1].tolist(), strict=True))
-        search = _Search(self, done, self._compute_bends(), rank, known, DEPENDENT_ROWS * float(values[:, 0].max()))
+        bar = DEPENDENT_ROWS * float(values[:, 0].max())
+        latest = float(self.time[-1]) if failed_at is None else np.inf  # that of a march that has failed is ahead of it
+        search = _Search(self, done, self._compute_bends(), rank, known, bar, latest)
         for k, n in zip(places[:-1].tolist(), places[1:].tolist(), strict=True):
             if (instant := search.find_between(k, n)) is not None:
                 return instant
-        if known[len(done) - 1] <= search.bar:
-            return float(self.time[-1])
-        return None if failed_at is None else search.find_behind(failed_at)
+        if failed_at is not None:
+            return search.find_behind(failed_at)
+        return float(self.time[-1]) if known[len(done) - 1] <= search.bar else None
 
     def _compute_bends(self) -> Array:
         """The most by which A leaves its chord in each interval (samples - 1,)."""
@@ -158,7 +162,11 @@ def compute_singular_values(jacobian: FreeJacobian, entries: Array) -> Array:
 
 @dataclass(frozen=True)
 class _Search:
-    """The search along a march: changes of A up to each sample, bends between, its rank, s at some samples, and what is zero."""
+    """The search along a march.
+
+    done : (samples,) change of A up to each sample; bend : (samples - 1,) between; rank : of A; known : s at some samples
+    bar : what is zero; latest : instant that is looked at [s]
+    """
 
     march: MarchedJacobian
     done: Array
@@ -166,6 +174,7 @@ class _Search:
     rank: int
     known: dict[int, float]
     bar: float
+    latest: float
 
     def find_between(self, k: int, n: int) -> float | None:
         """Return the first instant [s] from the sample k on and before the sample n at which s is zero."""
@@ -178,30 +187,64 @@ class _Search:
         if n - k == 1:
             step = self._build_step(k, float(time[n]))
             place = self._find_in_part(step, 0.0, 1.0)
-            return None if place is None else self._find_least(k, place)
+            return None if place is None or not self._is_confirmed(k, step) else self._find_least(k, place)
         middle = (k + n) // 2
         self._evaluate_sample(middle)
         first = self.find_between(k, middle)
         return self.find_between(middle, n) if first is None else first
 
-    def find_behind(self, end: float) -> float | None:
-        """Return the first instant [s] behind the last sample and up to ``end`` at which s is zero, or the end of the branch.
+    def _is_confirmed(self, k: int, step: _Step) -> bool:
+        """True where what lies behind sample k does not contradict that s is zero in the step from it.
 
-        At the end of a branch s^2 falls to zero as a smooth function of time, in the step up to ``end`` or in the next.
+        Near the end of a branch that is just not reached, A bends in less than a step.  Its polynomial goes on to zero, and
+        misses the next sample; but s^2 is smooth on both sides, whether s turns back at zero or before.
+        """
+        miss = float(np.linalg.norm(step.evaluate_entries(np.ones(1))[0] - self.march.entries[k + 1]))
+        if miss <= AGREES * (self._evaluate_sample(k) + self._evaluate_sample(k + 1)):
+            return True
+        time = self.march.time
+        first = int(np.clip(k - WINDOW // 2 + 1, 0, max(len(time) - WINDOW, 0)))
+        samples = np.arange(first, min(first + WINDOW, len(time)))
+        at = (time[samples] - time[k]) / (time[k + 1] - time[k])
+        squares = np.array([self._evaluate_sample(n) for n in samples.tolist()]) ** 2
+        places = np.linspace(0.0, 1.0, STEP_PARTS**2 + 1)
+        inner = np.abs(at - 0.5).argsort(kind="stable")[: WINDOW - 2]
+        values = _compute_lagrange_weights(at, places) @ squares
+        doubt = np.abs(_compute_lagrange_weights(at[inner], places) @ squares[inner] - values)
+        return bool((values <= self.bar**2 + doubt).any())
+
+    def find_behind(self, end: float) -> float | None:
+        """Return the first instant [s] behind the last sample, of a march that failed at ``end``, at which s is zero or ends.
+
+        Near a singular position a march may fail some steps before it: that of A is looked for AHEAD steps.
         """
         last = len(self.march.time) - 1
         begin = float(self.march.time[last])
+        place = self._find_end_of_branch(last, end)
         step = self._build_step(last, end)
-        place = self._find_in_part(step, 0.0, 1.0)
-        if place is not None:
-            return begin + step.find_least(place) * (end - begin)
+        least = self._evaluate_sample(last)
+        if place is None and (least <= self.bar or step.bar < least):  # beyond that nothing is known behind it
+            place = self._find_in_part(step, 0.0, AHEAD)
+            place = None if place is None else step.find_least(place)
+        return None if place is None else begin + place * (end - begin)
+
+    def _find_end_of_branch(self, last: int, end: float) -> float | None:
+        """The place of the end of a branch in the step from the last sample to ``end`` or in the next, None if there is none.
+
+        There s^2 falls to zero as a smooth function of time: polynomials of two degrees say so.
+        """
         samples = np.arange(max(last - WINDOW + 1, 0), last + 1)
         squares = np.array([self._evaluate_sample(k) for k in samples.tolist()]) ** 2
-        ahead = (self.march.time[samples] - begin) / (end - begin)
-        roots = Polynomial.fit(ahead, squares, min(END_DEGREE, len(samples) - 1)).roots() if last else np.empty(0)
-        places = np.sort(roots.real[np.abs(roots.imag) < REAL_PLACE])
-        places = places[(places > 0.0) & (places <= 2.0)]
-        return begin + float(places[0]) * (end - begin) if len(places) else None
+        ahead = (self.march.time[samples] - self.march.time[last]) / (end - self.march.time[last])
+        found = []
+        for degree in (END_DEGREE, END_DEGREE - 1):
+            roots = Polynomial.fit(ahead, squares, degree).roots() if last >= degree else np.empty(0)
+            places = np.sort(roots.real[np.abs(roots.imag) < REAL_PLACE])
+            places = places[(places > 0.0) & (places <= 2.0)]
+            if not len(places):
+                return None
+            found.append(float(places[0]))
+        return found[0] if abs(found[1] - found[0]) < SAME_END else None
 
     def _evaluate_sample(self, k: int) -> float:
         """The value of s at a sample, which is kept."""
@@ -216,7 +259,7 @@ class _Search:
         if k + 1 == len(time):
             return float(time[k])
         step = self._build_step(k, float(time[k + 1]))
-        return min(float(time[k] + step.find_least(place) * (time[k + 1] - time[k])), float(time[-1]))
+        return min(float(time[k] + step.find_least(place) * (time[k + 1] - time[k])), self.latest)
 
     def _build_step(self, k: int, end: float) -> _Step:
         """The polynomial of A from sample k to ``end``, through samples before it where there are enough."""

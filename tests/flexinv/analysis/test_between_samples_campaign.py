@@ -21,7 +21,7 @@ def campaign(root: Path) -> Iterator[ModuleType]:
 
 
 @pytest.mark.filterwarnings("ignore:.*the samples end while moving")
-@pytest.mark.parametrize("kind", ["limit", "four-bar", "slider", "five-bar", "spring"])
+@pytest.mark.parametrize("kind", ["limit", "four-bar", "slider", "five-bar", "spring", "march"])
 def test_nothing_is_missed_between_samples(campaign: ModuleType, kind: str) -> None:
     outcomes = [campaign.run_case(kind, number, 1) for number in range(6)]
     wrong = [one for one in outcomes if not one.is_right]

@@ -27,10 +27,10 @@ def place(x: float) -> Placement:
     return Placement(np.array([x, 0.0, 0.0]))
 
 
-def with_whip(mechanism: Mechanism) -> Mechanism:
-    """A beam on the coupler, so that the rigid loop is marched."""
+def with_whip(mechanism: Mechanism, parent: str = "coupler") -> Mechanism:
+    """A beam on a link, so that the rigid loop is marched."""
     whip = Link("whip", (), Beam(0.2, SOFT, 1, 3))
-    joint = Joint("W", "fixed", "coupler", "whip", place(0.1))
+    joint = Joint("W", "fixed", parent, "whip", place(0.1))
     return replace(mechanism, links=(*mechanism.links, whip), joints=(*mechanism.joints, joint))
 
 
@@ -110,6 +110,16 @@ def test_the_end_of_a_branch_is_named_instead_of_newton(step: float) -> None:
     most = np.arccos((crank**2 + base**2 - (coupler + rocker) ** 2) / (2 * crank * base))
     expected = find_zero(motion, mechanism, most)
     assert solve_singular(mechanism, motion, step, {"B": -1.0, "D": 1.5}) == pytest.approx(expected, abs=step)
+
+
+def test_the_end_of_a_branch_that_is_just_not_reached_is_left_alone() -> None:
+    """The loop turns back within a step; what goes on before it as it came would be singular."""
+    crank, coupler, rocker, base = 0.4, 0.3, 0.4, 0.45
+    most = np.arccos((crank**2 + base**2 - (coupler + rocker) ** 2) / (2 * crank * base))
+    mechanism = with_whip(four_bar(crank, coupler, rocker, base), "crank")
+    time = np.linspace(0.0, 0.4, 41)
+    motion = flexinv.Motion.from_samples(time, {"A": most - 1e-4 - 8.0 * (time - 0.2173) ** 2})
+    flexinv.solve(mechanism, motion, step=1e-2, start={"B": -1.0, "D": 1.5})
 
 
 @pytest.mark.parametrize("step", [1e-2, 1e-3])
