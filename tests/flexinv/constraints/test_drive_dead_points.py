@@ -50,7 +50,7 @@ def find_instant(mechanism: Mechanism, motion: flexinv.Motion, step: float, star
 @pytest.mark.parametrize("law", ["cycloid", "bang-bang"])
 @pytest.mark.parametrize("gravity", [0.0, -9.81])
 def test_a_dead_point_is_found_at_any_step(step: float, law: str, gravity: float) -> None:
-    """The effort grows as one over the way to it: without a word 238 N at steps of 1e-2 s, 4529 N at 1e-3 s, 21638 N at 1e-4 s."""
+    """The effort grows as one over the way to it: 238 N at steps of 1e-2 s, 4529 N at 1e-3 s, 21638 N at 1e-4 s."""
     mechanism = driven_slider(gravity)
     motion = flexinv.Motion.point_to_point({"A": -0.9}, {"A": 1.0}, 1.0, law=law)
 
