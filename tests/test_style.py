@@ -6,7 +6,9 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import house_rules as rules
+import house_table as table
 import kept_names
+import kept_sizes
 import naming_rules as names
 import pytest
 
@@ -91,7 +93,6 @@ ALONE = {
     "crosscheck.kit.tree": "a file of kits for programs that want no JSON",
     "crosscheck.kit.page": "the page of a kit in words, apart from its data",
     "crosscheck.equivalence.beams.sampled": "numbers of a beam, apart from what differs in them",
-    "crosscheck.equivalence.certificates": COMPARED,
     "crosscheck.equivalence.matching.numbers": COMPARED,
     "crosscheck.report.plots": DRAWING,
 }
@@ -123,6 +124,22 @@ def test_functions_are_annotated() -> None:
 
 def test_modules_and_functions_are_short() -> None:
     check(ALL, lambda path: rules.sizes(path.read_text()))
+
+
+def test_functions_say_few_things() -> None:
+    def rule(path: Path) -> list[str]:
+        here = f"{path.relative_to(ROOT)}: "
+        kept = {key.removeprefix(here) for key in kept_sizes.KEPT if key.startswith(here)}
+        return rules.oversized(path.read_text(), kept)
+
+    check(PACKAGES, rule)
+
+
+def test_sizes_that_are_kept_are_there_and_have_a_reason() -> None:
+    for key, reason in kept_sizes.KEPT.items():
+        path, _, function = key.partition(": ")
+        assert reason, key
+        assert function in names.function_names((ROOT / path).read_text()), key
 
 
 def test_one_thought_is_one_statement() -> None:
@@ -217,6 +234,8 @@ def test_no_file_names_a_machine() -> None:
 # --- the rules themselves -------------------------------------------------------------------------------------------
 
 LONG = "def f() -> None:\n" + "    x = 1\n" * (rules.FUNCTION_LINES + 1)
+WORDY = "def f():\n    return " + " + ".join(["x"] * table.MOST_TOKENS)
+FORKED = "def f():\n    return " + " or ".join(["x"] * (table.MOST_BRANCHES + 2))
 BAD = {
     "f has no docstring": (rules.units_in_docstrings, "def f(): pass"),
     "f gives no unit": (rules.units_in_docstrings, 'def f(y):\n    "Return x[0] and y[name] of [joints.NAME]."'),
@@ -229,6 +248,9 @@ BAD = {
     "f has no annotation of y": (rules.unannotated, "def f(x: int, *, y=1) -> int: return x"),
     f"{rules.MODULE_LINES + 1} lines, at most": (rules.sizes, "x = 1\n" * (rules.MODULE_LINES + 1)),
     f"f has {rules.FUNCTION_LINES + 1} lines": (rules.sizes, LONG),
+    "f has 905 tokens and 0 branches": (rules.oversized, WORDY),
+    f"and {table.MOST_BRANCHES + 1} branches, at most": (rules.oversized, FORKED),
+    "f is small enough: take it off the list": (lambda text: rules.oversized(text, {"f"}), "def f(): pass"),
     "(a, b) in one assignment": (rules.packed, "a, b = f(1), g(2)"),
     "print outside": (rules.prints, "def f():\n    print('x')"),
     "sys.stdout.write outside": (rules.prints, "import sys\nsys.stdout.write('x')"),

@@ -105,28 +105,37 @@ class Evidence:
 
     def _judge_fit(self, fit: Fit, explains: Callable[[Fit], bool], sure: float) -> CauseAssessment:
         try:
-            told = self._list_contradicting_lines(fit, sure)
-            if told and fit.cause.parameters > 1 and not self._has_zero_size(fit):
-                again = self._fit_size(fit)
-                if explains(again) and not (other := self._list_contradicting_lines(again, sure)):
-                    fit = again
-                    told = other
+            fit, told = self._judge_by_certificate(fit, explains, sure)
             said = tuple(x for x in told if x not in fit.cause.unsaid)
             beside = tuple(x for x in told if x in fit.cause.unsaid)
             if not said and self.quantities is not None:
-                said = self.quantities.list_contradictions(fit)
-                if said and fit.cause.parameters > 1:
-                    again = self._update_column(self.quantities.fit_size(fit))
-                    if (
-                        explains(again)
-                        and not self._list_contradicting_lines(again, sure)
-                        and not self.quantities.list_contradictions(again)
-                    ):
-                        fit = again
-                        said = ()
+                fit, said = self._judge_by_quantities(self.quantities, fit, explains, sure)
         except (*IMPOSSIBLE, RuntimeError, KeyError):
             return CauseAssessment(fit, (NOT_RUNNING,))
         return CauseAssessment(fit, said, beside)
+
+    def _judge_by_certificate(
+        self, fit: Fit, explains: Callable[[Fit], bool], sure: float
+    ) -> tuple[Fit, tuple[str, ...]]:
+        """Return the fit, or that of the certificate's size where nothing contradicts it, and the lines that contradict it."""
+        told = self._list_contradicting_lines(fit, sure)
+        if told and fit.cause.parameters > 1 and not self._has_zero_size(fit):
+            again = self._fit_size(fit)
+            if explains(again) and not (other := self._list_contradicting_lines(again, sure)):
+                return again, other
+        return fit, told
+
+    def _judge_by_quantities(
+        self, quantities: Quantities, fit: Fit, explains: Callable[[Fit], bool], sure: float
+    ) -> tuple[Fit, tuple[str, ...]]:
+        """Return the fit, or that of the quantities' size where nothing contradicts it, and the quantities that contradict it."""
+        said = quantities.list_contradictions(fit)
+        if said and fit.cause.parameters > 1:
+            again = self._update_column(quantities.fit_size(fit))
+            agrees = explains(again) and not self._list_contradicting_lines(again, sure)
+            if agrees and not quantities.list_contradictions(again):
+                return again, ()
+        return fit, said
 
     def list_contradictions(self, fit: Fit, sure: float) -> tuple[str, ...]:
         """Return the lines of the certificate, else the quantities, that contradict a fit as it is; raises like a run.

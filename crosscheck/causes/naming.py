@@ -10,7 +10,7 @@ Where the difference of the efforts is inside the error bars, what other quantit
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -245,28 +245,38 @@ def list_certificate_fits(question: ResidualQuestion, known: list[Candidate], ev
 
 def list_ranked_fits(question: ResidualQuestion, known: list[Candidate], look: int = LOOK) -> list[Fit]:
     """Return a fit of every cause that shows, what explains most first; look : how many of them are refined."""
-    model = question.model
-    quick = is_tree(model.base)
     first = {k: _make_fit_once(question, known, k, "linear") for k in range(len(known))}
     order = sorted((k for k in first if known[k].cause.sized), key=lambda k: first[k].residual)
+    refined = _choose_refined(question, known, first, order, look)
+    first |= {k: _make_fit_once(question, known, k, "refined") for k in refined}
+    if look == DEEP:
+        far = _choose_far(question, known, first, order)
+        first |= {k: min(first[k], _make_fit_once(question, known, k, "far"), key=_take_remainder) for k in far}
+    return sorted((f for f in first.values() if is_possible(question.model, f)), key=_take_remainder)
+
+
+def _choose_refined(
+    question: ResidualQuestion, known: list[Candidate], first: Mapping[int, Fit], order: list[int], look: int
+) -> list[int]:
+    """Return the causes whose linear look is refined; order : of all, what explains most first."""
+    quick = is_tree(question.model.base)
     refined = order[: SHORTLIST[quick] * (DEEPER[quick] if look == DEEP else 1)]
     # A linear look that explains all is only a look; of an angle whose effect begins with its square it says nothing.
     refined += [k for k in order if first[k].residual <= question.enough and k not in refined]
-    refined += [k for k in order if look != LOOK and quick and known[k].cause.turns and k not in refined]
-    first |= {k: _make_fit_once(question, known, k, "refined") for k in refined}
-    if look == DEEP:  # far away
-        far = order if quick else order[: SCANNED[model.base.mechanism.is_rigid]]
-        # A linear look at a size that no mechanism can have says nothing of what acts by its inverse.
-        far += [
-            k
-            for k in order
-            if k not in far
-            and known[k].cause.fraction
-            and first[k].residual < HOPELESS
-            and _is_beyond_linear_look(first[k])
-        ]
-        first |= {k: min(first[k], _make_fit_once(question, known, k, "far"), key=_take_remainder) for k in far}
-    return sorted((f for f in first.values() if is_possible(model, f)), key=_take_remainder)
+    if look != LOOK and quick:
+        refined += [k for k in order if known[k].cause.turns and k not in refined]
+    return refined
+
+
+def _choose_far(
+    question: ResidualQuestion, known: list[Candidate], first: Mapping[int, Fit], order: list[int]
+) -> list[int]:
+    """Return the causes whose size is looked for far away, too; order : of all, what explains most first."""
+    base = question.model.base
+    far = order if is_tree(base) else order[: SCANNED[base.mechanism.is_rigid]]
+    # A linear look at a size that no mechanism can have says nothing of what acts by its inverse.
+    hopeful = (k for k in order if known[k].cause.fraction and first[k].residual < HOPELESS)
+    return far + [k for k in hopeful if k not in far and _is_beyond_linear_look(first[k])]
 
 
 def _make_fit_once(question: ResidualQuestion, known: list[Candidate], k: int, way: str) -> Fit:

@@ -81,6 +81,7 @@ def command(
     """
     families = _parse_families(judge)
     guard = ReadingLimits(timeout, memory)
+    form = "json" if as_json else "markdown" if as_markdown else ""
     try:
         if readers is not None:
             if b is not None or stated:
@@ -88,7 +89,7 @@ def command(
             rows = compare_readers(
                 a, readers, ComparisonSettings(tolerance, families, strict, ignored, unproven), guard.run_function
             )
-            _write_readers(a, rows, out, "json" if as_json else "markdown" if as_markdown else "")
+            _write_readers(a, rows, out, form)
             sys.exit(_find_worst_code(rows))
         if b is None:
             raise Failure("one description is given: write a second one, or --readers all")
@@ -100,8 +101,8 @@ def command(
     except OSError as error:
         raise Failure(f"{out or a}: {error}") from error
     _add_summary(render_markdown(found))
-    if as_json or as_markdown:
-        click.echo(json.dumps(found.plain, indent=1) if as_json else render_markdown(found))
+    if form:
+        click.echo(json.dumps(found.plain, indent=1) if form == "json" else render_markdown(found))
     else:
         _write_comparison(Console(), found, out)
     sys.exit(found.code)

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import os
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import NoReturn
+from typing import Any, NoReturn
 
 import click
 from rich.markup import escape
@@ -38,7 +38,7 @@ from crosscheck.report.words import format_short
 from crosscheck.run.answer_cache import find_user_folder
 from crosscheck.run.isolation import open_scratch_folder
 from crosscheck.secrets import format_command_line
-from crosscheck.verdicts.results import Results
+from crosscheck.verdicts.results import CaseRow, Results
 from flexinv.errors import InputError
 
 
@@ -144,20 +144,27 @@ def _write_summary_and_end(
     if rows is not None:
         console.print(_make_audit_table(rows))
     broken = [case for case in results.cases if case.problem]
-    for case in broken:
-        console.print(f"[bold red]![/] {escape(f'{case.mechanism}: {case.problem}')}", highlight=False, soft_wrap=True)
     failed = [run for run in results.runs if run.verdict == "error"]
     split = [one for one in corpus.entries if one["status"] == DISAGREEMENT]
+    _write_troubles(console, broken, split)
+    whole = sum(bool(one["every series"]) for one in corpus.entries)
+    words = f"{corpus.reached} of {len(corpus.entries)} cases have a consensus in every torque, {whole} of them in every series"
+    more = f"; {len(failed)} runs failed" if failed else ""
+    console.print(f"[bold]{words}{more}.[/]", highlight=False, soft_wrap=True)
+    console.print(f"corpus: {corpus.folder / 'index.html'}", highlight=False, soft_wrap=True)
+    if failed or broken or not corpus.entries:
+        sys.exit(2)
+    missed = rows is not None and not is_target_met(rows)
+    sys.exit(int(bool(split) or missed))
+
+
+def _write_troubles(console: Console, broken: Iterable[CaseRow], split: Iterable[Mapping[str, Any]]) -> None:
+    """Say which models cannot be read, and of which cases authors disagree."""
+    for case in broken:
+        console.print(f"[bold red]![/] {escape(f'{case.mechanism}: {case.problem}')}", highlight=False, soft_wrap=True)
     for one in split:
         line = f"{one['mechanism']}/{one['case']}: authors disagree; cases/{one['id']}.html says why"
         console.print(escape(line), style="red", highlight=False, soft_wrap=True)
-    whole = sum(bool(one["every series"]) for one in corpus.entries)
-    words = f"{corpus.reached} of {len(corpus.entries)} cases have a consensus in every torque, {whole} of them in every series"
-    more = [f"{len(failed)} runs failed"] if failed else []
-    console.print(f"[bold]{'; '.join([words, *more])}.[/]", highlight=False, soft_wrap=True)
-    console.print(f"corpus: {corpus.folder / 'index.html'}", highlight=False, soft_wrap=True)
-    missed = rows is not None and not is_target_met(rows)
-    sys.exit(2 if failed or broken or not corpus.entries else 1 if split or missed else 0)
 
 
 def _make_audit_table(rows: Sequence[AuditRow]) -> Table:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import sys
+from collections.abc import Iterable
 from functools import partial
 from pathlib import Path
 
@@ -62,14 +63,18 @@ def command(
     if as_json:
         click.echo(json.dumps([one.plain for one in found], indent=1))
     else:
-        for one in found:
-            if not one.refused:
-                _write_findings(Console(), one)
-        if out is not None:
-            Console().print(f"page: {out / 'index.html'}", highlight=False, soft_wrap=True)
+        _write_reports(found, out)
     if refused := [one.refused for one in found if one.refused]:
         raise Failure("\n".join(refused))
     sys.exit(0 if all(one.clean for one in found) else 1)
+
+
+def _write_reports(found: Iterable[LintReport], out: Path | None) -> None:
+    for one in found:
+        if not one.refused:
+            _write_findings(Console(), one)
+    if out is not None:
+        Console().print(f"page: {out / 'index.html'}", highlight=False, soft_wrap=True)
 
 
 def _write_findings(console: Console, found: LintReport) -> None:

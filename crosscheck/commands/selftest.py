@@ -8,6 +8,7 @@ import sysconfig
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
+from types import ModuleType
 from typing import Any, NoReturn
 
 import click
@@ -139,15 +140,12 @@ def _run_campaign_and_end(
     chosen = beyond.CAMPAIGNS[asked["campaign"]]
     chosen = replace(chosen, seed=asked["seed"] if asked["seed"] is not None else chosen.seed)
     chosen = replace(chosen, count=asked["count"] or chosen.count)
-    mechanisms = (*names, *(word.strip() for word in asked["mechanisms"].split(",") if word.strip()))
+    mechanisms = (*names, *_split_list(asked["mechanisms"]))
     known = dict.fromkeys(bench.mechanism for bench in chosen.benches)
     if unknown := [name for name in mechanisms if name not in known]:
         raise Failure(f"campaign {chosen.name} has no mechanism {unknown[0]!r}; it has: {', '.join(known)}")
     models = find_model_folder((bench.mechanism for bench in chosen.benches if not bench.in_package), path)
-    try:
-        only = tuple(int(word) for word in asked["only"].split(",") if word.strip())
-    except ValueError:
-        raise Failure(f"--only {asked['only']!r}: expected numbers of faults, such as --only 3,17") from None
+    only = _parse_numbers(asked["only"])
     console = Console(stderr=True)
     with convert_sigterm(), open_progress(console) as notify:
 
@@ -159,12 +157,29 @@ def _run_campaign_and_end(
             results = beyond.run(beyond.CampaignRequest(chosen, models, out, jobs, mechanisms, only), write_progress)
         except RuntimeError as error:
             raise Failure(str(error)) from error
+    _write_campaign(shown, results, out)
+    sys.exit(int(not results["met"]))
+
+
+def _write_campaign(shown: ModuleType, results: Mapping[str, Any], out: Path) -> None:
+    """Write what a campaign found into a text beside its data, and its sums onto the terminal."""
     (out / "beyond.txt").write_text("\n".join(shown.describe_campaign(results)) + "\n", encoding="utf-8")
     for key in ("by topic", "by mechanism", "by engine", "by newness"):
         Console().print(shown.make_outcome_table(results, key))
+    console = Console(stderr=True)
     console.print(shown.describe_verdict(results), highlight=False)
     console.print(f"every fault: {out / 'beyond.json'}, {out / 'beyond.txt'}", highlight=False)
-    sys.exit(int(not results["met"]))
+
+
+def _split_list(text: str) -> list[str]:
+    return [word.strip() for word in text.split(",") if word.strip()]
+
+
+def _parse_numbers(text: str) -> tuple[int, ...]:
+    try:
+        return tuple(map(int, _split_list(text)))
+    except ValueError:
+        raise Failure(f"--only {text!r}: expected numbers of faults, such as --only 3,17") from None
 
 
 def _write_matrix(whole: StudyRow, met: Sequence[Mapping[str, Any]]) -> None:

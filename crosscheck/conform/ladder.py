@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -11,7 +11,7 @@ from crosscheck.measures.limits import BY_DISCRETISATION, Verdict, find_worst_ve
 from crosscheck.report.words import format_short
 from crosscheck.run.run_state import INTERRUPTED
 from crosscheck.verdicts.compare import Comparison, compute_fraction
-from crosscheck.verdicts.results import Results, StudyRow, is_failing
+from crosscheck.verdicts.results import Results, RunRow, StudyRow, is_failing
 
 VERSION = "crosscheck-ladder/1"
 FOLDER = Path(__file__).with_name("ladder")
@@ -87,21 +87,41 @@ def list_rungs(results: Results, engine: str) -> Iterator[Rung]:
 def _judge_rung(results: Results, name: str, engine: str) -> Rung:
     runs = [run for run in results.runs if (run.mechanism, run.engine) == (name, engine)]
     rows = [row for row in results.comparisons if (row.mechanism, row.engine) == (name, engine)]
+    if (unclimbed := _find_unclimbed_rung(results, name, engine, runs, rows)) is not None:
+        return unclimbed
+    rows = [_judge_within_bars(row) for row in rows]
+    verdict = find_worst_verdict(row.verdict for row in rows)
+    causes = [one.words for one in results.diagnoses if (one.mechanism, one.engine) == (name, engine)]
+    said = _describe_climb(rows, verdict, causes)
+    shares = [row.fraction for row in rows if row.fraction is not None]
+    return Rung(name, engine, verdict, said, max(shares, default=None), sum(run.wall_time for run in runs))
+
+
+def _find_unclimbed_rung(
+    results: Results, name: str, engine: str, runs: Sequence[RunRow], rows: Sequence[Comparison]
+) -> Rung | None:
+    """Return a rung on which nothing can be judged, with the reason; None where there is something to judge."""
     if all(case.mechanism != name for case in results.cases):
         return Rung(name, engine, "skipped", "not asked for")
     if results.message and _is_interrupted(results, name, {engine, *(row.reference for row in rows)}):
         return Rung(name, engine, "error", UNFINISHED)
     if not runs or any(run.verdict == "error" for run in runs):
-        said = "; ".join(run.message for run in runs if run.message) or "it did not run"
+        said = _join_words(run.message for run in runs) or "it did not run"
         return Rung(name, engine, "error", said)
-    rows = [_judge_within_bars(row) for row in rows]
-    verdict = find_worst_verdict(row.verdict for row in rows)
-    message = "; ".join(dict.fromkeys(row.message for row in rows if row.verdict == verdict and row.message))
+    return None
+
+
+def _describe_climb(rows: Sequence[Comparison], verdict: Verdict, causes: Iterable[str]) -> str:
+    """Return the outcome of a rung in words: messages of the worst comparisons, causes, the widest error bars."""
+    message = _join_words(dict.fromkeys(row.message for row in rows if row.verdict == verdict))
+    more = _join_words([message, *causes, _describe_widest_bars(rows)])
     words = SAID.get(verdict, "does not hold")
-    why = [d.words for d in results.diagnoses if (d.mechanism, d.engine) == (name, engine) and d.words]
-    told = ": ".join(filter(None, [words, "; ".join(filter(None, [message, *why, _describe_widest_bars(rows)]))]))
-    shares = [row.fraction for row in rows if row.fraction is not None]
-    return Rung(name, engine, verdict, told, max(shares, default=None), sum(run.wall_time for run in runs))
+    return f"{words}: {more}" if more else words
+
+
+def _join_words(words: Iterable[str]) -> str:
+    """Join what is said; "" says nothing."""
+    return "; ".join(filter(None, words))
 
 
 def _judge_within_bars(row: Comparison) -> Comparison:
@@ -167,19 +187,23 @@ def make_ladder_table(results: Results, engines: tuple[str, ...], text: str) -> 
 def describe_engine(results: Results, engine: str, blind: str) -> str:
     """Return one line about an engine that may be quoted; blind : how it was asked, in words."""
     climbed = list(list_rungs(results, engine))
-    held = [rung.name.replace("_", " ") for rung in climbed if rung.holds]
+    held = [rung for rung in climbed if rung.holds]
     open_ = [rung for rung in climbed if rung.message == UNFINISHED]
     wrong = [rung for rung in climbed if rung not in open_ and not rung.holds and rung.verdict != "skipped"]
     versions = {run.version for run in results.runs if run.engine == engine and run.version}
     name = " ".join([engine, *sorted(versions)])
-    size = max((rung.difference for rung in climbed if rung.holds and rung.difference is not None), default=None)
+    size = max((rung.difference for rung in held if rung.difference is not None), default=None)
     apart = (
         "" if size is None else f", at most {format_short(size)} of the range apart from {_describe_reference(results)}"
     )
-    line = f"{name} holds {len(held)} of {len(climbed)} rungs of {VERSION}{blind}: {', '.join(held) or 'none'}{apart}"
-    named = {"not": wrong, "not finished": open_}
-    said = [f"{what}: {', '.join(one.name.replace('_', ' ') for one in some)}" for what, some in named.items() if some]
-    return "; ".join([line, *said])
+    rungs = _format_names(held) or "none"
+    line = f"{name} holds {len(held)} of {len(climbed)} rungs of {VERSION}{blind}: {rungs}{apart}"
+    more = [f"{what}: {_format_names(some)}" for what, some in (("not", wrong), ("not finished", open_)) if some]
+    return "; ".join([line, *more])
+
+
+def _format_names(rungs: Iterable[Rung]) -> str:
+    return ", ".join(rung.name.replace("_", " ") for rung in rungs)
 
 
 def _describe_reference(results: Results) -> str:

@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
+from itertools import chain
 
 import numpy as np
 
@@ -180,9 +181,8 @@ def _find_consensus(takes: Sequence[EngineValues], size: float, panel: EnginePan
     exact = next((one for one in takes if panel.authors[one.engine].closed_form), None)
     if exact is not None:
         where = make_interval(exact, size)
-        return SeriesAgreement(
-            CLOSED_FORM, where, frozenset(g.engine for g in takes if has_common_point(make_interval(g, size), where))
-        )
+        inside = (one for one in takes if has_common_point(make_interval(one, size), where))
+        return SeriesAgreement(CLOSED_FORM, where, _list_engines(inside))
     if len(collect_authors(takes)) < 2:
         return SeriesAgreement(SINGLE)
     groups = find_agreeing_groups(takes, size)
@@ -192,7 +192,11 @@ def _find_consensus(takes: Sequence[EngineValues], size: float, panel: EnginePan
         words = " or ".join(" and ".join(one.engine for one in group) for group in groups)
         return SeriesAgreement(DISAGREEMENT, cause=f"{words} agree, and nobody tells which")
     met = [compute_intersection([make_interval(one, size) for one in group]) for group in groups]
-    return SeriesAgreement(CONSENSUS, compute_hull(met), frozenset(one.engine for group in groups for one in group))
+    return SeriesAgreement(CONSENSUS, compute_hull(met), _list_engines(chain.from_iterable(groups)))
+
+
+def _list_engines(takes: Iterable[EngineValues]) -> frozenset[str]:
+    return frozenset(one.engine for one in takes)
 
 
 def _make_contribution(engine: str, one: Series, panel: EnginePanel) -> EngineValues:

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import time as clock
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -31,7 +32,7 @@ from crosscheck.equivalence.groups import (
 from crosscheck.equivalence.judge import EffortProblem, Judgement, is_rounding, judge
 from crosscheck.equivalence.loops import list_loop_differences
 from crosscheck.equivalence.matching.match import Match, match
-from crosscheck.equivalence.matching.roots import match_roots
+from crosscheck.equivalence.matching.roots import RerootedMechanism, match_roots
 from crosscheck.equivalence.members import (
     START,
     MemberPair,
@@ -59,6 +60,7 @@ from flexinv.validation import check_flag, check_names, check_number, check_rena
 
 TOLERANCE = 1e-6  # relative to the range of an effort [-]
 SINGLE = 30.0  # rounding errors of a reader that add up in an effort
+SHOWN = 12  # names that a note has
 
 
 def compare(
@@ -105,6 +107,34 @@ def check_comparison_options(tolerance: float, judge: Iterable[str]) -> tuple[st
 
 
 @dataclass(frozen=True)
+class MatchedMachines:
+    """Two descriptions told from one root, with rigid links, their trees, and the joints of both that are the same.
+
+    effects : what bending differs in; bends : a link of either does; size : of the larger machine [m]
+    """
+
+    descriptions: tuple[Description, Description]
+    trees: tuple[Tree, Tree]
+    rooted: RerootedMechanism
+    pairs: Match
+    beams: MatchedBeams
+    effects: BeamEffects
+    bends: bool
+    size: float
+
+    @property
+    def rounding(self) -> float:
+        """Return the rounding of the readers' numbers in an effort [-]."""
+        return SINGLE * max(side.precision for side in self.descriptions)
+
+    @property
+    def printed(self) -> PairedDigits:
+        """Return the digits that both files print."""
+        one, two = (PrintedDigits(tree, side.printed) for tree, side in zip(self.trees, self.descriptions, strict=True))
+        return PairedDigits(one, two)
+
+
+@dataclass(frozen=True)
 class TreeComparison:
     """Differences of two reduced trees, with the alignment of their members."""
 
@@ -112,6 +142,19 @@ class TreeComparison:
     alignments: list[MemberAlignment]
     differences: list[Difference]
     motion: Placement
+
+    @cached_property
+    def moving(self) -> dict[str, MemberAlignment]:
+        """Return alignments by joint of the first, of those that move in both."""
+        tree = self.trees.first
+        by_joint = {tree.members[one.first].joint: one for one in self.alignments}
+        matched = dict(self.trees.pairs)
+        return {joint: by_joint[joint] for joint in tree.moving if tree.moving[joint] in matched}
+
+    @cached_property
+    def names(self) -> dict[str, str]:
+        """Return the joints of the second by those of the first, of those that move in both."""
+        return {joint: self.trees.second.members[one.second].joint for joint, one in self.moving.items()}
 
 
 def compare_descriptions(
@@ -125,64 +168,104 @@ def compare_descriptions(
 
     stated : joints of the second by those of the first; ignored : names of features that are left out
     """
-    first = add_dynamics(first)
-    second = add_dynamics(second)
-    lifted = first, second
-    proofs = prove(first), prove(second)
-    rooted = match_roots(first.mechanism, second.mechanism, stated)
-    second = replace(second, mechanism=rooted.mechanism)
-    flexible = first.mechanism, second.mechanism
-    first, second = (replace(side, mechanism=make_rigid_mechanism(side.mechanism)) for side in (first, second))
-    one, two = (build_tree(side.mechanism, side.gears) for side in (first, second))
+    lifted = add_dynamics(first), add_dynamics(second)
+    proofs = prove(lifted[0]), prove(lifted[1])
+    machines = _match_machines(lifted, stated)
+    explanation = _find_least_explanation(machines)
+    differences = _collect_differences(machines, explanation)
+    bound = max(tolerance, machines.rounding)
+    judged = _judge_efforts(machines, explanation, differences, bound)
+    if any(side.features or side.dynamics is not None for side in lifted):
+        ground = _find_common_ground(machines, explanation, differences)
+        judged = add_feature_differences(judged, lifted, ground, ignored, bound)
+    trees = explanation.trees
+    alignments = {one.first: one for one in explanation.alignments}
+    sides = ComparedDescriptions(machines.descriptions, (trees.first, trees.second), alignments, machines.rooted.links)
+    return Comparison(
+        first=first.label,
+        second=second.label,
+        matched=machines.pairs.words,
+        judged=judged,
+        certificate=list_checks(trees.first, trees.second, explanation.moving),
+        notes=tuple(_list_notes(machines, explanation)),
+        dropped=tuple((side.label, side.dropped) for side in lifted if side.dropped),
+        advice=collect_advice(judged, sides),
+        tolerance=bound,
+        bends=machines.bends,
+        proofs=tuple((side.label, proof) for side, proof in zip(lifted, proofs, strict=True)),
+        ignored=tuple(describe_ignored(lifted, ignored)),
+        featured=any(side.features for side in lifted),
+    )
+
+
+def _match_machines(lifted: tuple[Description, Description], stated: Mapping[str, str]) -> MatchedMachines:
+    """Match the joints of two descriptions, the second told from the root of the first, both with rigid links."""
+    rooted = match_roots(lifted[0].mechanism, lifted[1].mechanism, stated)
+    flexible = lifted[0].mechanism, rooted.mechanism
+    first = replace(lifted[0], mechanism=make_rigid_mechanism(flexible[0]))
+    second = replace(lifted[1], mechanism=make_rigid_mechanism(flexible[1]))
+    one = build_tree(first.mechanism, first.gears)
+    two = build_tree(second.mechanism, second.gears)
     pairs = match(one, two, stated)
     beams = _build_beams(flexible, pairs)
     if any(True for _ in beams.both):
         second = replace(second, mechanism=make_rigid_mechanism(beams.build_base_mechanism()))
         two = build_tree(second.mechanism, second.gears)
-    bent = compute_beam_effects(beams)
-    size = max(_compute_tree_size(one), _compute_tree_size(two))
-    printed = PairedDigits(PrintedDigits(one, first.printed), PrintedDigits(two, second.printed))
-    least_explanation = _find_least_explanation(one, two, dict(pairs.pairs), size, printed)
-    trees = least_explanation.trees
-    seats = {least_explanation.trees.first.members[s.first].joint: s for s in least_explanation.alignments}
-    moving = {joint: seats[joint] for joint in trees.first.moving if trees.first.moving[joint] in dict(trees.pairs)}
-    placed = first.root_stated and second.root_stated
-    told = [*rooted.conventions, *(d for d in least_explanation.differences if placed or d.cause != START)]
-    rounding = SINGLE * max(first.precision, second.precision)
-    every = add_coupling_differences(one, two, pairs.pairs, moving, told, max(SAME, rounding))
-    tied = first.mechanism, second.mechanism
-    every += list_loop_differences(
-        tied, (one, two), pairs.pairs, moving, size, least_explanation.motion, max(SAME, rounding)
+    return MatchedMachines(
+        descriptions=(first, second),
+        trees=(one, two),
+        rooted=rooted,
+        pairs=pairs,
+        beams=beams,
+        effects=compute_beam_effects(beams),
+        bends=not all(mechanism.is_rigid for mechanism in flexible),
+        size=max(_compute_tree_size(one), _compute_tree_size(two)),
     )
-    states = sample_states(trees.first)
-    names = {joint: trees.second.members[seat.second].joint for joint, seat in moving.items()}
+
+
+def _collect_differences(machines: MatchedMachines, explanation: TreeComparison) -> list[Difference]:
+    """Collect the differences of roots, members, couplings and loops."""
+    placed = all(side.root_stated for side in machines.descriptions)
+    stated = [d for d in explanation.differences if placed or d.cause != START]
+    tolerance = max(SAME, machines.rounding)
+    pairs = machines.pairs.pairs
+    moving = explanation.moving
+    differences = add_coupling_differences(
+        *machines.trees, pairs, moving, [*machines.rooted.conventions, *stated], tolerance
+    )
+    one, two = (side.mechanism for side in machines.descriptions)
+    loops = list_loop_differences(
+        (one, two), machines.trees, pairs, moving, machines.size, explanation.motion, tolerance
+    )
+    return [*differences, *loops]
+
+
+def _judge_efforts(
+    machines: MatchedMachines, explanation: TreeComparison, differences: list[Difference], bound: float
+) -> Judgement:
+    """Judge differences by the efforts of the second machine, in coordinates of the first."""
+    tree = explanation.trees.first
+    moving = explanation.moving
+    states = sample_states(tree)
     wanted: dict[str, Any] = {}
-    if names:
-        efforts = evaluate_efforts(_remove_loops(second.mechanism), map_states(states, trees.first, moving), names)
-        wanted = map_efforts_back(efforts, trees.first, moving)
-    bound = max(tolerance, rounding)
-    judged = _add_beam_effects(
-        judge(EffortProblem(trees.first, states, wanted), [*every, *bent.differences], bound), bent
-    )
-    if any(side.features or side.dynamics is not None for side in lifted):
-        silent = trees.first.replace_fields(c for d in every if not d.cause for c in d.changes)
-        places = sample_states(trees.first, SEED, (SAMPLES, 0))
-        ground = CommonGround(
-            trees.first, places, moving, names, find_start_poses(trees.first, silent), not rooted.links
-        )
-        judged = add_feature_differences(judged, lifted, ground, ignored, bound)
-    sides = ComparedDescriptions(
-        (first, second), (trees.first, trees.second), {s.first: s for s in least_explanation.alignments}, rooted.links
-    )
-    return Comparison(
-        first=first.label, second=second.label, matched=pairs.words, judged=judged,
-        certificate=list_checks(trees.first, trees.second, moving),
-        notes=(*_describe_conventions(one, two, pairs, least_explanation), *beams.describe_other_meshes(), *bent.notes),
-        dropped=tuple((d.label, d.dropped) for d in (first, second) if d.dropped),
-        advice=collect_advice(judged, sides), tolerance=bound, bends=not all(side.is_rigid for side in flexible),
-        proofs=tuple((side.label, proof) for side, proof in zip(lifted, proofs, strict=True)),
-        ignored=tuple(describe_ignored(lifted, ignored)), featured=any(side.features for side in lifted),
-    )  # fmt: skip
+    if moving:
+        mechanism = _remove_loops(machines.descriptions[1].mechanism)
+        efforts = evaluate_efforts(mechanism, map_states(states, tree, moving), explanation.names)
+        wanted = map_efforts_back(efforts, tree, moving)
+    effects = machines.effects
+    judgement = judge(EffortProblem(tree, states, wanted), [*differences, *effects.differences], bound)
+    return _add_beam_effects(judgement, effects)
+
+
+def _find_common_ground(
+    machines: MatchedMachines, explanation: TreeComparison, differences: list[Difference]
+) -> CommonGround:
+    """Find where features of both are compared: states and coordinates of the first."""
+    tree = explanation.trees.first
+    silent = tree.replace_fields(c for d in differences if not d.cause for c in d.changes)
+    states = sample_states(tree, SEED, (SAMPLES, 0))
+    starts = find_start_poses(tree, silent)
+    return CommonGround(tree, states, explanation.moving, explanation.names, starts, not machines.rooted.links)
 
 
 def _build_beams(mechanisms: tuple[Mechanism, Mechanism], pairs: Match) -> MatchedBeams:
@@ -211,14 +294,12 @@ def _compute_tree_size(tree: Tree) -> float:
     return float(np.ptp(places, axis=0).max()) or 1.0
 
 
-def _find_least_explanation(
-    one: Tree, two: Tree, joints: dict[str, str], size: float, printed: PairedDigits
-) -> TreeComparison:
+def _find_least_explanation(machines: MatchedMachines) -> TreeComparison:
     """The explanation with the fewest differences: fixed links kept or merged."""
-    explanation = _find_explanation(one, two, joints, True, size, printed)
+    explanation = _find_explanation(machines, True)
     if not _count(explanation) or all(member.kind != "fixed" for member in explanation.trees.first.members):
         return explanation
-    whole = _find_explanation(one, two, joints, False, size, printed)
+    whole = _find_explanation(machines, False)
     return explanation if _count(explanation) <= _count(whole) else whole
 
 
@@ -232,49 +313,60 @@ def _count(comparison: TreeComparison) -> int:
     )
 
 
-def _find_explanation(
-    one: Tree, two: Tree, joints: dict[str, str], links: bool, size: float, printed: PairedDigits
-) -> TreeComparison:
-    trees = build_matched_trees(one, two, joints, links)
-    alignment = find_alignment(trees.first, trees.second, trees.pairs, size)
-    members = trees.first.members, trees.second.members
-    pairs = [MemberPair(members[0][s.first], members[1][s.second], s, size, printed) for s in alignment.alignments]
-    found: list[Difference] = []
-    for pair in pairs:
-        own = [*list_body_differences(pair)]
-        lost = find_missing_links(pair) if any(d.cause in BODY for d in own) else None
-        found += [
-            *list_joint_differences(pair),
-            *([lost] if lost else find_differing_body(pair) or own),
-            *list_drive_differences(pair),
-        ]
+def _find_explanation(machines: MatchedMachines, links: bool) -> TreeComparison:
+    """Explain what differs in the members that match; links : fixed links of one name are members, too."""
+    trees = build_matched_trees(*machines.trees, dict(machines.pairs.pairs), links)
+    alignment = find_alignment(trees.first, trees.second, trees.pairs, machines.size)
+    printed = machines.printed
+    pairs = [
+        MemberPair(trees.first.members[one.first], trees.second.members[one.second], one, machines.size, printed)
+        for one in alignment.alignments
+    ]
+    found = [difference for pair in pairs for difference in _list_member_differences(pair)]
     found = join_exchanged_bodies(trees.first, trees.second, pairs, found)
     base = list_base_differences(trees.first, trees.second, alignment.motion, pairs)
     found = [*trees.differences, *base, *join_equal_differences(join_scaled_differences(trees.first, found))]
     return TreeComparison(trees, alignment.alignments, found, alignment.motion)
 
 
-def _describe_conventions(one: Tree, two: Tree, pairs: Match, comparison: TreeComparison) -> list[str]:
-    """Conventions that change no coordinate: names, order, frames of links, merged links."""
-    notes = []
-    renamed = {a: b for a, b in pairs.pairs.items() if a != b}
-    if renamed:
-        notes.append("joints with other names: " + ", ".join(f"{a} is {b}" for a, b in list(renamed.items())[:12]))
-    order = [pairs.pairs[joint] for joint in one.moving if joint in pairs.pairs]
-    if order != [joint for joint in two.moving if joint in set(order)]:
-        notes.append("coordinates in another order: map them by name")
+def _list_member_differences(pair: MemberPair) -> Iterator[Difference]:
+    """Yield what differs in a member: its joint, its bodies as the fewest differences that say it, its drive."""
+    own = list(list_body_differences(pair))
+    lost = find_missing_links(pair) if any(d.cause in BODY for d in own) else None
+    yield from list_joint_differences(pair)
+    yield from [lost] if lost else find_differing_body(pair) or own
+    yield from list_drive_differences(pair)
+
+
+def _list_notes(machines: MatchedMachines, explanation: TreeComparison) -> Iterator[str]:
+    """Yield conventions that change no coordinate (names, order, frames of links, merged links), and what beams have to say."""
+    yield from _describe_joint_names(machines)
     frames = [
-        comparison.trees.first.members[s.first].name
-        for s in comparison.alignments
-        if np.abs(s.frame.position).max() > SAME or np.abs(s.frame.rotation - np.eye(3)).max() > SAME
+        explanation.trees.first.members[one.first].name
+        for one in explanation.alignments
+        if np.abs(one.frame.position).max() > SAME or np.abs(one.frame.rotation - np.eye(3)).max() > SAME
     ]
     if frames:
-        notes.append(f"link frames that stand elsewhere on the same body: {', '.join(frames[:12])}")
-    names = [{m.name for m in tree.members if m.kind == "fixed"} for tree in (one, two)]
-    for side, own, other in (
-        ("A", names[0], {m.name for m in two.members}),
-        ("B", names[1], {m.name for m in one.members}),
-    ):
-        if alone := sorted(own - other):
-            notes.append(f"fixed links that only {side} names, merged for the comparison: {', '.join(alone[:12])}")
-    return notes
+        yield f"link frames that stand elsewhere on the same body: {', '.join(frames[:SHOWN])}"
+    one, two = machines.trees
+    yield from _describe_lone_links("A", one, two)
+    yield from _describe_lone_links("B", two, one)
+    yield from machines.beams.describe_other_meshes()
+    yield from machines.effects.notes
+
+
+def _describe_joint_names(machines: MatchedMachines) -> Iterator[str]:
+    one, two = machines.trees
+    pairs = machines.pairs.pairs
+    renamed = [f"{a} is {b}" for a, b in pairs.items() if a != b]
+    if renamed:
+        yield "joints with other names: " + ", ".join(renamed[:SHOWN])
+    order = [pairs[joint] for joint in one.moving if joint in pairs]
+    if order != [joint for joint in two.moving if joint in order]:
+        yield "coordinates in another order: map them by name"
+
+
+def _describe_lone_links(side: str, own: Tree, other: Tree) -> Iterator[str]:
+    names = {member.name for member in own.members if member.kind == "fixed"}
+    if alone := sorted(names - {member.name for member in other.members}):
+        yield f"fixed links that only {side} names, merged for the comparison: {', '.join(alone[:SHOWN])}"

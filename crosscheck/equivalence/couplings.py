@@ -37,25 +37,31 @@ def add_coupling_differences(
     first = dict(_list_coupling_laws(one))
     plain = dict(_list_coupling_laws(two, back))
     second = {key: _map_law(law, back, alignments) for key, law in plain.items()}
-    apart = [key for key in first if key in second and not _is_same_law(first[key], second[key], tolerance)]
+    apart = {
+        key: (law, plain[key])
+        for key, law in first.items()
+        if key in second and not _is_same_law(law, second[key], tolerance)
+    }
     told = list(differences)
     counted = [(d.cause, d.place.removeprefix("joint ")) for d in told if d.cause in CONVENTIONS]
-    follows = _find_following_couplings(
-        {key: (first[key], plain[key]) for key in apart}, back, alignments, counted, tolerance
-    )
+    follows = _find_following_couplings(apart, back, alignments, counted, tolerance)
     told = [_move_to_drive_family(difference, follows) for difference in told]
-    for key in [*first, *(k for k in second if k not in first)]:
-        a = first.get(key)
-        b = second.get(key)
-        place = "joints " + ", ".join(sorted(key))
-        if a is None or b is None:
-            side, law = ("A", a) if b is None else ("B", b)
-            assert law is not None
-            values = (_format_law(law), "none") if side == "A" else ("none", _format_law(law))
-            told.append(Difference("drive", f"coupling that only {side} has", place, 1.0, "-", *values))
+    for key, law in first.items():
+        if key not in second:
+            told.append(_make_lone_coupling("A", key, (_format_law(law), "none")))
         elif key in apart and key not in follows:
-            told += _list_law_differences(place, a, b, tolerance)
-    return told
+            told += _list_law_differences(_describe_place(key), law, second[key], tolerance)
+    return told + [
+        _make_lone_coupling("B", key, ("none", _format_law(law))) for key, law in second.items() if key not in first
+    ]
+
+
+def _describe_place(joints: Joints) -> str:
+    return "joints " + ", ".join(sorted(joints))
+
+
+def _make_lone_coupling(side: str, joints: Joints, values: tuple[str, str]) -> Difference:
+    return Difference("drive", f"coupling that only {side} has", _describe_place(joints), 1.0, "-", *values)
 
 
 def _list_law_differences(place: str, a: Law, b: Law, tolerance: float) -> Iterator[Difference]:

@@ -212,15 +212,15 @@ def join_equal_differences(differences: list[Difference]) -> list[Difference]:
         own = [d for d in differences if d.cause == cause and d.place.startswith("joint ")]
         for pair in dict.fromkeys((d.first, d.second) for d in own):
             same = [d for d in own if (d.first, d.second) == pair]
-            if len(same) < ALL or len({d.unit for d in same}) > 1:
-                continue
-            names = ", ".join(d.place.removeprefix("joint ") for d in same)
-            changes = tuple(change for d in same for change in d.changes)
-            differences = [d for d in differences if d not in same]
-            differences.append(
-                replace(same[0], place=f"joints {names}", changes=changes, printed=max(d.printed for d in same))
-            )
+            if len(same) >= ALL and len({d.unit for d in same}) == 1:
+                differences = [*(d for d in differences if d not in same), _join_same_joints(same)]
     return differences
+
+
+def _join_same_joints(same: list[Difference]) -> Difference:
+    names = ", ".join(d.place.removeprefix("joint ") for d in same)
+    changes = tuple(change for d in same for change in d.changes)
+    return replace(same[0], place=f"joints {names}", changes=changes, printed=max(d.printed for d in same))
 
 
 def _read_member_field(member: Member, name: str) -> Array:

@@ -6,7 +6,7 @@ the tolerance of an effort's range; the rest is rounding of printed digits, or n
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -84,33 +84,65 @@ def judge(bench: EffortProblem, differences: Iterable[Difference], tolerance: fl
     """Sort differences by what they do to efforts; tolerance : relative to the range of an effort [-]."""
     differences = list(differences)
     silent = [d for d in differences if not d.cause]
-    acting = [d for d in differences if d.cause and d.changes and d.family in ("rigid", "drive")]
-    stated = [d for d in differences if d.cause and not d.changes and d.family in ("rigid", "drive")]
+    named = [d for d in differences if d.cause and d.family in ("rigid", "drive")]
+    acting = [d for d in named if d.changes]
+    stated = [d for d in named if not d.changes]
     whole = bench.compute_efforts([*silent, *acting])
-    after = bench.compute_share(whole, bench.target_efforts)
-    before = bench.compute_share(bench.compute_efforts(silent), bench.target_efforts)
-    measured = [_compute_effect(bench, d, [*silent, *acting], whole) for d in acting]
-    rounding = [d for d in measured if is_rounding(d)]
-    rest = [d for d in measured if not is_rounding(d)]
-    placed = [
-        d for d in rest if d.cause in KINEMATIC and d.size > tolerance
-    ]  # where a link goes is seen without a torque
-    rest, unseen = _find_minimal_differences(
-        bench, silent + rounding + placed, [d for d in rest if d not in placed], whole, tolerance
-    )
-    rest = [*placed, *rest]
-    small = bench.compute_efforts([*silent, *rest, *unseen]) if rounding else whole
-    bent = [d for d in differences if d.family == "beam"]  # measured already, with torques of their own
+    share, effort, joint = bench.compute_share(bench.compute_efforts(silent), bench.target_efforts)
+    found, rounding, unseen = _split_by_effect(bench, silent, acting, whole, tolerance)
+    small = bench.compute_efforts([*silent, *found, *unseen]) if rounding else whole
+    bent = _list_family(differences, "beam")  # measured already, with torques of their own
+    hidden = [d for d in bent if d.share is not None and d.share <= tolerance]
     stated += [d for d in bent if d.share is None or d.share > tolerance]
-    unseen += [d for d in bent if d.share is not None and d.share <= tolerance]
-    conventions = [d for d in differences if d.family == "convention"]
-    limits = [d for d in differences if d.family == "limits"]
-    causes = sorted([*stated, *rest], key=lambda d: (d.family != "rigid", not d.structural, -(d.share or 0.0)))
+    conventions = _list_family(differences, "convention")
+    limits = _list_family(differences, "limits")
     return Judgement(
-        tuple(causes), (*rounding, *(d for d in [*conventions, *limits] if is_rounding(d))), tuple(unseen),
-        tuple(d for d in conventions if not is_rounding(d)), tuple(d for d in limits if not is_rounding(d)),
-        before[0], after[0], before[1], before[2], bench.compute_share(small, whole)[1],
-    )  # fmt: skip
+        causes=tuple(sorted([*stated, *found], key=_make_sort_key)),
+        rounding=(*rounding, *_list_rounding([*conventions, *limits])),
+        unseen=(*unseen, *hidden),
+        conventions=tuple(_list_beyond_rounding(conventions)),
+        limits=tuple(_list_beyond_rounding(limits)),
+        before=share,
+        after=bench.compute_share(whole, bench.target_efforts)[0],
+        before_effort=effort,
+        worst_joint=joint,
+        rounding_effort=bench.compute_share(small, whole)[1],
+    )
+
+
+def _make_sort_key(difference: Difference) -> tuple[bool, bool, float]:
+    """Return a key that sorts causes: rigid ones first, of them those of the structure, then by size of the effect [-]."""
+    return difference.family != "rigid", not difference.structural, -(difference.share or 0.0)
+
+
+def _split_by_effect(
+    bench: EffortProblem,
+    silent: list[Difference],
+    acting: list[Difference],
+    whole: Mapping[str, Array],
+    tolerance: float,
+) -> tuple[list[Difference], list[Difference], list[Difference]]:
+    """Return the causes, the rounding and the unseen among differences that change the tree, each with its effect."""
+    measured = [_compute_effect(bench, d, [*silent, *acting], whole) for d in acting]
+    rounding = _list_rounding(measured)
+    rest = _list_beyond_rounding(measured)
+    # where a link goes is seen without a torque
+    placed = [d for d in rest if d.cause in KINEMATIC and d.size > tolerance]
+    others = [d for d in rest if d not in placed]
+    felt, unseen = _find_minimal_differences(bench, silent + rounding + placed, others, whole, tolerance)
+    return [*placed, *felt], rounding, unseen
+
+
+def _list_family(differences: list[Difference], family: str) -> list[Difference]:
+    return [d for d in differences if d.family == family]
+
+
+def _list_rounding(differences: Iterable[Difference]) -> list[Difference]:
+    return [d for d in differences if is_rounding(d)]
+
+
+def _list_beyond_rounding(differences: Iterable[Difference]) -> list[Difference]:
+    return [d for d in differences if not is_rounding(d)]
 
 
 def is_rounding(difference: Difference) -> bool:
@@ -150,18 +182,22 @@ def _find_minimal_differences(
     """Leave out, one after the other, what leaves no more than the tolerance; then all of a link, then all of rigid bodies."""
     kept = list(acting)
     unseen = []
-
-    def can_drop(group: list[Difference]) -> bool:
+    for candidates in _list_groups(acting, tolerance):
+        group = [d for d in candidates if d in kept]
         rest = [d for d in kept if d not in group]
-        return bool(group) and bench.compute_share(bench.compute_efforts([*always, *rest]), whole)[0] <= tolerance
-
-    small = [[d] for d in sorted(acting, key=lambda d: d.share or 0.0) if (d.share or 0.0) <= tolerance]
-    bodies = [d for d in acting if d.family == "rigid" and d.cause in ("mass", "centre of mass", "inertia tensor")]
-    places = list(dict.fromkeys(d.place for d in bodies))
-    groups = [[d for d in bodies if d.place == place] for place in places] + [bodies]
-    for group in [*small, *(g for g in groups if len(g) > 1)]:
-        group = [d for d in group if d in kept]
-        if can_drop(group):
+        if group and bench.compute_share(bench.compute_efforts([*always, *rest]), whole)[0] <= tolerance:
             unseen += group
-            kept = [d for d in kept if d not in group]
+            kept = rest
     return kept, unseen
+
+
+def _list_groups(acting: list[Difference], tolerance: float) -> Iterator[list[Difference]]:
+    """Yield what may be left out together: each small difference, the smallest first, those of a link, those of all links."""
+    for difference in sorted(acting, key=lambda d: d.share or 0.0):
+        if (difference.share or 0.0) <= tolerance:
+            yield [difference]
+    bodies = [d for d in acting if d.family == "rigid" and d.cause in ("mass", "centre of mass", "inertia tensor")]
+    places = dict.fromkeys(d.place for d in bodies)
+    for group in [*([d for d in bodies if d.place == place] for place in places), bodies]:
+        if len(group) > 1:
+            yield group

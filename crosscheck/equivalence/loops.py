@@ -111,14 +111,19 @@ def _compute_closure_gaps(one: MemberClosure, other: MemberClosure) -> tuple[flo
         ways = [apply_placement(tied.first, inverse(tied.second)) for tied in (one, other)]
         apart = compute_relative_pose(*ways)
         return float(np.linalg.norm(apart.position)), compute_angle(apart.rotation)
+    if one.kind == "revolute":
+        return _compute_line_gaps(one, other)
+    ends = ((one.first, other.first), (one.second, other.second))
+    way = max(float(np.linalg.norm(b.position - a.position)) for a, b in ends)
+    if one.kind == "spherical":
+        return way, 0.0
+    return way, max(compute_angle(a.rotation.T @ b.rotation) for a, b in ends)
+
+
+def _compute_line_gaps(one: MemberClosure, other: MemberClosure) -> tuple[float, float]:
+    """Distance [m] and angle [rad] of the lines about which two hinges turn; along them, how far apart the points stand."""
     ends = ((one.first, other.first), (one.second, other.second))
     gaps = [b.position - a.position for a, b in ends]
-    if one.kind == "spherical":
-        return max(float(np.linalg.norm(gap)) for gap in gaps), 0.0
-    if one.kind != "revolute":
-        return max(float(np.linalg.norm(gap)) for gap in gaps), max(
-            compute_angle(a.rotation.T @ b.rotation) for a, b in ends
-        )
     lines = [(a.rotation @ one.axis, b.rotation @ other.axis) for a, b in ends]
     sign = 1.0 if lines[0][0] @ lines[0][1] >= 0.0 else -1.0  # a line may be said by either of its directions
     along = [float(gap @ u) for gap, (u, _) in zip(gaps, lines, strict=True)]

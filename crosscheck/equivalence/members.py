@@ -182,7 +182,6 @@ def list_drive_differences(pair: MemberPair) -> Iterator[Difference]:
     """Yield differences of rotor, damping, friction, spring, gear [-] and limits."""
     one = pair.one
     two = pair.two
-    seat = pair.alignment
     if one.kind == "fixed":
         return
     for name, (cause, turning, sliding) in DRIVES.items():
@@ -191,16 +190,23 @@ def list_drive_differences(pair: MemberPair) -> Iterator[Difference]:
         if abs(first - second) > SAME * max(abs(first), abs(second)):
             unit = sliding if one.kind == "prismatic" else turning
             yield _make_scalar_difference(pair, "drive", cause, name, second, unit)
-    rest = seat.sign * two.rest + seat.offset
+    yield from _compare_rest(pair)
+    gear = pair.alignment.sign * two.gear
+    if one.gear and two.gear and abs(one.gear - gear) > SAME * abs(one.gear):
+        yield _make_scalar_difference(pair, "drive", "gear", "gear", gear, "-")
+    yield from _compare_limits(pair)
+
+
+def _compare_rest(pair: MemberPair) -> Iterator[Difference]:
+    """The rest of both springs, B's in A's coordinate."""
+    one = pair.one
+    two = pair.two
+    rest = pair.alignment.sign * two.rest + pair.alignment.offset
     if one.stiffness and two.stiffness and abs(rest - one.rest) > SAME:
-        yield _make_scalar_difference(
-            pair, "drive", "rest of spring", "rest", rest, "m" if one.kind == "prismatic" else "rad"
-        )
+        unit = "m" if one.kind == "prismatic" else "rad"
+        yield _make_scalar_difference(pair, "drive", "rest of spring", "rest", rest, unit)
     elif two.stiffness and rest != one.rest:
         yield Difference("drive", "", pair.joint, 0.0, "-", "", "", (pair.make_change("rest", rest),))
-    if one.gear and two.gear and abs(one.gear - seat.sign * two.gear) > SAME * abs(one.gear):
-        yield _make_scalar_difference(pair, "drive", "gear", "gear", seat.sign * two.gear, "-")
-    yield from _compare_limits(pair)
 
 
 def _compare_limits(pair: MemberPair) -> Iterator[Difference]:

@@ -14,7 +14,7 @@ from crosscheck.identification.logs.log import Log
 from crosscheck.identification.settings import ANGLES, EFFORTS
 from flexinv.errors import InputError
 from flexinv.files.values import FORMAT
-from flexinv.model.mechanism import Joint, Mechanism
+from flexinv.model.mechanism import Drive, Joint, Mechanism
 
 SMALL = 0.05  # of the effort's spread: a first value of what the mechanism says nothing of: friction, rotor inertia
 QUICK = 0.02  # of the largest rate: slower joints stand
@@ -90,19 +90,22 @@ def _find_peak_rates(log: Log, columns: Found) -> dict[str, tuple[float, float]]
 
 def _format_joint_tables(mechanism: Mechanism, columns: Found, lost: list[str]) -> Iterator[str]:
     for name, own in columns.items():
-        drive = mechanism.joint_of[name].drive
         yield f"\n[joints.{_format_key(name)}]"
         for kind, column in own.items():
-            words = f'column = {json.dumps(column.name)}, unit = "{column.unit}"'
-            doubts = [column.why] if column.why else []
-            if kind == "effort" and _is_at_motor(column) and drive is not None and drive.ratio != 1.0:
-                words += ', side = "motor"'
-            if kind == "effort" and column.unit == "A" and (drive is None or not drive.torque_constant):
-                words += ", constant_Nm_per_A = 1.0"
-                doubts.append("write the torque constant")
-            yield f"{kind} = {{ {words} }}" + (f"   # {'; '.join(doubts)}" if doubts else "")
+            yield _format_column(kind, column, mechanism.joint_of[name].drive)
     if lost:
         yield f"\n# no column was found for the angle of: {', '.join(lost)}"
+
+
+def _format_column(kind: str, column: Column, drive: Drive | None) -> str:
+    words = f'column = {json.dumps(column.name)}, unit = "{column.unit}"'
+    doubts = [column.why] if column.why else []
+    if kind == "effort" and _is_at_motor(column) and drive is not None and drive.ratio != 1.0:
+        words += ', side = "motor"'
+    if kind == "effort" and column.unit == "A" and (drive is None or not drive.torque_constant):
+        words += ", constant_Nm_per_A = 1.0"
+        doubts.append("write the torque constant")
+    return f"{kind} = {{ {words} }}" + (f"   # {'; '.join(doubts)}" if doubts else "")
 
 
 def _is_at_motor(column: Column) -> bool:

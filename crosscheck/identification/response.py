@@ -187,23 +187,14 @@ def _build_regressor_response(
     mechanism: Mechanism, space: ParameterSpace, state: State, rows: list[int]
 ) -> Callable[[Mapping[Key, float]], Array]:
     """The efforts (samples, joints) of a tree at any values, by matrices of the motion that are made once."""
-    q, qd, qdd = state
-
-    def compute_regressor(gravity: Array) -> Array:
-        return torque_regressor(replace(mechanism, gravity=gravity), q, qd, qdd).matrix[:, rows]
-
-    gravity = np.asarray(mechanism.gravity)
     known = {p.key for p in space.parameters}
-    level = torque_regressor(mechanism, q, qd, qdd).matrix[:, rows]
     free_tilts = [f"gravity tilt {axis}" for axis in "xy" if (f"gravity tilt {axis}", "world") in known]
-    slopes = [
-        (compute_regressor(turn_gravity(gravity, *(TILT * np.eye(2)["xy".index(k[-1])]))) - level) / TILT
-        for k in free_tilts
-    ]
+    level = torque_regressor(mechanism, *state).matrix[:, rows]
+    slopes = [_compute_tilt_slope(mechanism, state, rows, level, tilt[-1]) for tilt in free_tilts]
     alone, forced, sprung = _split_mechanism(mechanism)
-    free = joint_torques(alone, q, qd, qdd, passive=False)
-    held = joint_torques(forced, q, qd, qdd)[:, rows] - free[:, rows]
-    pulls = {name: (joint_torques(one, q, qd, qdd, passive=False) - free)[:, rows] for name, one in sprung.items()}
+    free = joint_torques(alone, *state, passive=False)
+    held = joint_torques(forced, *state)[:, rows] - free[:, rows]
+    pulls = {name: (joint_torques(one, *state, passive=False) - free)[:, rows] for name, one in sprung.items()}
 
     @lru_cache(maxsize=4)  # friction and sensors leave it as it was
     def compute_from_numbers(masses: bytes, tilts: tuple[float, ...], forces: tuple[float, ...]) -> Array:
@@ -222,6 +213,12 @@ def _build_regressor_response(
         return compute_from_numbers(compute_link_inertias(space, mechanism, values).tobytes(), tilts, forces)
 
     return compute_effort
+
+
+def _compute_tilt_slope(mechanism: Mechanism, state: State, rows: list[int], level: Array, axis: str) -> Array:
+    """The derivative of the regressor (samples, joints, parameters) by a tilt of gravity about one of the world's axes."""
+    tilted = turn_gravity(np.asarray(mechanism.gravity), *(TILT * np.eye(2)["xy".index(axis)]))
+    return (torque_regressor(replace(mechanism, gravity=tilted), *state).matrix[:, rows] - level) / TILT
 
 
 @make_owner_cache()
@@ -245,68 +242,89 @@ def _build_states(mechanism: Mechanism, motion: MeasuredMotion) -> tuple[Array, 
     return q, qd, qdd
 
 
-def _build_solver_response(
-    mechanism: Mechanism, space: ParameterSpace, settings: IdentifyTable, motion: MeasuredMotion, once: bool
-) -> Response:
-    coarse = mechanism.with_mesh(*settings.mesh) if settings.mesh and mechanism.beams else mechanism
-    given = Motion.from_samples(motion.time, {name: motion.q[:, k] for k, name in enumerate(motion.names)})
-    step = float(motion.time[1] - motion.time[0]) / settings.every
-    kept: dict[tuple[float, ...], Told] = {}
-    solved = [p.key for p in space.parameters if KINDS[p.kind].solved or p.kind.startswith(("gravity", "spring"))]
-    masses = [p.key for p in space.parameters if p.kind == MASS]
-    moved = [j for j in mechanism.joints if j.nv and j.name not in motion.names]
-    swings = any(j.stiffness for j in moved) or (bool(moved) and not mechanism.closures)
-    linear = mechanism.is_rigid and bool(masses) and not swings and not once
-    start = {name: table.value for name, table in settings.start.items()}
+@dataclass(frozen=True)
+class SolverModel:
+    """A mechanism that the solver follows along the measured motion, at any values of the parameters.
 
-    def make_changed_mechanism(values: Mapping[Key, float], ten: Mapping[str, Array]) -> Mechanism:
-        changed = add_sensor_bodies(replace_masses(apply_values(coarse, values), ten), settings)
+    mechanism : with the mesh of the settings; given : the motion; rows : of the measured joints among all velocities
+    """
+
+    mechanism: Mechanism
+    settings: IdentifyTable
+    given: Motion
+    time: Array
+    rows: list[int]
+
+    @classmethod
+    def build(cls, mechanism: Mechanism, settings: IdentifyTable, motion: MeasuredMotion) -> SolverModel:
+        """Build the model of a mechanism without rotors and friction [kg m^2], [N m] of its measured joints."""
+        coarse = mechanism.with_mesh(*settings.mesh) if settings.mesh and mechanism.beams else mechanism
+        given = Motion.from_samples(motion.time, {name: motion.q[:, k] for k, name in enumerate(motion.names)})
+        rows = [coarse.v_slices[name].start for name in motion.names]
+        return cls(coarse, settings, given, motion.time, rows)
+
+    def apply(self, values: Mapping[Key, float], ten: Mapping[str, Array]) -> Mechanism:
+        """Return the mechanism with values [unit of each], masses m, h, I (10,) [kg], [kg m], [kg m^2] and sensors."""
+        changed = add_sensor_bodies(replace_masses(apply_values(self.mechanism, values), ten), self.settings)
         springs = tuple(_scale_spring(s, values.get(("spring force", s.name), 1.0)) for s in changed.springs)
         return replace(changed, gravity=_compute_tilted_gravity(np.asarray(changed.gravity), values), springs=springs)
 
-    rows = [coarse.v_slices[name].start for name in motion.names]
-
-    def solve_in_time(values: Mapping[Key, float], ten: Mapping[str, Array]) -> tuple[Told, State]:
-        changed = make_changed_mechanism(values, ten)
-        solution = solve(changed, given, step, every=settings.every, initial=settings.initial, start=start or None)
-        moments = [-solution.wrench[g.joint][:, 5] for g in settings.gauges.values()]
-        points = build_point_motion(settings, solution.mesh, solution.nodes).compute_readings(
-            np.asarray(changed.gravity)
+    def solve_in_time(self, values: Mapping[Key, float], ten: Mapping[str, Array]) -> tuple[Told, State]:
+        """Return the readings of joints, gauges and points [N m], [N], [m], [m/s^2], and the states that the solver found."""
+        changed = self.apply(values, ten)
+        every = self.settings.every
+        step = float(self.time[1] - self.time[0]) / every
+        start = {name: table.value for name, table in self.settings.start.items()}
+        solution = solve(changed, self.given, step, every=every, initial=self.settings.initial, start=start or None)
+        moments = [-solution.wrench[g.joint][:, 5] for g in self.settings.gauges.values()]
+        points = build_point_motion(self.settings, solution.mesh, solution.nodes)
+        told = (
+            solution.torque_all[:, self.rows],
+            np.column_stack([np.zeros((len(self.time), 0)), *moments]),
+            points.compute_readings(np.asarray(changed.gravity)),
         )
-        told = solution.torque_all[:, rows], np.column_stack([np.zeros((len(motion.time), 0)), *moments]), points
         return told, (solution.q, solution.qd, solution.qdd)
 
-    def compute_efforts(values: Mapping[Key, float], ten: Mapping[str, Array], state: State) -> Array:
+    def compute_efforts(self, values: Mapping[Key, float], ten: Mapping[str, Array], state: State) -> Array:
+        """Return the efforts (samples, joints) [N m], [N] in states that were found with other masses."""
         try:
-            return joint_torques(make_changed_mechanism(values, ten), *state)[:, rows]
+            return joint_torques(self.apply(values, ten), *state)[:, self.rows]
         except InputError:  # forces over time, closures that act for a while
-            return solve_in_time(values, ten)[0][0]
+            return self.solve_in_time(values, ten)[0][0]
 
-    def find_or_solve(values: Mapping[Key, float], keys: list[Key], ten: Mapping[str, Array]) -> Told:
-        at = tuple(values[k] for k in keys)
+
+def _build_solver_response(
+    mechanism: Mechanism, space: ParameterSpace, settings: IdentifyTable, motion: MeasuredMotion, once: bool
+) -> Response:
+    model = SolverModel.build(mechanism, settings, motion)
+    solved = [p.key for p in space.parameters if KINDS[p.kind].solved or p.kind.startswith(("gravity", "spring"))]
+    masses = [p.key for p in space.parameters if p.kind == MASS]
+    if masses and not once and _is_linear_in_masses(mechanism, motion):
+        return _build_linear_response(mechanism, space, solved, model)
+    kept: dict[tuple[float, ...], Told] = {}
+
+    def evaluate(values: Mapping[Key, float]) -> Told:
+        ten = compute_link_inertias(space, mechanism, values)
+        at = tuple(values[k] for k in solved + masses)
         if at not in kept:
+            own = {link.name: ten[k] for k, link in enumerate(mechanism.links) if link.name in space.factors}
             if len(kept) >= KEPT:
                 kept.pop(next(iter(kept)))
-            kept[at] = solve_in_time(values, ten)[0]
+            kept[at] = model.solve_in_time(values, own)[0]
         return kept[at]
 
-    if not linear:
+    return evaluate
 
-        def compute_nonlinear(values: Mapping[Key, float]) -> Told:
-            ten = compute_link_inertias(space, mechanism, values)
-            own = {link.name: ten[k] for k, link in enumerate(mechanism.links) if link.name in space.factors}
-            return find_or_solve(values, solved + masses, own)
 
-        return compute_nonlinear
-    return _build_linear_response(mechanism, space, solved, solve_in_time, compute_efforts)
+def _is_linear_in_masses(mechanism: Mechanism, motion: MeasuredMotion) -> bool:
+    """Return True if masses do not change how a mechanism moves: rigid, and no joint swings on a spring or freely."""
+    moved = [j for j in mechanism.joints if j.nv and j.name not in motion.names]
+    swings = any(j.stiffness for j in moved) or (bool(moved) and not mechanism.closures)
+    return mechanism.is_rigid and not swings
 
 
 def _build_linear_response(
-    mechanism: Mechanism,
-    space: ParameterSpace,
-    solved: list[Key],
-    marched: Callable[[Mapping[Key, float], Mapping[str, Array]], tuple[Told, State]],
-    efforts: Callable[[Mapping[Key, float], Mapping[str, Array], State], Array],
+    mechanism: Mechanism, space: ParameterSpace, solved: list[Key], model: SolverModel
 ) -> Response:
     """Rigid loops: tau = tau_0 + Y (pi - pi_0), columns by differences, kept for each set of the other values.
 
@@ -317,15 +335,15 @@ def _build_linear_response(
     kept: dict[tuple[float, ...], Told] = {}
 
     def compute_columns(values: Mapping[Key, float]) -> Told:
-        (level, _, points), state = marched(values, known)
-        base = efforts(values, known, state)
+        (level, _, points), state = model.solve_in_time(values, known)
+        base = model.compute_efforts(values, known, state)
         out = []
         for name, ten in known.items():
             for k in range(PARAMETERS):
                 size = max(abs(float(ten[k])), 1e-3 * float(ten[0]))
                 changed = ten.copy()
                 changed[k] += size
-                out.append((efforts(values, {**known, name: changed}, state) - base) / size)
+                out.append((model.compute_efforts(values, {**known, name: changed}, state) - base) / size)
         return level, np.stack(out, axis=-1), points  # (sample, joint), (sample, joint, parameter), (sample, sensor)
 
     def evaluate(values: Mapping[Key, float]) -> Told:

@@ -243,13 +243,7 @@ def read_settings(path: Path, mechanism: Mechanism) -> IdentifyTable:
         )
     top = Location(file)
     table = check_table(IdentifyTable, read_toml(file), top)
-    joints = [j.name for j in mechanism.joints if j.nv == 1]
-    for name in table.joints:
-        if name not in joints:
-            expected = "a joint of one coordinate: " + ", ".join(joints)
-            raise top.make_inner_location("joints").make_error(
-                name, f'"{name}"', expected, f"[joints.{find_nearest_word(name, joints) or joints[0]}]"
-            )
+    _check_joints(table, mechanism, top)
     for kind, points in (("markers", table.markers), ("accelerometers", table.accelerometers)):
         for name, point in points.items():
             _check_point(point, mechanism, top.make_inner_location(kind).make_inner_location(name))
@@ -264,6 +258,16 @@ def read_settings(path: Path, mechanism: Mechanism) -> IdentifyTable:
             "hold_out", given, "one of them: what judges", 'hold_out = ["other.csv"]'
         )
     return table
+
+
+def _check_joints(table: IdentifyTable, mechanism: Mechanism, top: Location) -> None:
+    joints = [j.name for j in mechanism.joints if j.nv == 1]
+    for name in table.joints:
+        if name not in joints:
+            expected = "a joint of one coordinate: " + ", ".join(joints)
+            raise top.make_inner_location("joints").make_error(
+                name, f'"{name}"', expected, f"[joints.{find_nearest_word(name, joints) or joints[0]}]"
+            )
 
 
 def _check_point(point: MarkerTable | AccelerometerTable, mechanism: Mechanism, where: Location) -> None:

@@ -6,6 +6,7 @@ before to `fit.TOLD` of its width.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -58,33 +59,35 @@ def list_parameter_rows(space: ParameterSpace, fit: Fit) -> list[Row]:
     normal = random.normal(size=(DRAWS, count))
     after = fit.z + normal @ root.T
     before = random.normal(size=(DRAWS, count))
-    keys = [p.key for p in space.parameters]
-    out: list[Row] = []
+    return [*_list_scalar_rows(space, fit, after, before), *_list_mass_rows(space, fit, after, before)]
+
+
+def _list_scalar_rows(space: ParameterSpace, fit: Fit, after: Array, before: Array) -> Iterator[Row]:
+    """Yield the parameters that are no mass properties; after, before : (draws, parameters) [-]."""
     for k, one in enumerate(space.parameters):
         if one.kind == MASS:
             continue
         value = np.array([one.compute_value(float(x)) for x in after[:, k]])
         known = np.array([one.compute_value(float(x)) for x in before[:, k]])
         told = bool(np.sqrt(fit.covariance[k, k]) < TOLD)
-        out.append(
-            _make_row(
-                (one.kind, one.place, one.unit), one.compute_value(float(fit.z[k])), value, one.known, known, told
-            )
-        )
+        what = (one.kind, one.place, one.unit)
+        yield _make_row(what, one.compute_value(float(fit.z[k])), value, one.known, known, told)
+
+
+def _list_mass_rows(space: ParameterSpace, fit: Fit, after: Array, before: Array) -> Iterator[Row]:
+    """Yield mass, centre of mass and inertia about it of each link; after, before : (draws, parameters) [-]."""
+    keys = [p.key for p in space.parameters]
     for name, factor in space.factors.items():
-        errors = np.array([space.parameters[keys.index((MASS, f"{name}.{n}"))].error for n in NAMES])
         at = [keys.index((MASS, f"{name}.{n}")) for n in NAMES]
-        value, known = (
-            convert_to_com(move_mass_properties(factor, errors * drawn[:, at])) for drawn in (after, before)
-        )
+        errors = np.array([space.parameters[k].error for k in at])
+        value = convert_to_com(move_mass_properties(factor, errors * after[:, at]))
+        known = convert_to_com(move_mass_properties(factor, errors * before[:, at]))
         here = convert_to_com(move_mass_properties(factor, errors * fit.z[at]))
         there = convert_to_com(move_mass_properties(factor, np.zeros(len(NAMES))))
         for k, (quantity, unit) in enumerate(zip(QUANTITIES, UNITS, strict=True)):
             told = bool(np.std(value[:, k]) < TOLD * np.std(known[:, k]))
-            out.append(
-                _make_row((quantity, name, unit), float(here[k]), value[:, k], float(there[k]), known[:, k], told)
-            )
-    return out
+            what = (quantity, name, unit)
+            yield _make_row(what, float(here[k]), value[:, k], float(there[k]), known[:, k], told)
 
 
 def _make_row(what: tuple[str, str, str], value: float, drawn: Array, before: float, known: Array, told: bool) -> Row:

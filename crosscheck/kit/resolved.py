@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+from collections.abc import Container
 from dataclasses import replace
 from typing import Any
 
@@ -120,11 +121,6 @@ def _convert_law(law: SpringLaw | None) -> dict[str, Any] | None:
 def convert_case(mechanism: Mechanism, case: Case, refinement: int = 1) -> CaseData:
     """Return a case as a table [s, rad, m]."""
     given = set(case.motion.joints(mechanism))
-    q_units = [u for j in mechanism.joints for u in UNITS[j.kind][0]]
-    v_units = [u for j in mechanism.joints for u in UNITS[j.kind][1]]
-    q_given = [j.name in given for j in mechanism.joints for _ in range(j.nq)]
-    v_given = [j.name in given for j in mechanism.joints for _ in range(j.nv)]
-    efforts = list_effort_units(mechanism)
     return CaseData(
         name=case.name,
         title=case.title,
@@ -140,21 +136,28 @@ def convert_case(mechanism: Mechanism, case: Case, refinement: int = 1) -> CaseD
         start={name: _list_numbers(values) for name, values in case.start.items()},
         jumps=[float(t) for t in case.motion.jumps],
         refinement=refinement,
-        coordinates=[
-            Coordinate(name=n, unit=u, given=g)
-            for n, u, g in zip(mechanism.coordinate_names, q_units, q_given, strict=True)
-        ],
-        velocities=[
-            Velocity(name=n, unit=u, acceleration_unit=f"{u}^2", effort_unit=e, given=g, actuated=bool(a))
-            for n, u, g, e, a in zip(
-                mechanism.velocity_names, v_units, v_given, efforts, mechanism.actuated, strict=True
-            )
-        ],
+        coordinates=_list_coordinates(mechanism, given),
+        velocities=_list_velocities(mechanism, given),
         asked=[
             Asked(quantity=q, series=list_quantity_series(mechanism, case, q), meaning=MEANINGS[q])
             for q in case.quantities
         ],
     )
+
+
+def _list_coordinates(mechanism: Mechanism, given: Container[str]) -> list[Coordinate]:
+    units = [(u, j.name in given) for j in mechanism.joints for u in UNITS[j.kind][0]]
+    named = zip(mechanism.coordinate_names, units, strict=True)
+    return [Coordinate(name=name, unit=unit, given=known) for name, (unit, known) in named]
+
+
+def _list_velocities(mechanism: Mechanism, given: Container[str]) -> list[Velocity]:
+    units = [(u, j.name in given) for j in mechanism.joints for u in UNITS[j.kind][1]]
+    efforts = list_effort_units(mechanism)
+    return [
+        Velocity(name=n, unit=u, acceleration_unit=f"{u}^2", effort_unit=e, given=g, actuated=bool(a))
+        for n, (u, g), e, a in zip(mechanism.velocity_names, units, efforts, mechanism.actuated, strict=True)
+    ]
 
 
 def needs_integration(mechanism: Mechanism, case: Case) -> bool:
@@ -187,17 +190,23 @@ def list_quantity_series(mechanism: Mechanism, case: Case, quantity: str) -> dic
 def list_all_series(mechanism: Mechanism) -> dict[str, str]:
     """Return names and units of all series that a record of a mechanism may have; STATION stands for any in internal ones."""
     beams = [link.name for link in mechanism.beams]
+    sections = [f"{beam}/{STATION}" for beam in beams]
     wrench = dict(zip(WRENCH, FORCE_UNITS, strict=True))
-    inside = dict(zip(RESULTANTS, FORCE_UNITS, strict=True))
+    place = dict.fromkeys(XYZ, "m")
+    efforts = zip(mechanism.velocity_names, list_effort_units(mechanism), strict=True)
     return {
-        **{f"torque/{n}": u for n, u in zip(mechanism.velocity_names, list_effort_units(mechanism), strict=True)},
-        **{f"wrench/{j.name}/{part}": u for j in mechanism.joints for part, u in wrench.items()},
-        **{f"reaction/{c.name}/{part}": u for c in mechanism.closures for part, u in wrench.items()},
-        **{f"tip/{link.name}/{axis}": "m" for link in mechanism.links for axis in XYZ},
-        **{f"deflection/{beam}/{axis}": "m" for beam in beams for axis in XYZ},
+        **{f"torque/{name}": unit for name, unit in efforts},
+        **_list_part_units("wrench", [joint.name for joint in mechanism.joints], wrench),
+        **_list_part_units("reaction", [closure.name for closure in mechanism.closures], wrench),
+        **_list_part_units("tip", [link.name for link in mechanism.links], place),
+        **_list_part_units("deflection", beams, place),
         **{f"axial/{beam}": "N" for beam in beams},
-        **{f"internal/{beam}/{STATION}/{part}": u for beam in beams for part, u in inside.items()},
+        **_list_part_units("internal", sections, dict(zip(RESULTANTS, FORCE_UNITS, strict=True))),
     }
+
+
+def _list_part_units(quantity: str, owners: list[str], parts: dict[str, str]) -> dict[str, str]:
+    return {f"{quantity}/{owner}/{part}": unit for owner in owners for part, unit in parts.items()}
 
 
 def _convert_link(link: Link) -> LinkData:

@@ -72,6 +72,46 @@ class BodyJoint:
         )
 
 
+@dataclass
+class TreeBuilder:
+    """A tree in the making: joints that wait for one of their bodies, joints made, and those that close loops.
+
+    frames : of the bodies that it reaches, where their links' frames stand on them [m]
+    """
+
+    waiting: list[BodyJoint]
+    spare: list[BodyJoint]
+    made: list[Joint] = field(default_factory=list)
+    frames: dict[str, Placement] = field(default_factory=lambda: {WORLD: Placement()})
+
+    def add_branch(self, root: str) -> None:
+        """Add all that joints lead to from a body that is there."""
+        stack = [root]
+        while stack:
+            stack += self._add_carried(stack.pop())[::-1]
+
+    def _add_carried(self, carrier: str) -> list[str]:
+        """Add the bodies that joints of one body lead to; return them."""
+        touching = [one for one in self.waiting if carrier in (one.parent, one.child)]
+        self.waiting = [one for one in self.waiting if one not in touching]
+        reached = []
+        for one in touching:
+            ordered = one if one.parent == carrier else one.turned
+            if ordered.child in self.frames:
+                self.spare.append(one)
+                continue
+            self.frames[ordered.child] = ordered.on_child
+            self.made.append(_make_joint(ordered, self.frames[carrier]))
+            reached.append(ordered.child)
+        return reached
+
+    def add_loose_body(self, body: str, pose: Placement) -> None:
+        """Add a body that no joint leads to, at its pose in the world [m], and all that it carries."""
+        self.frames[body] = Placement()
+        self.made.append(_make_free_joint(body, pose, {one.name for one in self.waiting}))
+        self.add_branch(body)
+
+
 def assembled(
     label: str, bodies: Bodies, joints: Iterable[BodyJoint], gravity: Array, poses: Mapping[str, Placement]
 ) -> Mechanism:
@@ -83,37 +123,16 @@ def assembled(
     Raises InputError for a loop that a joint closes for which there is no closure.
     """
     every = list(joints)
-    waiting = [one for one in every if not one.closes]
-    spare = [one for one in every if one.closes]
-    frames: dict[str, Placement] = {WORLD: Placement()}
-    made: list[Joint] = []
-    stack = [WORLD]
-    loose = [name for name in bodies if not any(name == one.child for one in waiting)]
-    loose += [name for name in bodies if name not in loose]
-    while stack or waiting or any(name not in frames for name in loose):
-        if not stack:
-            root = next((name for name in loose if name not in frames), None)
-            if root is None:
-                break
-            frames[root] = Placement()
-            made.append(_make_free_joint(root, poses.get(root, Placement()), {one.name for one in waiting}))
-            stack = [root]
-        carrier = stack.pop()
-        touching = [one for one in waiting if carrier in (one.parent, one.child)]
-        waiting = [one for one in waiting if one not in touching]
-        reached = []
-        for one in touching:
-            ordered = one if one.parent == carrier else one.turned
-            if ordered.child in frames:
-                spare.append(one)
-                continue
-            frames[ordered.child] = ordered.on_child
-            made.append(_make_joint(ordered, frames[carrier]))
-            reached.append(ordered.child)
-        stack += reached[::-1]
-    links = tuple(_make_link(joint.child, bodies[joint.child], frames[joint.child]) for joint in list_depth_first(made))
-    closures = tuple(_make_closure(one, frames) for one in spare)
-    return Mechanism(label, links, list_depth_first(made), gravity=gravity, closures=closures)
+    tree = TreeBuilder([one for one in every if not one.closes], [one for one in every if one.closes])
+    carried = {one.child for one in tree.waiting}
+    tree.add_branch(WORLD)
+    for body in sorted(bodies, key=lambda name: name in carried):
+        if body not in tree.frames:
+            tree.add_loose_body(body, poses.get(body, Placement()))
+    ordered = list_depth_first(tree.made)
+    links = tuple(_make_link(joint.child, bodies[joint.child], tree.frames[joint.child]) for joint in ordered)
+    closures = tuple(_make_closure(one, tree.frames) for one in tree.spare)
+    return Mechanism(label, links, ordered, gravity=gravity, closures=closures)
 
 
 def _make_free_joint(body: str, pose: Placement, names: set[str]) -> Joint:

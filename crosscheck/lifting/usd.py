@@ -253,25 +253,27 @@ class _Stage:
 
         Translations come first, along the axes of the first body.  Of two rotations USD states no order.
         """
-        slides, turns = (
-            [f"{way}{axis}" for axis in AXES if self._can_move(prim, f"{way}{axis}")] for way in ("trans", "rot")
-        )
+        slides = self._list_movable_axes(prim, "trans")
+        turns = self._list_movable_axes(prim, "rot")
         name = self.joint_names[prim.GetPath()]
         steps = [("prismatic", axis) for axis in slides]
+        if len(turns) == 3:
+            if len(slides) == 3:
+                return []
+            if any(np.isfinite(end) for axis in turns for end in self._read_axis_limits(prim, axis)):
+                self.dropped.append(f"joint {name}: the limits of its three rotations are no part of a ball joint")
+            return [*steps, ("spherical", "rot")]
         if len(turns) == 2:
             one, two = (axis[-1] for axis in turns)
             self.dropped.append(
                 f"joint {name}: USD states no order of its two free rotations; taken as about {one} of the first body, then "
                 f"about {two} of the second"
             )
-        if len(turns) == 3 and len(slides) < 3:
-            if any(np.isfinite(end) for axis in turns for end in self._read_axis_limits(prim, axis)):
-                self.dropped.append(f"joint {name}: the limits of its three rotations are no part of a ball joint")
-            return [*steps, ("spherical", "rot")]
-        if len(turns) == 3:
-            return []
         steps += [("revolute", axis) for axis in turns]
         return steps or [("fixed", "Z")]
+
+    def _list_movable_axes(self, prim: Any, way: str) -> list[str]:
+        return [f"{way}{axis}" for axis in AXES if self._can_move(prim, f"{way}{axis}")]
 
     def _read_axis_limits(self, prim: Any, axis: str) -> list[float]:
         """The low and the high end of a free axis [degree], [unit of the stage]; infinite where it is not stated."""
@@ -317,7 +319,6 @@ class _Stage:
     def read_limits(self, prim: Any, name: str, kind: str, axis: str) -> Limits:
         """Return the limits of a joint [rad], [m], [N m], [N], [rad/s], [m/s]; gains of its drive are told."""
         unit = self.units.compute_coordinate_unit(kind)
-        force = self.units.compute_effort_unit(kind)
         turn = "angular" if kind == "revolute" else "linear"
         keys = ("physics:lowerLimit", "physics:upperLimit")
         six = prim.GetTypeName() == "PhysicsJoint"
@@ -326,17 +327,23 @@ class _Stage:
             keys = (f"limit:{turn}:physics:low", f"limit:{turn}:physics:high")
         stated = [prim.GetAttribute(key).Get() for key in keys]
         low, high = (end if value is None else value for value, end in zip(stated, (-np.inf, np.inf), strict=True))
-        most = read_effort_limit(prim, kind, self.units)
-        if prim.HasAttribute(f"drive:{turn}:physics:stiffness") or prim.HasAttribute(f"drive:{turn}:physics:damping"):
-            gains = [prim.GetAttribute(f"drive:{turn}:physics:{key}").Get() or 0.0 for key in ("stiffness", "damping")]
-            told = [f"{float(gain) * force / unit:.6g}" for gain in gains]
-            words = f"stiffness {told[0]}, damping {told[1]} per {'radian' if kind == 'revolute' else 'metre'}"
-            self.dropped.append(f"drive of joint {name}: {words} are gains of a controller")
-            drawn = prim.GetAttribute(f"drive:{turn}:physics:maxForce").Get()
-            if drawn is not None and np.isfinite(drawn) and drawn > 0:
-                most = min(most, float(drawn) * force)
+        most = min(read_effort_limit(prim, kind, self.units), self._read_drive_limit(prim, name, kind, turn))
         fastest = read_speed_limit(prim, kind, axis if six else "", self.units)
         return Limits(most, fastest, *(float(x) * unit if np.isfinite(x) else float(x) for x in (low, high)))
+
+    def _read_drive_limit(self, prim: Any, name: str, kind: str, turn: str) -> float:
+        """Return the largest effort of a joint's drive [N m], [N], infinite where there is none; its gains are told."""
+        drive = f"drive:{turn}:physics"
+        if not (prim.HasAttribute(f"{drive}:stiffness") or prim.HasAttribute(f"{drive}:damping")):
+            return np.inf
+        unit = self.units.compute_coordinate_unit(kind)
+        force = self.units.compute_effort_unit(kind)
+        gains = [prim.GetAttribute(f"{drive}:{key}").Get() or 0.0 for key in ("stiffness", "damping")]
+        told = [f"{float(gain) * force / unit:.6g}" for gain in gains]
+        words = f"stiffness {told[0]}, damping {told[1]} per {'radian' if kind == 'revolute' else 'metre'}"
+        self.dropped.append(f"drive of joint {name}: {words} are gains of a controller")
+        most = prim.GetAttribute(f"{drive}:maxForce").Get()
+        return float(most) * force if most is not None and np.isfinite(most) and most > 0 else np.inf
 
     def read_gravity(self) -> tuple[Array, bool]:
         """Return gravity (3,) [m/s^2] as the scene states it, and whether there is a scene that does."""

@@ -234,21 +234,22 @@ def _read_mimic_law(one: JointPrim) -> tuple[Any, float, float] | None:
     prim = one.prim
     enabled = prim.GetAttribute("newton:mimicEnabled").Get()
     if targets := prim.GetRelationship("newton:mimicJoint").GetTargets():
-        factor = read_number(prim, "newton:mimicCoef1")
-        offset = read_number(prim, "newton:mimicCoef0")
-        law = targets[0], 1.0 if factor is None else factor, offset or 0.0
+        law = targets[0], _read_factor(prim, "newton:mimicCoef1"), read_number(prim, "newton:mimicCoef0") or 0.0
         return law if enabled is None or enabled else None
     if targets := prim.GetRelationship("mjc:target").GetTargets():
-        factor = read_number(prim, "mjc:coef1")
         offset = read_number(prim, "mjc:coef0") or 0.0
         in_degrees = offset / DEGREE if one.kind in TURNS else offset  # MuJoCo's is in radians, always
-        return targets[0], 1.0 if factor is None else factor, in_degrees
+        return targets[0], _read_factor(prim, "mjc:coef1"), in_degrees
     for axis in ("rotX", "rotY", "rotZ", "transX", "transY", "transZ"):
         start = f"physxMimicJoint:{axis}"
         if targets := prim.GetRelationship(f"{start}:referenceJoint").GetTargets():
-            gearing = read_number(prim, f"{start}:gearing")
-            return targets[0], -(1.0 if gearing is None else gearing), -(read_number(prim, f"{start}:offset") or 0.0)
+            return targets[0], -_read_factor(prim, f"{start}:gearing"), -(read_number(prim, f"{start}:offset") or 0.0)
     return None
+
+
+def _read_factor(prim: Any, name: str) -> float:
+    factor = read_number(prim, name)
+    return 1.0 if factor is None else factor
 
 
 def _list_higher_orders(one: JointPrim, other: JointPrim, linear: tuple[float, float]) -> Iterator[Feature]:

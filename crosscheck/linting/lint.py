@@ -18,6 +18,7 @@ from crosscheck.lifting.description import Description
 from crosscheck.linting.urdf import check_urdf
 from flexinv.errors import InputError
 from flexinv.files.from_urdf import list_xml_repairs, read_xml
+from flexinv.model.mechanism import Joint
 from flexinv.validation import check_flag
 
 LAWS = ("coupling-law", "tendon-equality", "equality")  # features that tie joints by more than a linear law
@@ -141,32 +142,34 @@ def check_machine(description: Description) -> Iterator[Finding]:
     lengths = sorted(float(np.linalg.norm(joint.placement.position)) for joint in mechanism.joints)
     yield from check_bodies(links, float(sum(lengths[-6:])) or 1.0)
     for joint in mechanism.joints:
-        low = joint.limits.lower
-        high = joint.limits.upper
-        if low > high:
-            yield make_error(
-                "limit", f"joint {joint.name}", f"{low:g} to {high:g}", "lower is above upper", "the two exchanged"
-            )
-        elif joint.kind == "revolute" and np.isfinite(high) and 4 * np.pi < max(-low, high) < 1e4:
-            yield make_warning(
-                "units",
-                f"joint {joint.name}",
-                f"{low:g} to {high:g}",
-                "beyond two turns: looks like degrees",
-                "radians",
-            )
+        yield from _check_limits(joint)
+    yield from _check_left_out(description)
+
+
+def _check_limits(joint: Joint) -> Iterator[Finding]:
+    low = joint.limits.lower
+    high = joint.limits.upper
+    place = f"joint {joint.name}"
+    given = f"{low:g} to {high:g}"
+    if low > high:
+        yield make_error("limit", place, given, "lower is above upper", "the two exchanged")
+    elif joint.kind == "revolute" and np.isfinite(high) and 4 * np.pi < max(-low, high) < 1e4:
+        yield make_warning("units", place, given, "beyond two turns: looks like degrees", "radians")
+
+
+def _check_left_out(description: Description) -> Iterator[Finding]:
+    """Yield laws that a mechanism does not have, and what was dropped of a file, where readers differ or shapes are lost."""
+    label = description.label
     for feature in description.features:
         if feature.name in LAWS:
-            words = f"{feature.name} of {feature.place}: {feature.words}"
-            yield make_warning(
-                "dropped", description.label, words, "readers make different things of it", "compare with --readers all"
-            )
+            yield _make_doubt(label, f"{feature.name} of {feature.place}: {feature.words}")
     for words in description.dropped:
         if words.startswith("geometry"):
-            yield make_warning(
-                "file", description.label, words, "shapes of it are not there", "the file where it is named"
-            )
+            yield make_warning("file", label, words, "shapes of it are not there", "the file where it is named")
         if words.startswith(("equality", "mimic", "transmission")):
-            yield make_warning(
-                "dropped", description.label, words, "readers make different things of it", "compare with --readers all"
-            )
+            yield _make_doubt(label, words)
+
+
+def _make_doubt(label: str, words: str) -> Finding:
+    why = "readers make different things of it"
+    return make_warning("dropped", label, words, why, "compare with --readers all")

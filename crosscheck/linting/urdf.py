@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Container, Iterator
 from pathlib import Path
 from xml.etree.ElementTree import Element
 
@@ -339,34 +339,25 @@ def _check_mimics(robot: Element) -> Iterator[Finding]:
 def _check_transmissions(robot: Element) -> Iterator[Finding]:
     joints = {joint.get("name", "") for joint in robot.findall("joint")}
     for element in robot.findall("transmission"):
-        named = [joint.get("name", "") for joint in element.findall("joint")]
-        for name in named:
-            if name not in joints:
-                yield make_error(
-                    "transmission",
-                    f"transmission {element.get('name')}",
-                    f"joint {name!r}",
-                    "there is no such joint",
-                    "a joint of the file",
-                )
-        for part in element.iter("mechanicalReduction"):
-            text = (part.text or "").strip()
-            if read_values(Element("x", value=text), "value", (1.0,)) is None:
-                where = f"transmission {element.get('name')}"
-                given = f"mechanicalReduction {text[:60]!r}"
-                yield make_error(
-                    "transmission", where, given, "readers take 1, or refuse the file", "the gear as a number"
-                )
-        kind = (element.findtext("type") or element.get("type") or "").strip()
-        if len(named) > 1 or (kind and "Simple" not in kind):
-            why = "readers other than its controller drop it, with its gear"
-            yield make_warning(
-                "transmission",
-                f"transmission {element.get('name')}",
-                kind or f"{len(named)} joints",
-                why,
-                "SimpleTransmission for each joint, or the coupling in the engine's words",
-            )
+        yield from _check_transmission(element, joints)
+
+
+def _check_transmission(element: Element, joints: Container[str]) -> Iterator[Finding]:
+    place = f"transmission {element.get('name')}"
+    named = [joint.get("name", "") for joint in element.findall("joint")]
+    for name in named:
+        if name not in joints:
+            yield make_error("transmission", place, f"joint {name!r}", "there is no such joint", "a joint of the file")
+    for part in element.iter("mechanicalReduction"):
+        text = (part.text or "").strip()
+        if read_values(Element("x", value=text), "value", (1.0,)) is None:
+            given = f"mechanicalReduction {text[:60]!r}"
+            yield make_error("transmission", place, given, "readers take 1, or refuse the file", "the gear as a number")
+    kind = (element.findtext("type") or element.get("type") or "").strip()
+    if len(named) > 1 or (kind and "Simple" not in kind):
+        why = "readers other than its controller drop it, with its gear"
+        write = "SimpleTransmission for each joint, or the coupling in the engine's words"
+        yield make_warning("transmission", place, kind or f"{len(named)} joints", why, write)
 
 
 def _check_mesh_files(robot: Element, path: Path) -> Iterator[Finding]:

@@ -35,23 +35,9 @@ def read(path: Path) -> tuple[Array, dict[str, Series]]:
     """Read times [s] and series with their error bars, by name.  Raises InputError that names the column or the row."""
     rows = _read_cells(path)
     header = [cell.strip() for cell in rows[0]] if rows else []
-    if not header or header[0] != TIME:
-        seen = f"the first column is {_format_quoted(header[0])}" if header else "there is no header"
-        commas = "; write commas between the columns" if header and re.search(r"[;\t]", header[0]) else ""
-        raise InputError(f"{path}: {seen}, expected {TIME!r}{commas}")
-    heads = [HEADER.fullmatch(cell) for cell in header]
-    if None in heads:
-        wrong = header[heads.index(None)]
-        raise InputError(
-            f"{path}: column {_format_quoted(wrong)}: expected a series and its unit; write 'torque/hub [N m]'"
-        )
-    names = [m.group("name", "bar") for m in heads if m is not None]
-    if twice := [name for name, count in Counter(names).items() if count > 1]:
-        raise InputError(
-            f"{path}: column {_format_quoted(''.join(filter(None, twice[0])))} is there twice; expected each once"
-        )
+    heads = _parse_header(path, header)
     table = _read_numbers(path, header, rows[1:])
-    columns = {m.group("name", "bar"): (m["unit"], table[:, k]) for k, m in enumerate(heads) if m is not None and k}
+    columns = {(name, bar): (unit, table[:, k]) for k, (name, bar, unit) in enumerate(heads) if k}
     found: dict[str, Series] = {}
     for (name, bar), (unit, values) in columns.items():
         if bar is None:
@@ -61,6 +47,26 @@ def read(path: Path) -> tuple[Array, dict[str, Series]]:
         elif columns[name, None][0] != unit:
             raise InputError(f"{path}: column '{name} error [{unit}]' expected [{columns[name, None][0]}]")
     return table[:, 0], found
+
+
+def _parse_header(path: Path, header: list[str]) -> list[tuple[str, str | None, str]]:
+    """Return name, " error" or None, and unit of every column.  Raises InputError for what is none, or is there twice."""
+    if not header or header[0] != TIME:
+        seen = f"the first column is {_format_quoted(header[0])}" if header else "there is no header"
+        commas = "; write commas between the columns" if header and re.search(r"[;\t]", header[0]) else ""
+        raise InputError(f"{path}: {seen}, expected {TIME!r}{commas}")
+    heads: list[tuple[str, str | None, str]] = []
+    for cell in header:
+        match = HEADER.fullmatch(cell)
+        if match is None:
+            raise InputError(
+                f"{path}: column {_format_quoted(cell)}: expected a series and its unit; write 'torque/hub [N m]'"
+            )
+        heads.append((match["name"], match["bar"], match["unit"]))
+    names = Counter((name, bar) for name, bar, _ in heads)
+    if twice := [name + (bar or "") for (name, bar), count in names.items() if count > 1]:
+        raise InputError(f"{path}: column {_format_quoted(twice[0])} is there twice; expected each once")
+    return heads
 
 
 def _read_cells(path: Path) -> list[list[str]]:

@@ -41,20 +41,13 @@ def build_animation(skeleton: Sequence[Mapping[str, Any]], records: Mapping[str,
     links : {"name", "parent" (index or -1), "bends", "points": how many}; base : (frames, points, 3) of all links one
     after another, the last point of each its tip; tips : engine -> (frames, links, 3), and what is known: engine -> links
     """
-    main = next((r for r in records.values() if collect_link_points(r, skeleton)), None)
+    drawn = ((record, collect_link_points(record, skeleton)) for record in records.values())
+    main, points = next(((record, points) for record, points in drawn if points), (None, None))
     if main is None:
         return None
-    points = collect_link_points(main, skeleton)
     assert points is not None
-    count = sum(len(p) for p in points)
-    frames = int(np.clip(MOST / (12 * max(1, count + len(records) * len(points))), 20, FRAMES))
-    rows = np.unique(np.linspace(0, main.time.size - 1, frames).round().astype(int))
+    rows = _choose_frames(main, sum(map(len, points)) + len(records) * len(points))
     names = [part["link"] for part in skeleton]
-    links = [
-        {"name": part["link"], "bends": part["bends"], "points": len(p)}
-        | {"parent": names.index(part["parent"]) if part["parent"] in names else -1}
-        for part, p in zip(skeleton, points, strict=True)
-    ]
     base = np.stack([point[rows] for link in points for point in link], axis=1)  # (frame, point, xyz)
     ends = base[:, np.cumsum([len(p) for p in points]) - 1]  # (frame, link, xyz)
     others = {name: read_tips(record, names, rows) for name, record in records.items() if record is not main}
@@ -62,12 +55,27 @@ def build_animation(skeleton: Sequence[Mapping[str, Any]], records: Mapping[str,
     return {
         "time": convert_to_base64(main.time[rows]),
         "engine": main.engine,
-        "links": links,
+        "links": _describe_links(skeleton, points),
         "base": convert_to_base64(base),
         "tips": {name: convert_to_base64(np.nan_to_num(tip)) for name, tip in known.items()},
         "known": {name: (~np.isnan(tip[0, :, 0])).tolist() for name, tip in known.items()},
         "apart": {name: float(np.nanmax(np.abs(tip - ends))) for name, tip in known.items()},
     }
+
+
+def _choose_frames(record: Record, points: int) -> NDArray[np.intp]:
+    """Return the samples that are drawn: fewer where each has many points."""
+    frames = int(np.clip(MOST / (12 * max(1, points)), 20, FRAMES))
+    return np.unique(np.linspace(0, record.time.size - 1, frames).round().astype(int))
+
+
+def _describe_links(skeleton: Sequence[Mapping[str, Any]], points: Sequence[Sequence[Array]]) -> list[dict[str, Any]]:
+    names = [part["link"] for part in skeleton]
+    return [
+        {"name": part["link"], "bends": part["bends"], "points": len(p)}
+        | {"parent": names.index(part["parent"]) if part["parent"] in names else -1}
+        for part, p in zip(skeleton, points, strict=True)
+    ]
 
 
 def draw_still(skeleton: Sequence[Mapping[str, Any]], records: Mapping[str, Record]) -> Markup | None:
@@ -97,23 +105,18 @@ def collect_link_points(record: Record, skeleton: Sequence[Mapping[str, Any]]) -
 
     A link whose tip is at its joint, as files of robots have them, has no length: the next one begins there.
     """
-    shapes: dict[str, list[str]] = {}
-    for name in record.series:
-        if name.startswith("shape/") and name.endswith("/x"):
-            shapes.setdefault(name.split("/")[1], []).append(name[:-2])
+    shapes = _map_to_shapes(record)
     ends: dict[str, Array] = {}
     without_length: set[str] = set()
     found = []
     for part in skeleton:
+        stems = shapes.get(part["link"], [])
         tip = _read_vector(record, f"tip/{part['link']}")
-        if tip is None and not shapes.get(part["link"]):
+        if tip is None and not stems:
             return None
-        nodes = [v for stem in shapes.get(part["link"], []) if (v := _read_vector(record, stem)) is not None]
+        nodes = [v for stem in stems if (v := _read_vector(record, stem)) is not None]
         if not nodes:  # another engine's record: the joint is where the parent ends
-            start = (
-                ends.get(part["parent"]) if part["at"] is None else np.broadcast_to(part["at"], (record.time.size, 3))
-            )
-            nodes = [] if start is None else [np.asarray(start)]
+            nodes = _list_start(record, part, ends)
         points = nodes if tip is None else [*nodes, tip]
         has_length = any(not np.array_equal(one, points[-1]) for one in points)
         if part["parent"] in without_length:
@@ -123,6 +126,22 @@ def collect_link_points(record: Record, skeleton: Sequence[Mapping[str, Any]]) -
         ends[part["link"]] = points[-1]
         found.append(points)
     return found or None
+
+
+def _map_to_shapes(record: Record) -> dict[str, list[str]]:
+    """Return by link the series of its nodes, without their axes, in the order of the record."""
+    shapes: dict[str, list[str]] = {}
+    for name in record.series:
+        if name.startswith("shape/") and name.endswith("/x"):
+            shapes.setdefault(name.split("/")[1], []).append(name[:-2])
+    return shapes
+
+
+def _list_start(record: Record, part: Mapping[str, Any], ends: Mapping[str, Array]) -> list[Array]:
+    """Return the point (samples, 3) [m] at which a link starts, where it is known."""
+    if part["at"] is not None:
+        return [np.asarray(np.broadcast_to(part["at"], (record.time.size, 3)))]
+    return [np.asarray(ends[part["parent"]])] if part["parent"] in ends else []
 
 
 def _read_vector(record: Record, stem: str) -> Array | None:

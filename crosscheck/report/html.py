@@ -139,7 +139,6 @@ def build_matrix_block(results: Results, mechanism: str, cases: Sequence[CaseRow
     read = [case for case in cases if not case.problem]
     rows = [(case, [words.make_cell(results, case, e.name) for e in results.engines]) for case in read]
     columns = [k for k in range(len(results.engines)) if words.has_taken_part(cells[k] for _, cells in rows)]
-    stills = (animation.draw_still(case.skeleton, read_records(results, case, out)) for case in read if case.skeleton)
     return {
         "mechanism": mechanism,
         "title": next((case.mechanism_title for case in read if case.mechanism_title), ""),
@@ -147,8 +146,13 @@ def build_matrix_block(results: Results, mechanism: str, cases: Sequence[CaseRow
         "engines": [results.engines[k].name for k in columns],
         "rows": [(case, [cells[k] for k in columns]) for case, cells in rows],
         "absent": words.list_absent_engines(results, read) if read else [],
-        "drawing": next((one for one in stills if one is not None), None),
+        "drawing": _draw_first_case(results, read, out),
     }
+
+
+def _draw_first_case(results: Results, cases: Iterable[CaseRow], out: Path) -> Markup | None:
+    stills = (animation.draw_still(case.skeleton, read_records(results, case, out)) for case in cases if case.skeleton)
+    return next((one for one in stills if one is not None), None)
 
 
 def build_case_view(results: Results, case: CaseRow, out: Path) -> dict[str, Any]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable, Iterator
 
 from crosscheck.report import change_summary, words
 from crosscheck.report.explanations import describe_causes, describe_diagnosis
@@ -26,46 +26,95 @@ SPECIAL = re.compile(r"([\\`*_\[\]|~<>&$@])")
 def render(results: Results) -> str:
     """Return the summary as GitHub-flavoured Markdown."""
     parts = [f"# {describe_run(results)}", "", f"{escape(results.started)}, {format_duration(results.elapsed)}", ""]
-    parts += [escape(said), ""] if (said := describe_unchanged(results)) else []
+    if said := describe_unchanged(results):
+        parts += [escape(said), ""]
+    for render_section in SECTIONS:
+        parts += render_section(results)
+    return "\n".join(parts) + "\n"
+
+
+def _render_section(title: str, head: tuple[str, ...], rows: Iterable[tuple[str, ...]]) -> list[str]:
+    return [f"## {title}", "", *render_table(head, rows)]
+
+
+def _render_changes(results: Results) -> Iterator[str]:
     if results.changes:
-        parts += ["## Changes", "", escape(change_summary.describe_changes(results.changes)), ""]
+        yield from ("## Changes", "", escape(change_summary.describe_changes(results.changes)), "")
         moved = [
             (v["what"], v["before_verdict"], format_short(v["before"]), v["after_verdict"], format_short(v["after"]))
             for v in results.changes["values"]
         ]
-        parts += render_table(("comparison", "was", "", "is", ""), moved) if moved else []
+        if moved:
+            yield from render_table(("comparison", "was", "", "is", ""), moved)
         if new := [(c["what"], c["name"], c["words"]) for c in results.changes.get("causes", ())]:
-            parts += render_table(("cause", "of what", "in words"), new)
+            yield from render_table(("cause", "of what", "in words"), new)
+
+
+def _render_moves(results: Results) -> Iterator[str]:
     if results.moves:
-        parts += ["## Values that moved since they were blessed", ""]
+        yield from ("## Values that moved since they were blessed", "")
         for moves in results.moves_by_reason.values():
-            parts += [f"* {escape(line)}" for line in describe_group(moves)] + [""]
+            yield from (f"* {escape(line)}" for line in describe_group(moves))
+            yield ""
+
+
+def _render_gone(results: Results) -> Iterator[str]:
     if gone := results.baseline.get("gone", ()):
-        parts += [
-            "## Gone",
-            "",
-            "Blessed, and not measured any more.",
-            "",
-            *render_table(("comparison",), ((name,) for name in gone)),
-        ]
-    if idle := [(f"{c.mechanism}/{c.case}", line) for c in results.cases for line in c.unused_limits]:
-        parts += ["## Limits that no comparison asked for", "", *render_table(("case", "limit"), idle)]
-    if rows := list_troubles(results):
-        body = [(f"{SIGNS[v]} {v}", _format_place(where), what, message) for v, where, what, message in rows]
-        parts += ["## Where not", "", *render_table(("verdict", "where", "what", "message"), body)]
-    parts += ["## Matrix", "", "Largest error over the range of the signal, for the quantity nearest its limit.", ""]
-    parts += render_table(("case", *(e.name for e in results.engines)), _list_matrix_rows(results))
-    if results.diagnoses:
-        asked = [
-            (f"{d.mechanism}/{d.case}", d.engine, describe_causes(d) or "none", describe_diagnosis(d))
-            for d in results.diagnoses
-        ]
-        parts += ["## Why they differ", "", *render_table(("case", "engine", "cause", "what it explains"), asked)]
-    if results.studies:
-        parts += ["## Studies", "", *render_table(("study", "verdict", "rows"), _list_study_rows(results))]
-    parts += ["## Comparisons", "", *render_table(HEAD, _list_comparison_rows(results))]
-    engines = [(e.name, e.version or "–", e.message or e.abilities) for e in results.engines]
-    return "\n".join([*parts, "## Engines", "", *render_table(("engine", "version", "what it can do"), engines)]) + "\n"
+        yield from ("## Gone", "", "Blessed, and not measured any more.", "")
+        yield from render_table(("comparison",), ((name,) for name in gone))
+
+
+def _render_unused_limits(results: Results) -> list[str]:
+    idle = [(f"{c.mechanism}/{c.case}", line) for c in results.cases for line in c.unused_limits]
+    return _render_section("Limits that no comparison asked for", ("case", "limit"), idle) if idle else []
+
+
+def _render_troubles(results: Results) -> list[str]:
+    rows = [(f"{SIGNS[v]} {v}", _format_place(where), what, words) for v, where, what, words in list_troubles(results)]
+    return _render_section("Where not", ("verdict", "where", "what", "message"), rows) if rows else []
+
+
+def _render_matrix(results: Results) -> Iterator[str]:
+    yield from ("## Matrix", "", "Largest error over the range of the signal, for the quantity nearest its limit.", "")
+    yield from render_table(("case", *(e.name for e in results.engines)), _list_matrix_rows(results))
+
+
+def _render_diagnoses(results: Results) -> list[str]:
+    asked = [
+        (f"{d.mechanism}/{d.case}", d.engine, describe_causes(d) or "none", describe_diagnosis(d))
+        for d in results.diagnoses
+    ]
+    head = ("case", "engine", "cause", "what it explains")
+    return _render_section("Why they differ", head, asked) if asked else []
+
+
+def _render_studies(results: Results) -> list[str]:
+    if not results.studies:
+        return []
+    return _render_section("Studies", ("study", "verdict", "rows"), _list_study_rows(results))
+
+
+def _render_comparisons(results: Results) -> list[str]:
+    return _render_section("Comparisons", HEAD, _list_comparison_rows(results))
+
+
+def _render_engines(results: Results) -> list[str]:
+    rows = [(e.name, e.version or "–", e.message or e.abilities) for e in results.engines]
+    return _render_section("Engines", ("engine", "version", "what it can do"), rows)
+
+
+SECTIONS: tuple[Callable[[Results], Iterable[str]], ...] = (
+    _render_changes,
+    _render_moves,
+    _render_gone,
+    _render_unused_limits,
+    _render_troubles,
+    _render_matrix,
+    _render_diagnoses,
+    _render_studies,
+    _render_comparisons,
+    _render_engines,
+)
 
 
 HEAD = ("case", "engine", "reference", "quantity", "largest error", "RMS", "of range", "limit", "verdict", "message")

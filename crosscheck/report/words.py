@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -39,6 +39,7 @@ MEANINGS: dict[str, str] = {
 }
 
 SHOWN_MOVES = 8  # moved values of one change that a list shows
+Trouble = tuple[Verdict, CaseRow | StudyRow, str, str]  # verdict, where, what, message
 NAMED = 3  # models that a sentence names; the list below it has all, with the reasons
 
 
@@ -186,56 +187,62 @@ def describe_run(results: Results) -> str:
     """Return the summary of a run that a reader has to know first."""
     tally = count_verdicts(results)
     judged = sum(tally.values()) - tally["skipped"] - tally["explained"]
-    failed = sum(r.verdict == "error" for r in results.runs)
-    broken = {(r.mechanism, r.case, r.engine) for r in results.runs if r.verdict == "error"}
-    alone = [c for c in results.comparisons if c.verdict == "error" and not _find_runs(c) & broken]
-    coarse = [c for c in results.comparisons if c.verdict == "unjudged" and c.message.startswith(COARSE)]
-    bare = [
-        c for c in results.comparisons if c.verdict == "unjudged" and UNBLESSED not in c.message and c not in coarse
-    ]
-    others = {(line.mechanism, line.case, line.engine) for line in results.certificates if is_failing(line)}
-    parts = [
-        _count(tally["deviation"], "comparison deviates", "comparisons deviate"),
-        _count(len(bare), "comparison has no limit", "comparisons have no limit"),
-        _count(len(coarse), "comparison needs a finer reference", "comparisons need a finer reference"),
-        _count(
-            tally["unjudged"] - len(bare) - len(coarse),
-            "comparison is not blessed yet",
-            "comparisons are not blessed yet",
-        ),
-        _count(len(alone), "comparison is impossible", "comparisons are impossible"),
-        _count(len(others), "certificate does not hold", "certificates do not hold"),
-        _count(failed, "run failed", "runs failed"),
-        _describe_unread([c.mechanism for c in results.cases if c.problem]),
-        _count(
-            sum(s.verdict not in ("within", "explained", "skipped") for s in results.studies),
-            "study is off",
-            "studies are off",
-        ),
-        _count(len(results.moves_by_reason), "change moves blessed values", "changes move blessed values"),
-        _count(len(results.baseline.get("gone", ())), "blessed comparison is gone", "blessed comparisons are gone"),
-        results.message,
-    ]
-    wrong = [part for part in parts if part]
+    wrong = [part for part in (*_count_comparison_troubles(results), *_count_other_troubles(results)) if part]
     if not wrong and results.finished and results.cases and not results.compared:
         return "Nothing was compared."
     if not wrong and results.exit_code == 0:
-        named = _count(
-            tally["explained"],
-            "more differs by what checked error bars cover",
-            "more differ by what checked error bars cover",
-        )
-        if judged:
-            return _describe_all_within(judged, *_COMPARISONS) + ("; " if named else "") + named + "."
-        done = sum(s.verdict == "within" for s in results.studies)
-        nothing = "Nothing was judged." if results.studies and not results.cases else "Nothing was compared."
-        return _describe_all_within(done, *_STUDIES) + "." if done else nothing
+        return _describe_success(results, judged, tally["explained"])
     if not results.finished and not results.message:
         wrong.append("the run has not finished")
     if results.studies and not results.cases:  # of the selftest, of the benchmark
         done = sum(s.verdict in ("within", "skipped") for s in results.studies)
-        return _describe_some_within(done, len(results.studies), *_STUDIES) + "; " + ", ".join(wrong) + "."
-    return _describe_some_within(tally["within"], judged, *_COMPARISONS) + "; " + ", ".join(wrong) + "."
+        said = _describe_some_within(done, len(results.studies), *_STUDIES)
+    else:
+        said = _describe_some_within(tally["within"], judged, *_COMPARISONS)
+    return f"{said}; {', '.join(wrong)}."
+
+
+def _count_comparison_troubles(results: Results) -> Iterator[str]:
+    """Yield what is wrong with comparisons, each kind with its number; "" for what is not there."""
+    tally = count_verdicts(results)
+    broken = {(r.mechanism, r.case, r.engine) for r in results.runs if r.verdict == "error"}
+    alone = [c for c in results.comparisons if c.verdict == "error" and not _find_runs(c) & broken]
+    unjudged = [c for c in results.comparisons if c.verdict == "unjudged"]
+    coarse = [c for c in unjudged if c.message.startswith(COARSE)]
+    bare = [c for c in unjudged if UNBLESSED not in c.message and c not in coarse]
+    new = len(unjudged) - len(bare) - len(coarse)
+    yield _count(tally["deviation"], "comparison deviates", "comparisons deviate")
+    yield _count(len(bare), "comparison has no limit", "comparisons have no limit")
+    yield _count(len(coarse), "comparison needs a finer reference", "comparisons need a finer reference")
+    yield _count(new, "comparison is not blessed yet", "comparisons are not blessed yet")
+    yield _count(len(alone), "comparison is impossible", "comparisons are impossible")
+
+
+def _count_other_troubles(results: Results) -> Iterator[str]:
+    """Yield what is wrong with certificates, runs, models, studies and what was blessed; "" for what is not there."""
+    others = {(line.mechanism, line.case, line.engine) for line in results.certificates if is_failing(line)}
+    failed = sum(r.verdict == "error" for r in results.runs)
+    off = sum(s.verdict not in ("within", "explained", "skipped") for s in results.studies)
+    yield _count(len(others), "certificate does not hold", "certificates do not hold")
+    yield _count(failed, "run failed", "runs failed")
+    yield _describe_unread([c.mechanism for c in results.cases if c.problem])
+    yield _count(off, "study is off", "studies are off")
+    yield _count(len(results.moves_by_reason), "change moves blessed values", "changes move blessed values")
+    yield _count(len(results.baseline.get("gone", ())), "blessed comparison is gone", "blessed comparisons are gone")
+    yield results.message
+
+
+def _describe_success(results: Results, judged: int, explained: int) -> str:
+    """Return the sentence of a run in which all is well."""
+    if judged:
+        said = _describe_all_within(judged, *_COMPARISONS)
+        covered = _count(
+            explained, "more differs by what checked error bars cover", "more differ by what checked error bars cover"
+        )
+        return f"{said}; {covered}." if covered else f"{said}."
+    if done := sum(s.verdict == "within" for s in results.studies):
+        return _describe_all_within(done, *_STUDIES) + "."
+    return "Nothing was judged." if results.studies and not results.cases else "Nothing was compared."
 
 
 def _describe_unread(names: Sequence[str]) -> str:
@@ -244,29 +251,39 @@ def _describe_unread(names: Sequence[str]) -> str:
     return f"{_count(len(names), 'model cannot be read', 'models cannot be read')} ({shown})" if names else ""
 
 
-def list_troubles(results: Results) -> list[tuple[Verdict, CaseRow | StudyRow, str, str]]:
+def list_troubles(results: Results) -> list[Trouble]:
     """Return everything that is not as it should be: verdict, case or study, what, message; the gravest first."""
-    rows: list[tuple[Verdict, CaseRow | StudyRow, str, str]] = []
-    for case in results.cases:
-        if case.problem:
-            rows.append(("error", case, "model", case.problem))
-        here = (case.mechanism, case.case)
-        runs = [r for r in results.runs if (r.mechanism, r.case) == here and r.verdict == "error"]
-        rows += [("error", case, r.engine, f"{r.status}: {r.message}") for r in runs]
-        failed = {r.engine for r in runs}
-        torn = [sheet for sheet in list_certificates(results, case) if sheet.verdict == "deviation"]
-        rows += [("deviation", case, f"{sheet.engine} certificate", sheet.text) for sheet in torn]
-        for c in results.comparisons:
-            known = c.verdict in ("within", "skipped", "explained") or bool({c.engine, c.reference} & failed)
-            known = known or (c.verdict == "deviation" and c.message == c.uncertified)  # said by the row above
-            if (c.mechanism, c.case) == here and not known and not _is_new(c):
-                text = "; ".join(filter(None, [c.message, find_cause(results, c)]))
-                rows.append((c.verdict, case, _describe_comparison(results, c), text))
+    rows = [trouble for case in results.cases for trouble in _list_case_troubles(results, case)]
     rows += _list_unblessed(results)
     rows += [
         (s.verdict, s, s.name, describe_study(s)) for s in results.studies if s.verdict not in ("within", "skipped")
     ]
     return sorted(rows, key=lambda row: -VERDICTS.index(row[0]))
+
+
+def _list_case_troubles(results: Results, case: CaseRow) -> Iterator[Trouble]:
+    """Yield what is not as it should be in one case: its model, its runs, their certificates, their comparisons."""
+    if case.problem:
+        yield "error", case, "model", case.problem
+    here = (case.mechanism, case.case)
+    runs = [r for r in results.runs if (r.mechanism, r.case) == here and r.verdict == "error"]
+    for run in runs:
+        yield "error", case, run.engine, f"{run.status}: {run.message}"
+    for sheet in list_certificates(results, case):
+        if sheet.verdict == "deviation":
+            yield "deviation", case, f"{sheet.engine} certificate", sheet.text
+    failed = {r.engine for r in runs}
+    for row in results.comparisons:
+        if (row.mechanism, row.case) == here and not _is_said_elsewhere(row, failed):
+            text = "; ".join(filter(None, [row.message, find_cause(results, row)]))
+            yield row.verdict, case, _describe_comparison(results, row), text
+
+
+def _is_said_elsewhere(row: Comparison, failed: Collection[str]) -> bool:
+    """Return True if nothing is wrong with a comparison, or a row of its run, its certificate or its mechanism says it."""
+    if row.verdict in ("within", "skipped", "explained") or row.engine in failed or row.reference in failed:
+        return True
+    return (row.verdict == "deviation" and row.message == row.uncertified) or _is_new(row)
 
 
 def _is_new(row: Comparison) -> bool:
@@ -281,9 +298,9 @@ def _describe_comparison(results: Results, row: Comparison) -> str:
     return f"{row.engine} {row.quantity}" + (f" [{row.unit}]" if len(units) > 1 else "")
 
 
-def _list_unblessed(results: Results) -> list[tuple[Verdict, CaseRow | StudyRow, str, str]]:
+def _list_unblessed(results: Results) -> list[Trouble]:
     """Return one row for each mechanism of which comparisons are not blessed yet: how many, of which engines."""
-    rows: list[tuple[Verdict, CaseRow | StudyRow, str, str]] = []
+    rows: list[Trouble] = []
     for cases in split_by_mechanism(results.cases).values():
         new = [c for c in results.comparisons if c.mechanism == cases[0].mechanism and _is_new(c)]
         if new:

@@ -63,14 +63,24 @@ def compare_engines(shared: RunContext, task: Task, engine: Engine, reference: E
     rows = compare(RecordPair(task.folder.name, task.case, ours, theirs, task.rest, datetime.date.today()))
     lines = list_certificate_lines(task, {REFERENCE: flexinv, **first})
     rows = _compare_with_finer(shared, task, first, judge_by_certificate(rows, lines), lines)
-    if any(map(is_doubtful, rows)):
-        again = {one.name: _run_attempt(shared, task, one, AGAIN).record for one in (engine, reference)}
-        rows = [judge_by_repetition(row, first, again) if is_doubtful(row) else row for row in rows]
+    rows = _judge_doubtful(shared, task, (engine, reference), first, rows)
     known = read_blessed_night(shared.baseline)
+    if known is None:
+        return rows
     if any(is_worse(row, known) for row in rows):
         moved = [_run_attempt(shared, task, engine, {**AGAIN, "error": False, "shake": way}).record for way in SHAKEN]
         rows = [add_scatter(row, theirs, moved) if is_worse(row, known) else row for row in rows]
-    return rows if known is None else [judge_by_baseline(row, known) for row in rows]
+    return [judge_by_baseline(row, known) for row in rows]
+
+
+def _judge_doubtful(
+    shared: RunContext, task: Task, engines: Iterable[Engine], first: Mapping[str, Record], rows: list[Comparison]
+) -> list[Comparison]:
+    """Return the comparisons of a pair, doubtful ones judged by running both once more."""
+    if not any(map(is_doubtful, rows)):
+        return rows
+    again = {one.name: _run_attempt(shared, task, one, AGAIN).record for one in engines}
+    return [judge_by_repetition(row, first, again) if is_doubtful(row) else row for row in rows]
 
 
 def _compare_with_finer(

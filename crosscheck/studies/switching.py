@@ -195,23 +195,30 @@ def _take_phase(solution: Solution, case: Case, first: int, last: int) -> PhaseP
 
 def _remove_idle_bodies(mechanism: Mechanism, case: Case) -> Mechanism:
     """Without the bodies that nothing drives and that closures tie to the world or to each other only."""
-    given = set(case.motion.joints(mechanism))
-    idle: set[str] = set()
-    for joint in mechanism.joints:  # parents come before their children
-        hangs = joint.parent == WORLD or joint.parent in idle
-        if hangs and not joint.actuated and joint.name not in given:
-            idle.add(joint.child)
-    carriers = {j.parent for j in mechanism.joints if j.child not in idle}
-    ends = [{c.first.link, c.second.link} for c in mechanism.closures]
-    held = set().union(*(pair for pair in ends if not pair <= idle | {WORLD}), carriers)
+    idle = _find_idle_bodies(mechanism, case)
+    lost = idle | {WORLD}
+    kept = [c for c in mechanism.closures if not {c.first.link, c.second.link} <= lost]
+    held = {link for c in kept for link in (c.first.link, c.second.link)}
+    held |= {j.parent for j in mechanism.joints if j.child not in idle}
     if idle & held or not idle:
         return mechanism
     return replace(
         mechanism,
         links=tuple(link for link in mechanism.links if link.name not in idle),
         joints=tuple(j for j in mechanism.joints if j.child not in idle),
-        closures=tuple(c for c, pair in zip(mechanism.closures, ends, strict=True) if not pair <= idle | {WORLD}),
+        closures=tuple(kept),
     )
+
+
+def _find_idle_bodies(mechanism: Mechanism, case: Case) -> set[str]:
+    """Bodies that hang on the world by joints that nothing drives or moves."""
+    given = set(case.motion.joints(mechanism))
+    idle: set[str] = set()
+    for joint in mechanism.joints:  # parents come before their children
+        hangs = joint.parent == WORLD or joint.parent in idle
+        if hangs and not joint.actuated and joint.name not in given:
+            idle.add(joint.child)
+    return idle
 
 
 def _choose_driven_joints(solution: Solution, now: Mechanism, case: Case, sample: int) -> set[str]:

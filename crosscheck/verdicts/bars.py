@@ -145,22 +145,27 @@ class Bars:
             return "deviation", f"{message}; {words}"
         if any(self.engine_bars[n] is None or self.reference_bars[n] is None for n in over):
             return "deviation", message
-        if any(
-            error > (self.engine_bars[n] or 0.0) + (self.reference_bars[n] or 0.0) for n, error in self.errors.items()
-        ):
+        if any(error > sum(self._list_both_bars(name)) for name, error in self.errors.items()):
             return "deviation", message
-        worst = max(self.errors, key=lambda name: self.errors[name])
-        ours = self.engine_bars[worst] or 0.0
-        theirs = self.reference_bars[worst] or 0.0
-        both = f"{message}; the error bars add up to {ours + theirs:.3g}"
-        if lost := next((self.unordered[n] for n in over if self.unordered.get(n)), ""):
-            return "deviation", f"{both}, but explain nothing: refined, the runs of {lost} come no closer to each other"
-        if ours + theirs > WIDEST_BAR:
-            return "deviation", f"{both}, which is too wide to explain it: refine"
-        if stay := [self.staying[name] for name in over if name in self.staying]:
-            return "deviation", f"{both}, but {max(stay):.3g} is left where the refined runs of {self.engine} tend to"
+        ours, theirs = self._list_both_bars(max(self.errors, key=lambda name: self.errors[name]))
+        if words := self._describe_weakness(over, ours + theirs):
+            return "deviation", f"{message}; the error bars add up to {ours + theirs:.3g}, {words}"
         sides = f"{self.engine} {ours:.3g}, {self.reference} {theirs:.3g}"
         return "explained", f"{BY_DISCRETISATION}{message}, and the error bars add up to {ours + theirs:.3g}: {sides}"
+
+    def _list_both_bars(self, name: str) -> tuple[float, float]:
+        """Return the checked bars of the engine and of the reference [-], 0 where there is none."""
+        return self.engine_bars[name] or 0.0, self.reference_bars[name] or 0.0
+
+    def _describe_weakness(self, over: Sequence[str], total: float) -> str:
+        """Return the reason why bars that are wide enough explain nothing, "" where they do; over : series beyond the limit."""
+        if lost := next((self.unordered[n] for n in over if self.unordered.get(n)), ""):
+            return f"but explain nothing: refined, the runs of {lost} come no closer to each other"
+        if total > WIDEST_BAR:
+            return "which is too wide to explain it: refine"
+        if stay := [self.staying[name] for name in over if name in self.staying]:
+            return f"but {max(stay):.3g} is left where the refined runs of {self.engine} tend to"
+        return ""
 
 
 def build_bars(
@@ -172,18 +177,23 @@ def build_bars(
     """
     scaled = scale or np.inf  # a signal that is zero has no bars that could explain anything
     errors = {n: float(np.abs(ours.series[n].values - reference.values[n]).max()) for n in names}
-    both = {n: (find_checked_bar(ours, n), reference.bars[n]) for n in names}
     told = {n: bar for n in names if (bar := find_stated_bar(ours, n)) is not None}
     return Bars(
-        ours.engine,
-        theirs.engine,
-        {n: error / scale if scale > 0.0 else (np.inf if error > 0.0 else 0.0) for n, error in errors.items()},
-        {n: None if bars[0] is None else bars[0] / scaled for n, bars in both.items()},
-        {n: None if bars[1] is None else bars[1] / scaled for n, bars in both.items()},
-        {n: bar / scaled for n, bar in told.items()},
-        {n: far / scaled for n in names if (far := _compute_limit_gap(ours, reference, n, limit * scale)) is not None},
-        {n: words for n in names if (words := describe_unordered(ours, theirs, n))},
+        engine=ours.engine,
+        reference=theirs.engine,
+        errors={n: error / scale if scale > 0.0 else (np.inf if error > 0.0 else 0.0) for n, error in errors.items()},
+        engine_bars=_scale_bars({n: find_checked_bar(ours, n) for n in names}, scaled),
+        reference_bars=_scale_bars({n: reference.bars[n] for n in names}, scaled),
+        stated_bars={n: bar / scaled for n, bar in told.items()},
+        staying={
+            n: far / scaled for n in names if (far := _compute_limit_gap(ours, reference, n, limit * scale)) is not None
+        },
+        unordered={n: words for n in names if (words := describe_unordered(ours, theirs, n))},
     )
+
+
+def _scale_bars(bars: Mapping[str, float | None], scale: float) -> dict[str, float | None]:
+    return {name: None if bar is None else bar / scale for name, bar in bars.items()}
 
 
 def _compute_limit_gap(ours: Record, reference: Reference, name: str, allowed: float) -> float | None:

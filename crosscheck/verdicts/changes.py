@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Container, Iterable, Mapping
+from dataclasses import dataclass
 from typing import Any
 
 import sqlalchemy as sql
@@ -19,6 +20,8 @@ SLOWER = 2.0
 SECONDS = 1.0
 ROUNDING = 1e-12  # of the range: below it a difference of engines is the rounding of both
 Row = Mapping[str, Any]
+Name = tuple[str, ...]  # values of the columns that name a row
+Rows = dict[Name, Row]
 
 
 def find_previous_night(database: sql.Engine, number: int, target: str = "previous") -> Night | None:
@@ -42,53 +45,76 @@ def collect_changes(database: sql.Engine, before: Night, after: int) -> dict[str
 
     Only what was run in both is compared; what appeared and what vanished is said.
     """
-    old, new = (_map_by_key(read_rows(database, COMPARISON, n), NAMES) for n in (before.id, after))
-    models = [_map_by_key(read_rows(database, MODEL, n), ("mechanism", "case_name")) for n in (before.id, after)]
-    versions = [{r["package"]: r["version"] for r in read_rows(database, VERSION, n)} for n in (before.id, after)]
-    timings = [
-        _map_by_key(read_rows(database, TIMING, n), ("mechanism", "case_name", "engine")) for n in (before.id, after)
-    ]
-    ran = {k[:3] for k in new}
-    ran_before = {k[:3] for k in old}
-    causes = [_map_by_key(read_rows(database, CAUSE, n), CAUSES) for n in (before.id, after)]
+    nights = NightPair(database, before.id, after)
+    old, new = nights.read_rows(COMPARISON, NAMES)
+    ran_before = {name[:3] for name in old}
+    ran = {name[:3] for name in new}
+    appeared = [name for name in new.keys() - old.keys() if new[name]["fraction"] is not None]
+    vanished = [name for name in old.keys() - new.keys() if name[:3] in ran and old[name]["fraction"] is not None]
     return {
         "night": before.folder or before.started,
         "started": before.started,
-        "versions": [
-            {"package": p, "before": versions[0].get(p, "–"), "after": v}
-            for p, v in versions[1].items()
-            if versions[0].get(p) != v
-        ],
-        "models": sorted("/".join(k) for k in models[0].keys() & models[1].keys() if _has_other_model(models, k)),
+        "versions": _list_versions(nights),
+        "models": _list_other_models(nights),
         "values": [_make_value_change(k, old[k], new[k]) for k in new if k in old and _has_moved(old[k], new[k])],
-        "signals": _list_moves(database, before.id, after),
-        "appeared": sorted(_format_name(k) for k in new.keys() - old.keys() if new[k]["fraction"] is not None),
-        "vanished": sorted(
-            _format_name(k) for k in old.keys() - new.keys() if k[:3] in ran and old[k]["fraction"] is not None
-        ),
-        "causes": [
-            *(
-                _make_cause_change("appeared", k, causes[1][k])
-                for k in causes[1]
-                if k not in causes[0] and k[:3] in ran_before
-            ),
-            *(
-                _make_cause_change("vanished", k, causes[0][k])
-                for k in causes[0]
-                if k not in causes[1] and k[:3] in ran
-            ),
-        ],
-        "slower": [
-            {"run": " ".join(k), "before": timings[0][k]["wall_time"], "after": t["wall_time"]}
-            for k, t in timings[1].items()
-            if k in timings[0] and t["status"] == "ok" == timings[0][k]["status"] and _is_slower(timings[0][k], t)
-        ],
+        "signals": _list_moves(nights),
+        "appeared": sorted(map(_format_name, appeared)),
+        "vanished": sorted(map(_format_name, vanished)),
+        "causes": _list_causes(nights, ran_before, ran),
+        "slower": _list_slower_runs(nights),
     }
 
 
-def _list_moves(database: sql.Engine, before: int, after: int) -> list[dict[str, Any]]:
+@dataclass(frozen=True)
+class NightPair:
+    """Two nights of a history, by their numbers."""
+
+    database: sql.Engine
+    before: int
+    after: int
+
+    def read_rows(self, table: sql.Table, names: Iterable[str]) -> tuple[Rows, Rows]:
+        """Return the rows of a table in both nights, by what names them.  Raises HistoryError."""
+        old, new = (_map_by_key(read_rows(self.database, table, night), names) for night in (self.before, self.after))
+        return old, new
+
+
+def _list_versions(nights: NightPair) -> list[dict[str, str]]:
+    old, new = nights.read_rows(VERSION, ("package",))
+    before = {package: row["version"] for (package,), row in old.items()}
+    return [
+        {"package": package, "before": before.get(package, "–"), "after": row["version"]}
+        for (package,), row in new.items()
+        if before.get(package) != row["version"]
+    ]
+
+
+def _list_other_models(nights: NightPair) -> list[str]:
+    old, new = nights.read_rows(MODEL, ("mechanism", "case_name"))
+    return sorted("/".join(name) for name in old.keys() & new.keys() if old[name]["hash"] != new[name]["hash"])
+
+
+def _list_causes(nights: NightPair, ran_before: Container[Name], ran: Container[Name]) -> list[dict[str, str]]:
+    """Return the causes that appeared and that vanished, of runs of both nights."""
+    old, new = nights.read_rows(CAUSE, CAUSES)
+    return [
+        *(_make_cause_change("appeared", k, new[k]) for k in new if k not in old and k[:3] in ran_before),
+        *(_make_cause_change("vanished", k, old[k]) for k in old if k not in new and k[:3] in ran),
+    ]
+
+
+def _list_slower_runs(nights: NightPair) -> list[dict[str, Any]]:
+    old, new = nights.read_rows(TIMING, ("mechanism", "case_name", "engine"))
+    return [
+        {"run": " ".join(name), "before": old[name]["wall_time"], "after": row["wall_time"]}
+        for name, row in new.items()
+        if name in old and row["status"] == "ok" == old[name]["status"] and _is_slower(old[name], row)
+    ]
+
+
+def _list_moves(nights: NightPair) -> list[dict[str, Any]]:
     """Return the values of engines that moved by more than the error bars of both nights, the largest first."""
-    old, new = (_map_by_key(read_rows(database, SIGNAL, n), SERIES) for n in (before, after))
+    old, new = nights.read_rows(SIGNAL, SERIES)
     found = []
     for name in old.keys() & new.keys():
         was = old[name]
@@ -103,20 +129,21 @@ def _list_moves(database: sql.Engine, before: int, after: int) -> list[dict[str,
     return sorted(found, key=lambda row: -row["share"])
 
 
-def _make_value_change(name: tuple[str, ...], old: Row, new: Row) -> dict[str, Any]:
+def _make_value_change(name: Name, old: Row, new: Row) -> dict[str, Any]:
     return {
         "what": _format_name(name),
-        **{"mechanism": name[0], "case": name[1], "before": old["fraction"], "after": new["fraction"]},
-        **{
-            "before_verdict": old["verdict"],
-            "after_verdict": new["verdict"],
-            "message": new["message"],
-            "before_message": old["message"],
-        },
+        "mechanism": name[0],
+        "case": name[1],
+        "before": old["fraction"],
+        "after": new["fraction"],
+        "before_verdict": old["verdict"],
+        "after_verdict": new["verdict"],
+        "message": new["message"],
+        "before_message": old["message"],
     }
 
 
-def _make_cause_change(what: str, name: tuple[str, ...], row: Row) -> dict[str, str]:
+def _make_cause_change(what: str, name: Name, row: Row) -> dict[str, str]:
     mechanism, case, engine, reference, cause, target = name
     words = f"{mechanism}/{case} {engine} against {reference}: {cause}" + (f" ({target})" if target else "")
     return {"what": what, "name": words, "words": row["words"]}
@@ -146,14 +173,10 @@ def _is_slower(old: Row, new: Row) -> bool:
     return bool(new["wall_time"] > SLOWER * old["wall_time"] and new["wall_time"] > old["wall_time"] + SECONDS)
 
 
-def _has_other_model(models: list[dict[tuple[str, ...], Row]], name: tuple[str, ...]) -> bool:
-    return bool(models[0][name]["hash"] != models[1][name]["hash"])
-
-
-def _map_by_key(rows: Iterable[Row], names: tuple[str, ...]) -> dict[tuple[str, ...], Row]:
+def _map_by_key(rows: Iterable[Row], names: Iterable[str]) -> Rows:
     return {tuple(str(row[n]) for n in names): row for row in rows}
 
 
-def _format_name(name: tuple[str, ...]) -> str:
+def _format_name(name: Name) -> str:
     mechanism, case, engine, reference, quantity, unit = name
     return f"{mechanism}/{case} {engine} against {reference}: {quantity}" + (f" [{unit}]" if unit else "")

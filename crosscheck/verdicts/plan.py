@@ -96,13 +96,19 @@ def _check_names(
     for name in names:
         mechanism, _, case = name.partition("/")
         if not any(fnmatchcase(m, mechanism) and fnmatchcase(c, case or "*") for m, c in have):
-            folder = folders.get(mechanism)  # it was read: what cannot be is broken, which fits
-            cases = sorted(load_cases(folder, read_mechanism(folder))) if folder is not None else []
-            known, asked = (cases, case) if cases else (sorted(folders), mechanism)
-            near = None if asked in known else find_nearest_word(asked, known)
-            write = f"; write '{mechanism}/{near}'" if near and cases else f"; write '{near}'" if near else ""
-            kind = f"cases of {mechanism}" if cases else "mechanisms here"
-            raise InputError(f"nothing to run is called {name!r}{write}; {kind}: {', '.join(known) or 'none'}")
+            raise InputError(f"nothing to run is called {name!r}{_describe_choice(mechanism, case, folders)}")
+
+
+def _describe_choice(mechanism: str, case: str, folders: dict[str, Path]) -> str:
+    """Return advice for a name that fits nothing, and all that there is."""
+    folder = folders.get(mechanism)  # it was read: what cannot be is broken, which fits
+    cases = sorted(load_cases(folder, read_mechanism(folder))) if folder is not None else []
+    known, asked = (cases, case) if cases else (sorted(folders), mechanism)
+    near = None if asked in known else find_nearest_word(asked, known)
+    start = f"{mechanism}/" if cases else ""
+    write = f"; write '{start}{near}'" if near else ""
+    kind = f"cases of {mechanism}" if cases else "mechanisms here"
+    return f"{write}; {kind}: {', '.join(known) or 'none'}"
 
 
 def make_case_row(one: Task) -> CaseRow:

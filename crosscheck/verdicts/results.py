@@ -232,8 +232,8 @@ class Results:
         rows += [run.verdict for run in self.runs]
         rows += [one.verdict for one in self.comparisons]
         rows += ["deviation" for line in self.certificates if is_failing(line)]
-        rows += ["deviation" for _ in self.baseline.get("gone", ())]  # what was compared once and is no more
-        rows += ["deviation" for _ in self.moves_by_reason]
+        gone = len(self.baseline.get("gone", ()))  # what was compared once and is no more
+        rows += ["deviation"] * (gone + len(self.moves_by_reason))
         return rows + [study.verdict for study in self.studies]
 
     @property

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -93,31 +94,36 @@ def picture(one: ModelSummary, file: Path) -> None:
     flat = drawing.find_motion_plane(solution.nodes.x)
     figure = Figure(figsize=(10, 4.6))
     figure.subplots_adjust(left=0.06, right=0.98, bottom=0.1, top=0.93, wspace=0.2)
-    last = len(solution.time) - 1
-    moving = drawing.list_drawn_samples(last + 1)
     views: list[Any] = []
     for title, samples in (
         ("at rest, where the case starts", [0]),
-        (f"in motion, 0 to {solution.time[-1]:g} s (darker is later)", moving),
+        (
+            f"in motion, 0 to {solution.time[-1]:g} s (darker is later)",
+            drawing.list_drawn_samples(len(solution.time)),
+        ),
     ):
         shared = {"sharex": views[0], "sharey": views[0]} if views and flat else {}
         axes: Any = figure.add_subplot(1, 2, len(views) + 1, projection=None if flat else "3d", **shared)
         views.append(axes)
-        for k in samples:
-            shade = 0.2 + 0.8 * k / max(last, 1) if len(samples) > 1 else 1.0
-            line = _join_lines(list_strokes(solution, k))
-            axes.plot(
-                *line.T[list(flat or (0, 1, 2))], color="#1f5fa8", alpha=shade, linewidth=1.6, marker=".", markersize=3
-            )
+        _draw_samples(axes, solution, samples, flat or (0, 1, 2))
         axes.set_title(title, fontsize=10)
-        for name, axis in zip("xy" if flat else "xyz", flat or (0, 1, 2), strict=False):
-            getattr(axes, f"set_{name}label")(f"{'xyz'[axis]} [m]")
     if not flat:
         apply_common_limits(views)
     for axes in views:
         axes.set_aspect("equal")
         axes.locator_params(nbins=8 if flat else 4)
     figure.savefig(file, bbox_inches="tight")
+
+
+def _draw_samples(axes: Any, solution: Solution, samples: Sequence[int], shown: tuple[int, ...]) -> None:
+    """Draw a mechanism at some samples, later ones darker; shown : axes of the world along those of the picture."""
+    last = len(solution.time) - 1
+    for k in samples:
+        shade = 0.2 + 0.8 * k / max(last, 1) if len(samples) > 1 else 1.0
+        line = _join_lines(list_strokes(solution, k))
+        axes.plot(*line.T[list(shown)], color="#1f5fa8", alpha=shade, linewidth=1.6, marker=".", markersize=3)
+    for name, axis in zip("xyz", shown, strict=False):
+        getattr(axes, f"set_{name}label")(f"{'xyz'[axis]} [m]")
 
 
 def apply_common_limits(views: list[Any]) -> None:

@@ -48,13 +48,7 @@ class Proposal:
 
 def list_proposals(rows: Iterable[Comparison], today: datetime.date) -> list[Proposal]:
     """Return proposals from the comparisons of a run, engines with the same limit together."""
-    measured: dict[tuple[str, str, str], list[tuple[float, float | None]]] = {}
-    for row in rows:
-        known = row.engine in ENGINES and ENGINES[row.engine].native  # its cause is named; no limit judges it
-        if row.maximum is not None and row.scale is not None and row.quantity != "frequency" and not known:
-            bar = None if row.error_bar is None or row.unordered else compute_fraction(row.error_bar, row.scale)
-            pair = compute_fraction(row.maximum, row.scale), bar
-            measured.setdefault((row.quantity, row.reference, row.engine), []).append(pair)
+    measured = _collect_differences(rows)
     groups: dict[tuple[str, str, str, float], list[str]] = {}
     for (quantity, reference, engine), pairs in measured.items():
         groups.setdefault((quantity, reference, *_choose_limit(pairs)), []).append(engine)
@@ -65,6 +59,18 @@ def list_proposals(rows: Iterable[Comparison], today: datetime.date) -> list[Pro
         limit = maximum if kind in (COVERED, BEYOND) else None
         out.append(Proposal(quantity, reference, tuple(engines), limit, _describe_reason(kind, pairs), expires))
     return out
+
+
+def _collect_differences(rows: Iterable[Comparison]) -> dict[tuple[str, str, str], list[tuple[float, float | None]]]:
+    """Return differences and error bars over the range [-], by quantity, reference and engine; frequencies are left out."""
+    measured: dict[tuple[str, str, str], list[tuple[float, float | None]]] = {}
+    for row in rows:
+        known = row.engine in ENGINES and ENGINES[row.engine].native  # its cause is named; no limit judges it
+        if row.maximum is not None and row.scale is not None and row.quantity != "frequency" and not known:
+            bar = None if row.error_bar is None or row.unordered else compute_fraction(row.error_bar, row.scale)
+            pair = compute_fraction(row.maximum, row.scale), bar
+            measured.setdefault((row.quantity, row.reference, row.engine), []).append(pair)
+    return measured
 
 
 COVERED = "covered"

@@ -7,8 +7,11 @@ from __future__ import annotations
 
 import ast
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Container, Iterator, Mapping
 from functools import cache
+from pathlib import Path
+
+from house_table import MOST_BRANCHES, MOST_TOKENS, measure
 
 MODULE_LINES = 500
 FUNCTION_LINES = 80  # of code, without the docstring: what a numerical kernel may take
@@ -20,6 +23,8 @@ GRAPHICS = ("matplotlib", "plotly", "PIL")
 # Primary data and the reading of it; everything else of flexinv computes and would agree with itself.
 PRIMARY = ("errors", "typing", "model", "files")
 Function = ast.FunctionDef | ast.AsyncFunctionDef
+_WORD = re.compile(r"\w+|[^\w\s]")  # a token is one of these, or several
+_FORK = re.compile(r"\b(?:if|elif|for|while|except|case|and|or)\b")  # what a branch is written with
 _BLOCKS = (ast.Module, ast.stmt, ast.ExceptHandler, ast.match_case)  # what statements stand in
 
 
@@ -78,6 +83,32 @@ def sizes(source: str) -> list[str]:
         if length > FUNCTION_LINES:
             broken.append(f"line {function.lineno}: {function.name} has {length} lines, at most {FUNCTION_LINES}")
     return broken
+
+
+def oversized(source: str, kept: Container[str] = ()) -> list[str]:
+    """Functions say few things, counted in tokens and branches; one that is kept (`kept_sizes`) has to be larger still."""
+    lines = source.splitlines()
+    if not any(f.name in kept or _may_be_oversized(lines, f) for f in _functions(walked(source))):
+        return []
+    broken = []
+    for function in measure(Path(), source).functions:
+        line = f"line {function.place.rpartition(':')[2]}: {function.name}"
+        over = function.tokens > MOST_TOKENS or function.branches > MOST_BRANCHES
+        if over and function.name not in kept:
+            counted = f"{function.tokens} tokens and {function.branches} branches"
+            broken.append(f"{line} has {counted}, at most {MOST_TOKENS} and {MOST_BRANCHES}")
+        if not over and function.name in kept:
+            broken.append(f"{line} is small enough: take it off the list of kept sizes")
+    return broken
+
+
+def _may_be_oversized(lines: list[str], function: Function) -> bool:
+    """Return False for a function that has no more words and signs than tokens are allowed: counting these takes longer."""
+    start = function.body[1 if ast.get_docstring(function) and len(function.body) > 1 else 0].lineno
+    text = "\n".join(
+        [*lines[function.lineno - 1 : function.body[0].lineno - 1], *lines[start - 1 : function.end_lineno]]
+    )
+    return len(_WORD.findall(text)) > MOST_TOKENS or len(_FORK.findall(text)) > MOST_BRANCHES
 
 
 def packed(source: str) -> list[str]:

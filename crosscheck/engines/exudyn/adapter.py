@@ -60,12 +60,8 @@ def abilities() -> str:
 def unsupported(mechanism: Mechanism, case: Case, engine: str) -> str | None:
     """Return the reason why Exudyn cannot do this case, or None."""
     beyond = describe_nontree_parts(mechanism)
-    if beyond and engine == DAE and exudyn_phases.has_switched_closures(mechanism):
-        return exudyn_phases.describe_refusal(mechanism, case)
-    if beyond and engine != TREE and mechanism.beams and exudyn_phases.has_switched_closures(mechanism):
-        return exudyn_switched.describe_refusal(mechanism, case, engine)
     if beyond and engine != TREE:
-        return exudyn_loops.describe_refusal(mechanism, case, engine)
+        return _describe_loop_refusal(mechanism, case, engine)
     if (reason := beyond or missing_motion(mechanism, case)) is not None:
         return f"{reason}; see {DAE if mechanism.is_rigid else f'{ANCF} and {EXACT}'}" if beyond else reason
     names = ", ".join(link.name for link in mechanism.beams)
@@ -74,6 +70,16 @@ def unsupported(mechanism: Mechanism, case: Case, engine: str) -> str | None:
             return f"{engine} has rigid bodies only; flexible here: {names}"
         return None if engine == TREE else _describe_refusal(mechanism, case, engine)
     return _describe_refusal(mechanism, case, engine) if names else f"no link is a beam: see {TREE} and {DAE}"
+
+
+def _describe_loop_refusal(mechanism: Mechanism, case: Case, engine: str) -> str | None:
+    """Return the reason why there is no model in time with closures, springs or forces, or None."""
+    if exudyn_phases.has_switched_closures(mechanism):
+        if engine == DAE:
+            return exudyn_phases.describe_refusal(mechanism, case)
+        if mechanism.beams:
+            return exudyn_switched.describe_refusal(mechanism, case, engine)
+    return exudyn_loops.describe_refusal(mechanism, case, engine)
 
 
 def _describe_refusal(mechanism: Mechanism, case: Case, engine: str) -> str | None:

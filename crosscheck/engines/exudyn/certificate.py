@@ -13,7 +13,7 @@ from crosscheck.engines.exudyn.ends import read_connector_ends
 from crosscheck.engines.exudyn.integration import quiet
 from crosscheck.engines.exudyn.run_in_time import ANCF, DAE, EXACT
 from crosscheck.engines.shared.prescribed import collect_passive_elements, rotor_effort
-from crosscheck.engines.shared.probe_states import configurations
+from crosscheck.engines.shared.probe_states import Array, configurations
 from crosscheck.measures.certificate import Certificate
 from flexinv.files.load_cases import Case
 from flexinv.model.mechanism import Mechanism
@@ -24,27 +24,23 @@ def certify(mechanism: Mechanism, case: Case, engine: str) -> Certificate:
     mass and stiffness [N], [N m^2].  The models in time have redundant coordinates and no mass matrix of the joints'."""
     if engine in (ANCF, EXACT, DAE):
         with quiet():
-            passive_elements = collect_passive_elements(mechanism)
-            read = read_connector_ends(mechanism, case, engine)
-            passive_elements |= read | {
-                "springs": passive_elements["springs"] | read.get("springs", {})
-            }  # those in joints are no connectors
-            found = replace(exudyn_weights.build_weight_certificate(mechanism, case, engine), **passive_elements)
-            return (
-                found
-                if engine == DAE
-                else replace(found, stiffness=exudyn_probe.compute_probe_stiffness(mechanism, case, engine))
-            )
-    q = configurations(mechanism, case)
-    rest = np.zeros((len(q), mechanism.nv))
-    units = np.eye(mechanism.nv)
-    gravity = exudyn_rigid.compute_inverse_dynamics(mechanism, q, rest, rest, wrench=False).torque
-    columns = [
-        exudyn_rigid.compute_inverse_dynamics(mechanism, q, rest, rest + unit, wrench=False).torque
-        - gravity
-        + rotor_effort(mechanism, rest + unit)
-        for unit in units
-    ]
+            return _build_time_certificate(mechanism, case, engine)
+    return _build_tree_certificate(mechanism, case)
+
+
+def _build_time_certificate(mechanism: Mechanism, case: Case, engine: str) -> Certificate:
+    passive = collect_passive_elements(mechanism)
+    ends = read_connector_ends(mechanism, case, engine)
+    springs = passive["springs"] | ends.get("springs", {})  # those in joints are no connectors
+    weights = exudyn_weights.build_weight_certificate(mechanism, case, engine)
+    certificate = replace(weights, **passive | ends | {"springs": springs})
+    if engine == DAE:
+        return certificate
+    return replace(certificate, stiffness=exudyn_probe.compute_probe_stiffness(mechanism, case, engine))
+
+
+def _build_tree_certificate(mechanism: Mechanism, case: Case) -> Certificate:
+    gravity, matrix = _compute_gravity_and_mass_matrix(mechanism, configurations(mechanism, case))
     tree = exudyn_rigid.build(mechanism, wrench=False)
     mass = np.array([inertia[3, 3] for inertia in tree.inertias])
     last = {j.name: tree.link[j.child][0] for j in mechanism.joints if j.nv}
@@ -56,8 +52,21 @@ def certify(mechanism: Mechanism, case: Case, engine: str) -> Certificate:
         masses={name: float(mass[index]) for name, index in last.items()},
         moments={name: np.array([lump[2, 4], lump[0, 5], lump[1, 3]]) for name, lump in lumps.items()},
         inertias={name: lump[:3, :3] for name, lump in lumps.items()},
-        mass_matrix=np.stack(columns, axis=2),
+        mass_matrix=matrix,
         gravity=gravity,
         order=tuple(sorted(last, key=lambda name: last[name])),
         **collect_passive_elements(mechanism),
     )
+
+
+def _compute_gravity_and_mass_matrix(mechanism: Mechanism, q: Array) -> tuple[Array, Array]:
+    """Gravity torque (configurations, nv) [N m], [N] and mass matrix (configurations, nv, nv) [kg m^2], [kg]."""
+    rest = np.zeros((len(q), mechanism.nv))
+    gravity = exudyn_rigid.compute_inverse_dynamics(mechanism, q, rest, rest, wrench=False).torque
+    columns = [
+        exudyn_rigid.compute_inverse_dynamics(mechanism, q, rest, rest + unit, wrench=False).torque
+        - gravity
+        + rotor_effort(mechanism, rest + unit)
+        for unit in np.eye(mechanism.nv)
+    ]
+    return gravity, np.stack(columns, axis=2)

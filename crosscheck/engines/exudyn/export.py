@@ -11,7 +11,7 @@ to the drives: our own numbers, from the Jacobian of the closures (`exudyn.chain
 from __future__ import annotations
 
 import inspect
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -146,25 +146,13 @@ def _write_time_model(
     mechanism: Mechanism, case: Case, engine: str, motion: Motion, settings: dict[str, Any], folder: Path
 ) -> None:
     look = _build_look(mechanism, case, engine)
-    for joint in mechanism.joints:
-        if joint.nv and joint.kind not in COORDINATES and joint.name not in look.free:
-            raise NotExported(
-                f"joint {joint.name!r}: its efforts depend on the position of a {joint.kind} joint; for models in time "
-                f"{', '.join(COORDINATES)} joints are exported"
-            )
+    _check_joints(mechanism, look)
     with collect_runs() as runs:
         adapter.run(mechanism, case, engine, PLAIN)
     final_runs = _list_final_runs(runs)
     texts = [write_model_code(run).replace("def build(", f"def build_{k}(", 1) for k, run in enumerate(final_runs)]
     told = inspect.getsource(exudyn_solve.build_solver_settings)
-    arrays: dict[str, Array] = {}
-    for k, run in enumerate(final_runs):
-        for d, driver in enumerate(run.drivers):
-            arrays[f"offset_{k}_{d}"] = _sample_user_function(run.plan, driver.offset, 0, 0)
-            if driver.rate is not None:
-                arrays[f"rate_{k}_{d}"] = _sample_user_function(run.plan, driver.rate, 0, 0)
-        for number, load in run.loads.items():
-            arrays[f"load_{k}_{int(number)}"] = _sample_user_function(run.plan, load, None)
+    arrays = {name: values for k, run in enumerate(final_runs) for name, values in _sample_drivers(k, run)}
     write_arrays(folder / "drivers.npz", arrays)
     settings["runs"] = [_run(mechanism, look, run) for run in final_runs]
     settings["weights"] = [1.0] if len(final_runs) == 1 else [-1 / 3, 4 / 3]
@@ -177,6 +165,26 @@ def _write_time_model(
         write_arrays(folder / "shares.npz", {"shares": shares})  # (sample, drive, joint)
     text = "\n\n".join([HEAD, told, *texts])
     write(folder, motion, "run_exudyn.py.txt", {"model.py": text}, settings)
+
+
+def _check_joints(mechanism: Mechanism, look: ModelView) -> None:
+    """Raise NotExported where a joint's efforts depend on its position."""
+    for joint in mechanism.joints:
+        if joint.nv and joint.kind not in COORDINATES and joint.name not in look.free:
+            raise NotExported(
+                f"joint {joint.name!r}: its efforts depend on the position of a {joint.kind} joint; for models in time "
+                f"{', '.join(COORDINATES)} joints are exported"
+            )
+
+
+def _sample_drivers(k: int, run: RecordedSolve) -> Iterator[tuple[str, Array]]:
+    """Yield what the user functions of run k are at every step, with the names of the arrays."""
+    for d, driver in enumerate(run.drivers):
+        yield f"offset_{k}_{d}", _sample_user_function(run.plan, driver.offset, 0, 0)
+        if driver.rate is not None:
+            yield f"rate_{k}_{d}", _sample_user_function(run.plan, driver.rate, 0, 0)
+    for number, load in run.loads.items():
+        yield f"load_{k}_{int(number)}", _sample_user_function(run.plan, load, None)
 
 
 def _compute_drive_shares(mechanism: Mechanism, case: Case, q: Array) -> Array:

@@ -22,6 +22,7 @@ from __future__ import annotations
 
 import contextlib
 import time as clock
+from collections.abc import Container
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -136,11 +137,16 @@ def _describe_beam_refusal(mechanism: Mechanism, case: Case, engine: str) -> str
     if reason := exudyn_flat.describe_unmodelled_effort(mechanism, frozenset(free)):
         return reason
     left_out = exudyn_spatial.describe_damping_loss(mechanism) if engine == EXACT else None
-    if left_out and _is_spatial(mechanism, case):
-        return left_out
-    hindered = [j.name for j in mechanism.joints if j.name in free and (j.damping or j.stiffness)]
-    if hindered and _is_spatial(mechanism, case):
-        return f"joint {hindered[0]}: damping and springs of joints without a drive have a connector in the plane only"
+    missing = left_out or _describe_hindered_joint(mechanism, free)
+    return missing if missing and _is_spatial(mechanism, case) else None
+
+
+def _describe_hindered_joint(mechanism: Mechanism, free: Container[str]) -> str | None:
+    for joint in mechanism.joints:
+        if joint.name in free and (joint.damping or joint.stiffness):
+            return (
+                f"joint {joint.name}: damping and springs of joints without a drive have a connector in the plane only"
+            )
     return None
 
 

@@ -94,29 +94,35 @@ def choose(mechanism: Mechanism, case: Case, engine: str, options: Options) -> M
     """
     plane = exudyn_planar.find_plane(mechanism, build_start_layout(mechanism, case))
     flat = not isinstance(plane, str)
-    finer = 2 ** int(options.get("refinement", 0))
     ahead = 0 if flat or engine == DAE else 1  # beams in space are of low order: one run beyond, for the extrapolation
     behind = 2 - ahead if options.get("error", True) else 0
+    finer = 2 ** int(options.get("refinement", 0))
     usual = ELEMENTS_ANCF_BEAM if engine == ANCF and not flat else ELEMENTS
     elements = int(options.get("elements", usual)) * finer
     wanted = float(options.get("step", case.end / STEPS[flat])) / finer
-    moving = any(rate.any() for rate in case.motion.evaluate(mechanism, np.zeros(1))[1:])
-    resting = case.initial == "static"
-    radius = options.get("spectral_radius")  # where it is asked for, the integrator that has one is taken
-    plan = Plan(
-        end=(len(sample_times(case)) - 1) * case.sample,
-        step=compute_coarsest_step(case, wanted, 2**behind),
-        sample=case.sample,
-        index2=flat and not case.motion.jumps and not moving and radius is None,
-        spectral_radius=RADIUS if radius is None else float(radius),
-        tolerance=NEWTON,
-        extrapolate=moving or (engine == ANCF and not flat and not resting and bool(mechanism.gravity.any())),
-        static_start=resting,
-    )
+    step = compute_coarsest_step(case, wanted, 2**behind)
+    plan = _make_plan(mechanism, case, engine, options.get("spectral_radius"), flat, step)
     runs = range(behind + ahead + 1)
     plans = tuple(replace(plan, step=plan.step / 2**k) for k in runs)
     meshes = tuple(max(1, elements * 2**k // 2**behind) for k in runs)
     return ModelChoice(engine, None if isinstance(plane, str) else plane, meshes, plans, limit=bool(ahead))
+
+
+def _make_plan(mechanism: Mechanism, case: Case, engine: str, radius: Any, flat: bool, step: float) -> Plan:
+    """Return the integration of the coarsest run; radius : where it is asked for, the integrator that has one is taken."""
+    moving = any(rate.any() for rate in case.motion.evaluate(mechanism, np.zeros(1))[1:])
+    resting = case.initial == "static"
+    falling = engine == ANCF and not flat and not resting and bool(mechanism.gravity.any())
+    return Plan(
+        end=(len(sample_times(case)) - 1) * case.sample,
+        step=step,
+        sample=case.sample,
+        index2=flat and not case.motion.jumps and not moving and radius is None,
+        spectral_radius=RADIUS if radius is None else float(radius),
+        tolerance=NEWTON,
+        extrapolate=moving or falling,
+        static_start=resting,
+    )
 
 
 def compute_coarsest_step(case: Case, target: float, times: int) -> float:

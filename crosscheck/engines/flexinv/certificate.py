@@ -82,22 +82,7 @@ def collect_attachment_data(mechanism: Mechanism) -> dict[str, Any]:
 
 def _build_flexible_certificate(mechanism: Mechanism) -> Certificate:
     """Mass and stiffness of beams; masses, moments and inertias of what joints, and sections of beams, carry."""
-    carriers = find_carriers(mechanism)
-    lumps: dict[str, list[tuple[float, Array, Array]]] = {}
-    for link in mechanism.links:
-        for body in link.bodies:
-            name, place = carriers[link.name]
-            if link.beam is not None:
-                at = body.station or 0.0
-                name, place = (
-                    (f"{link.name} at {at:g}", Placement())
-                    if at
-                    else (name, _apply_placement(place, link.beam.placement))
-                )
-            turned = _apply_placement(place, Placement(body.inertia.com, np.eye(3)))
-            tensor = turned.rotation @ body.inertia.tensor @ turned.rotation.T
-            second = move_inertia_to_origin(body.inertia.mass, turned.position, tensor)
-            lumps.setdefault(name, []).append((body.inertia.mass, *second))
+    lumps = _collect_lumps(mechanism)
     straight = {x.name: x.beam for x in mechanism.beams if x.beam is not None and not x.beam.curvature.any()}
     return Certificate(
         mass=_compute_moving_mass(mechanism),
@@ -110,6 +95,30 @@ def _build_flexible_certificate(mechanism: Mechanism) -> Certificate:
     )
 
 
+def _collect_lumps(mechanism: Mechanism) -> dict[str, list[tuple[float, Array, Array]]]:
+    """Mass, first moment and tensor [kg], [kg m], [kg m^2] of every body, by what carries it and in that frame."""
+    carriers = find_carriers(mechanism)
+    lumps: dict[str, list[tuple[float, Array, Array]]] = {}
+    for link in mechanism.links:
+        for body in link.bodies:
+            name, place = carriers[link.name]
+            if link.beam is not None:
+                name, place = _find_section(link.name, link.beam, body.station or 0.0, (name, place))
+            turned = _apply_placement(place, Placement(body.inertia.com, np.eye(3)))
+            tensor = turned.rotation @ body.inertia.tensor @ turned.rotation.T
+            second = move_inertia_to_origin(body.inertia.mass, turned.position, tensor)
+            lumps.setdefault(name, []).append((body.inertia.mass, *second))
+    return lumps
+
+
+def _find_section(link: str, beam: Beam, station: float, carrier: tuple[str, Placement]) -> tuple[str, Placement]:
+    """The frame of a cross-section and the pose in it: its own, but at the root that of what carries the link."""
+    if station:
+        return f"{link} at {station:g}", Placement()
+    name, place = carrier
+    return name, _apply_placement(place, beam.placement)
+
+
 def find_carriers(mechanism: Mechanism) -> dict[str, tuple[str, Placement]]:
     """Return by link the joint, or the place on a beam, that carries it, and its pose in that frame."""
     carriers: dict[str, tuple[str, Placement]] = {WORLD: ("world", Placement())}
@@ -117,10 +126,7 @@ def find_carriers(mechanism: Mechanism) -> dict[str, tuple[str, Placement]]:
         name, place = carriers[joint.parent]
         beam = None if joint.parent == WORLD else mechanism.link_of[joint.parent].beam
         if beam is not None and joint.station is not None:
-            at = joint.station
-            name, place = (
-                (f"{joint.parent} at {at:g}", Placement()) if at else (name, _apply_placement(place, beam.placement))
-            )
+            name, place = _find_section(joint.parent, beam, joint.station, (name, place))
         carriers[joint.child] = (
             (joint.name, Placement()) if joint.nv else (name, _apply_placement(place, joint.placement))
         )

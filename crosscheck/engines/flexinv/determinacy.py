@@ -46,6 +46,18 @@ class DeterminateWrenches:
     wrench: dict[str, NDArray[np.bool_]]
 
 
+@dataclass(frozen=True)
+class LargestComponents:
+    """Largest components [N m] so far, name -> (6,), forces times the mechanism's length.
+
+    firm : what each closure can exert; loose : what null vectors put into closures; carried : and into joints
+    """
+
+    firm: dict[str, Array]
+    loose: dict[str, Array]
+    carried: dict[str, Array]
+
+
 def find_determinate_parts(mesh: Mesh, motion: NodalMotion, time: Array) -> DeterminateWrenches:
     """Return the determinate components of the wrenches of closures and joints.
 
@@ -53,35 +65,42 @@ def find_determinate_parts(mesh: Mesh, motion: NodalMotion, time: Array) -> Dete
     """
     m = mesh.mechanism
     rows = build_constraint_rows(mesh)
-    arms = np.array(3 * [mesh.length] + 3 * [1.0])
-    loose, firm = ({c.name: np.zeros(6) for c in m.closures} for _ in range(2))
-    carried = {joint: np.zeros(6) for joint in mesh.joint_node}
+    largest = LargestComponents(
+        firm={c.name: np.zeros(6) for c in m.closures},
+        loose={c.name: np.zeros(6) for c in m.closures},
+        carried={joint: np.zeros(6) for joint in mesh.joint_node},
+    )
     for phase in list_phases(m, time):
-        some = _sample_motion(motion, phase)
-        scale = rows.scale
         acting = np.flatnonzero(phase.active[rows.closure])
-        units = [
-            compute_closure_wrenches(mesh, some, rows, _make_unit_multipliers(some, rows, int(row)) / scale)
-            for row in acting
-        ]
-        for _, wrenches in units:
-            _update_maxima(firm, wrenches, arms)
-        felt = (
-            np.stack([_compute_generalized_forces(mesh, some, forces) for forces, _ in units], axis=1)
-            if units
-            else np.zeros((1, 0, 1))
-        )
-        for k in range(len(acting)):
-            null = np.zeros((len(felt), len(rows.closure)))
-            null[:, acting] = _compute_null_vector(felt, k)
-            if not null.any():
-                continue
-            forces, wrenches = compute_closure_wrenches(mesh, some, rows, null / scale)
-            local_wrenches = compute_local_wrenches(mesh, some, forces)
-            _update_maxima(loose, wrenches, arms)
-            _update_maxima(carried, {joint: local_wrenches[node] for joint, node in mesh.joint_node.items()}, arms)
-    reaction = {c.name: (loose[c.name] < NO_COMPONENT) & (firm[c.name] > NO_COMPONENT) for c in m.closures}
-    return DeterminateWrenches(reaction, {joint: size < NO_COMPONENT for joint, size in carried.items()})
+        _update_by_phase(largest, mesh, _sample_motion(motion, phase), rows, acting)
+    loose = largest.loose
+    reaction = {name: (loose[name] < NO_COMPONENT) & (firm > NO_COMPONENT) for name, firm in largest.firm.items()}
+    return DeterminateWrenches(reaction, {joint: size < NO_COMPONENT for joint, size in largest.carried.items()})
+
+
+def _update_by_phase(
+    largest: LargestComponents, mesh: Mesh, some: NodalMotion, rows: Rows, acting: NDArray[np.intp]
+) -> None:
+    """Raise the largest components to those of a phase; some : of its samples; acting : rows of closures that act."""
+    scale = rows.scale
+    arms = np.array(3 * [mesh.length] + 3 * [1.0])
+    columns = []
+    for row in acting:
+        unit = _make_unit_multipliers(some, rows, int(row)) / scale
+        forces, wrenches = compute_closure_wrenches(mesh, some, rows, unit)
+        _update_maxima(largest.firm, wrenches, arms)
+        columns.append(_compute_generalized_forces(mesh, some, forces))
+    felt = np.stack(columns, axis=1) if columns else np.zeros((1, 0, 1))
+    for k in range(len(acting)):
+        null = np.zeros((len(felt), len(rows.closure)))
+        null[:, acting] = _compute_null_vector(felt, k)
+        if not null.any():
+            continue
+        forces, wrenches = compute_closure_wrenches(mesh, some, rows, null / scale)
+        local_wrenches = compute_local_wrenches(mesh, some, forces)
+        _update_maxima(largest.loose, wrenches, arms)
+        joints = {joint: local_wrenches[node] for joint, node in mesh.joint_node.items()}
+        _update_maxima(largest.carried, joints, arms)
 
 
 def _make_unit_multipliers(motion: NodalMotion, rows: Rows, row: int) -> Array:

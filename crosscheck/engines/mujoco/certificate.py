@@ -24,12 +24,35 @@ def certify(mechanism: Mechanism, case: Case, engine: str) -> Certificate:
         mechanism, extend=mujoco_loops.make_loop_extender(mechanism) if describe_nontree_parts(mechanism) else None
     )
     model = built.model
-    data = mujoco.MjData(built.model)
-    q = configurations(mechanism, case)
+    data = mujoco.MjData(model)
+    mass = np.where(model.body_weldid != 0, model.body_mass, 0.0)
+    dynamics = _compute_rest_dynamics(mechanism, built, data, mass, configurations(mechanism, case))
+    residual, rank = _compute_closure_residual(mechanism, case, built)
+    lumps = _compute_joint_inertias(mechanism, built, data, mass)
+    return Certificate(
+        mass=float(mass.sum()),
+        masses=_compute_joint_masses(mechanism, built, mass),
+        moments={name: moment for name, (moment, _) in lumps.items()},
+        inertias={name: tensor for name, (_, tensor) in lumps.items()},
+        order=_list_joint_order(mechanism, built),
+        residual=residual,
+        rank=rank,
+        **dynamics,
+        **_read_passive_elements(mechanism, built),
+        **_read_closure_ends(mechanism, built),
+    )
+
+
+def _compute_rest_dynamics(
+    mechanism: Mechanism, built_model: BuiltModel, data: mujoco.MjData, mass: Array, q: Array
+) -> dict[str, Any]:
+    """Return centre of mass, mass matrix, gravity torque and axes by configuration; data is left at the last one.
+
+    q : (configurations, nq) [rad], [m]; mass : of bodies that move [kg]
+    """
+    model = built_model.model
     rest = np.zeros((len(q), mechanism.nv))
-    state = convert_to_engine(mechanism, built, q, rest, rest)
-    moving = model.body_weldid != 0
-    mass = np.where(moving, model.body_mass, 0.0)
+    state = convert_to_engine(mechanism, built_model, q, rest, rest)
     com = np.empty((len(q), 3))
     gravity = np.empty((len(q), model.nv))
     matrix = np.empty((len(q), model.nv, model.nv))
@@ -43,23 +66,12 @@ def certify(mechanism: Mechanism, case: Case, engine: str) -> Certificate:
         mujoco.mj_fullM(model, data, matrix[k])
         for name, rows in axes.items():
             rows.append(data.xaxis[model.joint(name).id].copy())
-    residual, rank = _compute_closure_residual(mechanism, case, built)
-    lumps = _compute_joint_inertias(mechanism, built, data, mass)
-    return Certificate(
-        mass=float(mass.sum()),
-        masses=_compute_joint_masses(mechanism, built, mass),
-        moments={name: moment for name, (moment, _) in lumps.items()},
-        inertias={name: tensor for name, (_, tensor) in lumps.items()},
-        com=com,
-        mass_matrix=_convert_mass_matrix(mechanism, built, q, matrix),
-        gravity=convert_effort_from_engine(mechanism, built, q, gravity),
-        axes={name: np.array(rows) for name, rows in axes.items()},
-        order=_list_joint_order(mechanism, built),
-        residual=residual,
-        rank=rank,
-        **_read_passive_elements(mechanism, built),
-        **_read_closure_ends(mechanism, built),
-    )
+    return {
+        "com": com,
+        "mass_matrix": _convert_mass_matrix(mechanism, built_model, q, matrix),
+        "gravity": convert_effort_from_engine(mechanism, built_model, q, gravity),
+        "axes": {name: np.array(rows) for name, rows in axes.items()},
+    }
 
 
 def _read_passive_elements(mechanism: Mechanism, built_model: BuiltModel) -> dict[str, Any]:

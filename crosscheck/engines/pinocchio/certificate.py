@@ -24,19 +24,9 @@ def certify(mechanism: Mechanism, case: Case, engine: str) -> Certificate:
     """Return mass [kg], centre of mass [m], mass matrix [kg m^2], [kg], gravity torque [N m], [N], axes, closures."""
     built = build(mechanism)
     model = built.model
-    data = built.model.createData()
     q = configurations(mechanism, case)
     rest = np.zeros((len(q), mechanism.nv))
     places = convert_to_engine(built, q, rest, rest)[0]
-    order = built.v_order
-    matrix = np.empty((len(q), model.nv, model.nv))
-    gravity = np.empty((len(q), model.nv))
-    com = np.empty((len(q), 3))
-    for k, place in enumerate(places):
-        upper = np.triu(pin.crba(model, data, place))
-        matrix[k] = upper + np.triu(upper, 1).T
-        gravity[k] = pin.computeGeneralizedGravity(model, data, place)
-        com[k] = pin.centerOfMass(model, data, place)
     residual, rank = _compute_closure_residual(mechanism, case, built)
     lumps = {name: frame.actInv(model.inertias[index]) for name, (index, frame) in built.joint.items()}
     second = {name: move_inertia_to_origin(float(i.mass), i.lever, i.inertia) for name, i in lumps.items()}
@@ -45,16 +35,30 @@ def certify(mechanism: Mechanism, case: Case, engine: str) -> Certificate:
         masses={name: float(model.inertias[index].mass) for name, (index, _) in built.joint.items()},
         moments={name: moment for name, (moment, _) in second.items()},
         inertias={name: tensor for name, (_, tensor) in second.items()},
-        com=com,
-        mass_matrix=matrix[:, order][:, :, order],
-        gravity=gravity[:, order],
         axes=_compute_joint_axes(mechanism, built, places),
         order=tuple(_resolve_joint_name(mechanism, name) for name in list(model.names)[1:]),
         residual=residual,
         rank=rank,
+        **_compute_rest_dynamics(built, places),
         **collect_passive_elements(mechanism),
         **_read_closure_ends(mechanism, case, built),
     )
+
+
+def _compute_rest_dynamics(built_model: BuiltModel, places: Array) -> dict[str, Any]:
+    """Return centre of mass, mass matrix and gravity torque by configuration, in the mechanism's order of coordinates."""
+    model = built_model.model
+    data = model.createData()
+    order = built_model.v_order
+    matrix = np.empty((len(places), model.nv, model.nv))
+    gravity = np.empty((len(places), model.nv))
+    com = np.empty((len(places), 3))
+    for k, place in enumerate(places):
+        upper = np.triu(pin.crba(model, data, place))
+        matrix[k] = upper + np.triu(upper, 1).T
+        gravity[k] = pin.computeGeneralizedGravity(model, data, place)
+        com[k] = pin.centerOfMass(model, data, place)
+    return {"com": com, "mass_matrix": matrix[:, order][:, :, order], "gravity": gravity[:, order]}
 
 
 def _read_closure_ends(mechanism: Mechanism, case: Case, built_model: BuiltModel) -> dict[str, Any]:

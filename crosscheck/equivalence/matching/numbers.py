@@ -43,13 +43,19 @@ def find_renumbered_joints(costs: PairCosts, named: Mapping[str, str]) -> tuple[
         return {}, 1.0
     least, pairs = Overlay(costs).find_best_forest((-1, -1), -1, -1)
     found = {costs.first.members[a].joint: costs.second.members[b].joint for a, b in pairs}
-    broken = {a for a, b in named.items() if found.get(a) != b}
-    about = broken | {a for a, b in found.items() if b in {named[x] for x in broken}}
     more = LEFT_OUT * abs(len(first) - len(second))  # left out in any case
     doubt = (least - more) / (off + LEFT_OUT * lonely - more)
+    broken = {a for a, b in named.items() if found.get(a) != b}
     if doubt >= LESS or len(found) < len(named) or not all(_has_common_number(a, named[a]) for a in broken):
         return {}, 1.0
-    return {a: found[a] for a in first if a in about and a in found}, doubt
+    renamed = _list_renamed_joints(found, named, broken)
+    return {a: found[a] for a in first if a in renamed}, doubt
+
+
+def _list_renamed_joints(found: Mapping[str, str], named: Mapping[str, str], broken: set[str]) -> set[str]:
+    """Joints of the first whose names are not believed, and those whose counterparts had been given to such."""
+    taken = {named[a] for a in broken}
+    return {a for a, b in found.items() if a in broken or b in taken}
 
 
 def _compute_naming_cost(costs: PairCosts, named: Mapping[int, int]) -> float:

@@ -42,24 +42,37 @@ def match_roots(first: Mechanism, second: Mechanism, stated: Mapping[str, str]) 
 
     stated : joints of the second by those of the first
     """
-    bases = [_find_free_base(one) for one in (first, second)]
-    if bases[0] is None or bases[1] is None or not (first.is_rigid and second.is_rigid):
+    ours = _find_free_base(first)
+    theirs = _find_free_base(second)
+    if ours is None or theirs is None or not (first.is_rigid and second.is_rigid):
         return RerootedMechanism(second)
-    names = [
-        [j.name for j in one.joints if j.nv and j is not base] for one, base in zip((first, second), bases, strict=True)
-    ]
-    pairs = {a: b for a, (b, _) in match_by_name(names[0], names[1], stated).items() if a in names[0] and b in names[1]}
-    old = bases[1].child
-    if 2 * len(pairs) >= max(map(len, names)):
-        root = _find_best_root(first, second, bases[0].child, old, pairs)
-    else:
-        root = _find_similar_root(first, second, bases[1])
+    old = theirs.child
+    root = _find_root(first, second, ours, theirs, stated)
     way = _list_path_joints(second, old, root)
-    if root == old or any(joint.kind not in TURNED or joint.station is not None for joint in way):
+    if root == old or not _can_turn(way):
         return RerootedMechanism(second)
     hints = ("the coordinates of its base are those of another body; the joints between count as before",)
-    difference = Difference("convention", "root", "the tree", 1.0, "-", bases[0].child, old, hints=hints)
-    return RerootedMechanism(_move_root(second, bases[1], way), frozenset(joint.parent for joint in way), (difference,))
+    difference = Difference("convention", "root", "the tree", 1.0, "-", ours.child, old, hints=hints)
+    return RerootedMechanism(_move_root(second, theirs, way), frozenset(joint.parent for joint in way), (difference,))
+
+
+def _find_root(first: Mechanism, second: Mechanism, ours: Joint, theirs: Joint, stated: Mapping[str, str]) -> str:
+    """The link of the second that is the root of the first: by names of joints, where these pair half of them, else by shape."""
+    one = _list_moving_names(first, ours)
+    two = _list_moving_names(second, theirs)
+    pairs = {a: b for a, (b, _) in match_by_name(one, two, stated).items() if a in one and b in two}
+    if 2 * len(pairs) >= max(len(one), len(two)):
+        return _find_best_root(first, second, ours.child, theirs.child, pairs)
+    return _find_similar_root(first, second, theirs)
+
+
+def _list_moving_names(mechanism: Mechanism, base: Joint) -> list[str]:
+    return [joint.name for joint in mechanism.joints if joint.nv and joint is not base]
+
+
+def _can_turn(way: Iterable[Joint]) -> bool:
+    """Return True if the coordinates of all joints of a way stay when they are turned about."""
+    return all(joint.kind in TURNED and joint.station is None for joint in way)
 
 
 def _find_free_base(mechanism: Mechanism) -> Joint | None:
@@ -89,11 +102,10 @@ def _find_similar_root(first: Mechanism, second: Mechanism, base: Joint) -> str:
     costs: dict[str, float] = {}
     for link in (base.child, *(joint.child for joint in second.joints if joint.nv and joint is not base)):
         way = _list_path_joints(second, base.child, link)
-        if all(joint.kind in TURNED and joint.station is None for joint in way):
+        if _can_turn(way):
             told = _move_root(second, base, way) if way else second
-            costs[link] = compute_subtree_cost(
-                PairCosts(one, join_fixed_links(build_tree(told, {}))[0]), (-1, -1), 0, 0
-            )
+            two = join_fixed_links(build_tree(told, {}))[0]
+            costs[link] = compute_subtree_cost(PairCosts(one, two), (-1, -1), 0, 0)
     least = min(costs, key=lambda name: costs[name])
     return least if costs[least] < costs[base.child] - ALMOST else base.child
 

@@ -319,27 +319,49 @@ def _describe_base_change(difference: Difference, sides: ComparedDescriptions) -
 def _describe_member_change(
     difference: Difference, sides: ComparedDescriptions, both: tuple[Member, Member, MemberAlignment]
 ) -> Iterator[str]:
-    one, two, seat = both
     values = _convert_values(difference, both)
-    for n, (side, other, member) in enumerate((("A", "B", one), ("B", "A", two))):
-        description = sides.descriptions[n]
-        place = difference.place.partition(" ")[0]
-        called = member.joint if place == "joint" else member.name
-        head = f"to make {side} ({description.label}) like {other}, in {place} {called}"
-        parts = [name for name, body in member.parts if body.mass or body.tensor.any()]
-        if n and difference.cause in PLACED and _has_reframed_link(sides, seat):
-            continue  # the number would be one in frames that B's file has not
-        if difference.cause in CHECKS and len(parts) > 1:
-            yield f"{head}, together with what is fixed to it ({', '.join(parts[:6])}): {difference.cause} {values[n]}"
-        elif place == "body" and difference.cause in CHECKS and difference.cause != "mass":
-            link = (sides.trees[n].members[seat.second if n else seat.first]).name
-            yield f"{head}, in the frame of link {link}: {difference.cause} {values[n]}"
-        elif n and difference.cause in FRAMED and _has_moved_frame(sides, both):
-            continue  # the number would be one in A's frames
-        elif difference.cause == ZERO and not n:
-            yield f"{head}, turn or shift the joint's frame along its axis by {values[n]} {difference.unit}, and the limits back"
-        elif text := describe_quantity(description.format, _resolve_cause_name(difference, seat, n), values[n]):
-            yield f"{head}: {text}"
+    for n, (side, other) in enumerate((("A", "B"), ("B", "A"))):
+        words = _describe_new_value(difference, sides, both, n, values[n])
+        if words:
+            place = difference.place.partition(" ")[0]
+            member = (both[0], both[1])[n]
+            called = member.joint if place == "joint" else member.name
+            yield f"to make {side} ({sides.descriptions[n].label}) like {other}, in {place} {called}{words}"
+
+
+def _describe_new_value(
+    difference: Difference,
+    sides: ComparedDescriptions,
+    both: tuple[Member, Member, MemberAlignment],
+    n: int,
+    value: str,
+) -> str:
+    """Return the words for a member of A (n = 0) or of B (n = 1); "" where no number is right in its file's frames."""
+    cause = difference.cause
+    seat = both[2]
+    parts = _list_massive_parts((both[0], both[1])[n])
+    if n and _is_in_other_frames(cause, sides, both):
+        return ""
+    if cause in CHECKS and len(parts) > 1:
+        return f", together with what is fixed to it ({', '.join(parts[:6])}): {cause} {value}"
+    if difference.place.startswith("body ") and cause in CHECKS and cause != "mass":
+        link = sides.trees[n].members[seat.second if n else seat.first].name
+        return f", in the frame of link {link}: {cause} {value}"
+    if cause == ZERO and not n:
+        return f", turn or shift the joint's frame along its axis by {value} {difference.unit}, and the limits back"
+    text = describe_quantity(sides.descriptions[n].format, _resolve_cause_name(difference, seat, n), value)
+    return text and f": {text}"
+
+
+def _list_massive_parts(member: Member) -> list[str]:
+    return [name for name, body in member.parts if body.mass or body.tensor.any()]
+
+
+def _is_in_other_frames(cause: str, sides: ComparedDescriptions, both: tuple[Member, Member, MemberAlignment]) -> bool:
+    """Return True if the number of B would be one in frames that its file has not, or in those of A."""
+    if cause in PLACED and _has_reframed_link(sides, both[2]):
+        return True
+    return cause in FRAMED and _has_moved_frame(sides, both)
 
 
 def _has_moved_frame(sides: ComparedDescriptions, both: tuple[Member, Member, MemberAlignment]) -> bool:
@@ -393,13 +415,15 @@ def describe_quantity(kind: str, cause: str, value: str) -> str:
     if not value or value == "none" or kind not in WORDS or varies:
         return ""
     if cause == "inertia tensor":
-        if kind not in TENSOR:
-            return ""
-        pattern, order = TENSOR[kind]
-        numbers = [value.split()[k] for k in order]
-        names = [name.removeprefix("i") for name in INERTIAS] if kind == "toml" else INERTIAS
-        entries = [ENTRY[kind].format(name, x) for name, x in zip(names, numbers, strict=True)]
-        return pattern.format((", " if kind in COMMAS else " ").join(entries))
+        return _describe_tensor(kind, value) if kind in TENSOR else ""
     words = WORDS[kind].get(cause, "")
     value = value.removesuffix(" rpy")
     return words.format(", ".join(value.split()) if kind in COMMAS else value) if words else ""
+
+
+def _describe_tensor(kind: str, value: str) -> str:
+    pattern, order = TENSOR[kind]
+    numbers = [value.split()[k] for k in order]
+    names = [name.removeprefix("i") for name in INERTIAS] if kind == "toml" else INERTIAS
+    entries = [ENTRY[kind].format(name, x) for name, x in zip(names, numbers, strict=True)]
+    return pattern.format((", " if kind in COMMAS else " ").join(entries))

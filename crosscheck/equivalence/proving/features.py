@@ -31,6 +31,7 @@ from flexinv.model.mechanism import Array, Placement
 
 FAMILY = "feature"
 CLOSE = 1e-9  # relative: numbers of two features that are the same
+SHOWN = 4  # features of one name that a difference shows
 Efforts = dict[str, Array]
 
 
@@ -60,6 +61,9 @@ class FeatureEfforts:
     scale: Efforts
 
 
+BothEfforts = tuple[FeatureEfforts, FeatureEfforts]
+
+
 def add_feature_differences(
     judgement: Judgement,
     sides: tuple[Description, Description],
@@ -73,21 +77,31 @@ def add_feature_differences(
     """
     names = sorted({name for side in sides for name in list_feature_names(side)} - set(ignored))
     exact = not (judgement.causes or judgement.rounding)
-    added: list[FeatureEfforts | None] = [None, None]
-    if ground.common and any(side.dynamics is not None for side in sides):
-        added = [_compute_added_efforts(side, ground, names, ignored, n) for n, side in enumerate(sides)]
+    efforts = _compute_both_efforts(sides, ground, names, ignored)
     causes: list[Difference] = []
     unseen: list[Difference] = []
     for name in names:
-        feature_difference = _find_feature_difference(name, sides, ground.names, added, tolerance, exact)
-        if feature_difference is not None:
-            seen = not exact or feature_difference.share is None or feature_difference.share > tolerance
-            (causes if seen else unseen).append(feature_difference)
+        difference = _FeaturePair.build(name, sides, ground.names).find_difference(efforts, tolerance, exact)
+        if difference is not None:
+            seen = not exact or difference.share is None or difference.share > tolerance
+            (causes if seen else unseen).append(difference)
     judgement = replace(judgement, causes=(*judgement.causes, *causes), unseen=(*judgement.unseen, *unseen))
-    one, two = added
-    if one is None or two is None or causes or not exact:
-        return judgement
-    share, effort, joint = _compute_feature_share(one.whole, two.whole, one, two)
+    return judgement if efforts is None or causes or not exact else _add_remainder(judgement, efforts, tolerance)
+
+
+def _compute_both_efforts(
+    sides: tuple[Description, Description], ground: CommonGround, names: Iterable[str], ignored: Collection[str]
+) -> BothEfforts | None:
+    """Efforts that the readers of both add to their mechanisms; None where not both can be asked."""
+    if not ground.common or all(side.dynamics is None for side in sides):
+        return None
+    one, two = (_compute_added_efforts(side, ground, names, ignored, n) for n, side in enumerate(sides))
+    return None if one is None or two is None else (one, two)
+
+
+def _add_remainder(judgement: Judgement, efforts: BothEfforts, tolerance: float) -> Judgement:
+    """The judgement with what the readers add beyond all named features, where that differs the most."""
+    share, effort, joint = _compute_feature_share(efforts[0].whole, efforts[1].whole, efforts)
     if share <= tolerance or share <= judgement.after:
         return judgement
     return replace(
@@ -160,41 +174,51 @@ def _compute_effort_difference(one: Efforts, other: Efforts) -> Efforts:
     return {name: one[name] - other[name] for name in one}
 
 
-def _compute_feature_share(one: Efforts, two: Efforts, first: FeatureEfforts, second: FeatureEfforts) -> Share:
+def _compute_feature_share(one: Efforts, two: Efforts, added: BothEfforts) -> Share:
+    first, second = added
     scale = {k: np.maximum(np.abs(first.scale[k]), np.abs(second.scale[k])) for k in first.scale}
     return compute_effort_share(one, two, scale)
 
 
-def _find_feature_difference(
-    name: str, sides: tuple[Description, Description], joints: Mapping[str, str], added: list[FeatureEfforts | None],
-    tolerance: float, exact: bool,
-) -> Difference | None:  # fmt: skip
-    """The difference of the features of one name, None where there is none."""
-    ours = [feature for feature in sides[0].features if feature.name == name]
-    theirs = [feature for feature in sides[1].features if feature.name == name]
-    alike = _has_equal_tables(ours, theirs, joints)
-    felt = any(feature.felt for feature in [*ours, *theirs])
-    one, two = added
-    if alike and not (felt and exact):
-        return None
-    share: float | None = None
-    effort: float | None = None
-    if felt and one is not None and two is not None:
-        none = {key: np.zeros_like(rows) for key, rows in one.scale.items()}
-        share, effort, _ = _compute_feature_share(one.by_name.get(name, none), two.by_name.get(name, none), one, two)
-        if share <= tolerance and alike:
+@dataclass(frozen=True)
+class _FeaturePair:
+    """The features of one name of A and of B; alike : with the same numbers, those of B with A's names of joints."""
+
+    name: str
+    first: list[Feature]
+    second: list[Feature]
+    alike: bool
+
+    @classmethod
+    def build(cls, name: str, sides: tuple[Description, Description], joints: Mapping[str, str]) -> _FeaturePair:
+        """Build the pair of a name; joints : of B by those of A."""
+        first, second = ([feature for feature in side.features if feature.name == name] for side in sides)
+        return cls(name, first, second, _has_equal_tables(first, second, joints))
+
+    def find_difference(self, efforts: BothEfforts | None, tolerance: float, exact: bool) -> Difference | None:
+        """Return the difference, None where there is none; tolerance : relative to the range of an effort [-]."""
+        felt = any(feature.felt for feature in [*self.first, *self.second])
+        if self.alike and not (felt and exact and efforts is not None):
             return None
-    elif alike:
-        return None
-    places = list(dict.fromkeys(feature.place for feature in ours or theirs))
-    shown = [_describe_features(some) for some in (ours, theirs)]
-    cause = name if ours and theirs else f"{name} that only {'A' if ours else 'B'} has"
-    return Difference(
-        FAMILY, cause, "; ".join(places[:SHOWN]), 1.0, "-", shown[0], shown[1], effect=effort, share=share
-    )  # fmt: skip
+        if not felt or efforts is None:
+            return self._make_difference(None, None)
+        share, effort, _ = self._compute_share(efforts)
+        return None if share <= tolerance and self.alike else self._make_difference(effort, share)
 
+    def _compute_share(self, efforts: BothEfforts) -> Share:
+        none = {key: np.zeros_like(rows) for key, rows in efforts[0].scale.items()}
+        one, two = (added.by_name.get(self.name, none) for added in efforts)
+        return _compute_feature_share(one, two, efforts)
 
-SHOWN = 4
+    def _make_difference(self, effort: float | None, share: float | None) -> Difference:
+        cause = self.name
+        if not (self.first and self.second):
+            cause += f" that only {'A' if self.first else 'B'} has"
+        places = list(dict.fromkeys(feature.place for feature in self.first or self.second))
+        one, two = (_describe_features(some) for some in (self.first, self.second))
+        return Difference(
+            FAMILY, cause, "; ".join(places[:SHOWN]), 1.0, "-", one, two, effect=effort, share=share
+        )  # fmt: skip
 
 
 def _describe_features(features: list[Feature]) -> str:

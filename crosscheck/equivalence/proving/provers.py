@@ -33,23 +33,26 @@ def add_dynamics(description: Description) -> Description:
     if description.format in OURS or description.file is None:
         return description
     refused: list[str] = []
+    own = _find_dynamics(description, refused)
+    if own is not None:
+        return replace(description, dynamics=own)
+    none = f"no engine is installed that has a model of its own of {description.format.upper()}"
+    return replace(description, unproven="; ".join(refused) or none)
+
+
+def _find_dynamics(description: Description, refused: list[str]) -> ReaderDynamics | None:
+    """The first engine's model of the file, with the equations of closures of the first that has them; what refuses says why."""
     first: ReaderDynamics | None = None
     for name, dynamics in _list_offering_engines(description.format):
         try:
-            reader_dynamics: ReaderDynamics = dynamics(description.file, description.mechanism)
+            own: ReaderDynamics = dynamics(description.file, description.mechanism)
         except InputError as error:
             refused.append(f"{name}: {' '.join(str(error).split())}")
             continue
-        tied = not description.mechanism.closures or reader_dynamics.closing(description.mechanism.neutral) is not None
-        if tied:
-            return replace(
-                description, dynamics=reader_dynamics if first is None else CombinedDynamics(first, reader_dynamics)
-            )
-        first = reader_dynamics if first is None else first
-    if first is not None:
-        return replace(description, dynamics=first)
-    none = f"no engine is installed that has a model of its own of {description.format.upper()}"
-    return replace(description, unproven="; ".join(refused) or none)
+        if not description.mechanism.closures or own.closing(description.mechanism.neutral) is not None:
+            return own if first is None else CombinedDynamics(first, own)
+        first = own if first is None else first
+    return first
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,13 @@ from numpy.typing import NDArray
 
 from crosscheck.identification.causes.cause import Cause, Undo, apply_to_column
 from crosscheck.identification.logs.log import Log
-from crosscheck.identification.readings import Machine, apply_delay, apply_first_order_lag, remove_first_order_lag
+from crosscheck.identification.readings import (
+    Channel,
+    Machine,
+    apply_delay,
+    apply_first_order_lag,
+    remove_first_order_lag,
+)
 from flexinv.model.links import Body, Inertia, Link
 from flexinv.model.mechanism import Mechanism
 
@@ -23,14 +29,7 @@ SLOW = (0.001, 0.002, 0.005, 0.01, 0.02)
 def list_possible_causes(machine: Machine) -> Iterator[Cause]:
     """Yield all causes with one number that are possible here: phi = 0 is no fault [unit of each]."""
     for channel in machine.channels:
-        kind = channel.sense
-        yield Cause(
-            f"delay of the {kind}", channel.place, "s", 1e-3, _make_delay_undo(channel.column), False, LATE, True
-        )
-        what = "torque constant, relative error" if kind == "effort" else f"gain of the {kind}, relative error"
-        yield Cause(what, channel.place, "-", 1e-3, _make_gain_undo(channel.column), False, scales=channel.column)
-        lag = _make_lag_undo(channel.column)
-        yield Cause(f"first-order lag of the {kind}", channel.place, "s", 1e-3, lag, False, SLOW, True, 0.0)
+        yield from _list_channel_causes(channel)
     for name, table in machine.settings.joints.items():
         yield Cause("delay of the angle", name, "s", 1e-3, _make_delay_undo(table.angle.column), True, LATE, True)
         yield Cause("scale of the angle (gear), relative error", name, "-", 1e-3, _make_gain_undo(table.angle.column))
@@ -40,12 +39,26 @@ def list_possible_causes(machine: Machine) -> Iterator[Cause]:
     if np.linalg.norm(machine.mechanism.gravity):
         for axis in range(2):
             yield Cause("tilt of gravity", f"the world's {'xy'[axis]} axis", "rad", 1e-3, _make_tilt_undo(axis))
-    parents = {joint.parent for joint in machine.mechanism.joints}
-    for link in machine.mechanism.links:
-        if link.beam is None and link.bodies and (len(link.bodies) > 1 or link.name not in parents):
-            place = (
-                f"{link.name}/{link.bodies[-1].name}" if len(link.bodies) > 1 else f"{link.name}, at its centre of mass"
-            )
+    yield from _list_payload_causes(machine.mechanism)
+
+
+def _list_channel_causes(channel: Channel) -> Iterator[Cause]:
+    kind = channel.sense
+    delay = _make_delay_undo(channel.column)
+    yield Cause(f"delay of the {kind}", channel.place, "s", 1e-3, delay, False, LATE, True)
+    what = "torque constant, relative error" if kind == "effort" else f"gain of the {kind}, relative error"
+    yield Cause(what, channel.place, "-", 1e-3, _make_gain_undo(channel.column), False, scales=channel.column)
+    lag = _make_lag_undo(channel.column)
+    yield Cause(f"first-order lag of the {kind}", channel.place, "s", 1e-3, lag, False, SLOW, True, 0.0)
+
+
+def _list_payload_causes(mechanism: Mechanism) -> Iterator[Cause]:
+    """Yield more mass on rigid links: at the last of several bodies, or at the single one of a link that ends a chain."""
+    parents = {joint.parent for joint in mechanism.joints}
+    for link in mechanism.links:
+        several = len(link.bodies) > 1
+        if link.beam is None and link.bodies and (several or link.name not in parents):
+            place = f"{link.name}/{link.bodies[-1].name}" if several else f"{link.name}, at its centre of mass"
             yield Cause("payload beside what is known", place, "kg", 0.1, _make_payload_undo(link.name))
 
 

@@ -190,6 +190,20 @@ def _convert_data_frame(path: Path, frame: Any) -> dict[str, Array]:
 
 def _read_mat(path: Path) -> dict[str, Array]:
     """Return the vectors of the longest common length; the columns of a matrix NAME are NAME_1, NAME_2 ... ."""
+    numbers = _read_mat_arrays(path)
+    count = max(max(v.shape) for v in numbers.values())
+    out: dict[str, Array] = {}
+    for name, values in numbers.items():
+        if values.ndim == 1 and len(values) == count:
+            out[name] = values
+        elif values.ndim == 2 and count in values.shape:
+            rows = values if values.shape[0] == count else values.T
+            out |= {f"{name}_{k + 1}": np.ascontiguousarray(column) for k, column in enumerate(rows.T)}
+    return out
+
+
+def _read_mat_arrays(path: Path) -> dict[str, Array]:
+    """Return all arrays of several numbers; raises InputError where there are none."""
     from scipy.io import loadmat
 
     try:
@@ -201,15 +215,7 @@ def _read_mat(path: Path) -> dict[str, Array]:
     numbers = {k: v.astype(np.float64) for k, v in raw.items() if v.dtype.kind in "fiub"}
     if not numbers:
         raise InputError(f"{path.name}: no arrays of numbers at the top level; save vectors of equal length")
-    count = max(max(v.shape) for v in numbers.values())
-    out: dict[str, Array] = {}
-    for name, values in numbers.items():
-        if values.ndim == 1 and len(values) == count:
-            out[name] = values
-        elif values.ndim == 2 and count in values.shape:
-            rows = values if values.shape[0] == count else values.T
-            out |= {f"{name}_{k + 1}": np.ascontiguousarray(column) for k, column in enumerate(rows.T)}
-    return out
+    return numbers
 
 
 def _check_times(log: Log) -> None:

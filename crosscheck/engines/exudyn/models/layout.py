@@ -6,7 +6,6 @@ something is fixed or jointed.  A beam's root is fixed to a group.  All poses ar
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
 
@@ -23,7 +22,7 @@ from crosscheck.engines.exudyn.models.frames import (
     join_inertias,
     take_joint_q,
 )
-from flexinv.model.mechanism import WORLD, Attachment, Beam, Body, Inertia, Joint, Link, Mechanism, Placement
+from flexinv.model.mechanism import WORLD, Attachment, Beam, Inertia, Joint, Mechanism, Placement
 
 # Fractions of a length that are closer are one cross-section: between them rounding would make an element of no length.
 SAME_STATION = 1e-9
@@ -75,49 +74,74 @@ class Layout:
         return compose(self.groups[frame.group].start, frame.placement)
 
 
+@dataclass
+class LayoutBuilder:
+    """A layout in the making, joint by joint from the world on.
+
+    bodies : by group, the inertias that it carries and where; sections : by beam link and fraction [-], the group there
+    """
+
+    mechanism: Mechanism
+    groups: list[Group] = field(default_factory=lambda: [Group(None, None, Inertia(0.0), Placement())])
+    bodies: list[list[tuple[Inertia, Placement]]] = field(default_factory=lambda: [[]])
+    link: dict[str, Frame] = field(default_factory=lambda: {WORLD: Frame(0, Placement())})
+    root: dict[str, Frame] = field(default_factory=dict)
+    joint: dict[str, Frame] = field(default_factory=dict)
+    sections: dict[tuple[str, float], int] = field(default_factory=dict)
+
+    def add_joint(self, joint: Joint, q: Array, qd: Array) -> None:
+        """Add a joint whose parent is there, with its child and the bodies of it; q, qd : of all coordinates [rad], [m], [s]."""
+        seat = self.find_carrier_frame(joint.parent, joint.station)
+        seat = Frame(seat.group, compose(seat.placement, joint.placement))
+        if joint.nv:
+            self.joint[joint.name] = seat
+            seat = self._add_group(_make_joint_group(self.groups, seat, self.mechanism, joint, q, qd))
+        self.link[joint.child] = seat
+        child = self.mechanism.link_of[joint.child]
+        if child.beam is not None:
+            self.root[joint.child] = Frame(seat.group, compose(seat.placement, child.beam.placement))
+        for body in child.bodies:
+            at = seat if child.beam is None else self.find_carrier_frame(child.name, body.station or 0.0)
+            self.bodies[at.group].append((body.inertia, at.placement))
+
+    def find_carrier_frame(self, name: str, station: float | None) -> Frame:
+        """Return the frame at a joint's seat: the parent link's own, or that of one of its sections; station : [-]."""
+        beam = None if name == WORLD else self.mechanism.link_of[name].beam
+        if beam is None or station is None:
+            return self.link[name]
+        if station == 0.0:
+            return self.root[name]
+        if (name, station) not in self.sections:
+            self.sections[name, station] = len(self.groups)
+            self._add_group(_make_section_group(self.groups, self.root[name], name, beam, station))
+        return Frame(self.sections[name, station], Placement())
+
+    def _add_group(self, group: Group) -> Frame:
+        """Add a group that carries nothing yet; return its own frame."""
+        self.groups.append(group)
+        self.bodies.append([])
+        return Frame(len(self.groups) - 1, Placement())
+
+    def build(self) -> Layout:
+        """Return the layout, with the sections to which something is attached."""
+        held = {
+            (at.link, resolve_station(at.station)) for at in list_attachments(self.mechanism) if at.link in self.root
+        }
+        section = {(name, station): self.find_carrier_frame(name, station) for name, station in sorted(held)}
+        groups = [replace(g, inertia=join_inertias(parts)) for g, parts in zip(self.groups, self.bodies, strict=True)]
+        stations = {
+            beam.name: tuple(sorted({0.0, 1.0, *(s for name, s in self.sections if name == beam.name)}))
+            for beam in self.mechanism.beams
+        }
+        return Layout(tuple(groups), self.link, self.root, self.joint, stations, section)
+
+
 def build_layout(mechanism: Mechanism, q: Array, qd: Array) -> Layout:
     """Return the layout of a mechanism that starts at q (nq,) with qd (nv,), beams undeformed."""
-    groups = [Group(None, None, Inertia(0.0), Placement())]
-    bodies: list[list[tuple[Inertia, Placement]]] = [[]]
-    link: dict[str, Frame] = {WORLD: Frame(0, Placement())}
-    root: dict[str, Frame] = {}
-    place: dict[str, Frame] = {}
-    sections: dict[tuple[str, float], int] = {}
-
-    def find_carrier_frame(name: str, station: float | None) -> Frame:
-        """Return the frame at a joint's seat: the parent link's own, or that of one of its sections."""
-        beam = None if name == WORLD else mechanism.link_of[name].beam
-        if beam is None or station is None or station == 0.0:
-            return link[name] if beam is None or station is None else root[name]
-        if (name, station) not in sections:
-            sections[name, station] = len(groups)
-            groups.append(_make_section_group(groups, root[name], name, beam, station))
-            bodies.append([])
-        return Frame(sections[name, station], Placement())
-
+    builder = LayoutBuilder(mechanism)
     for joint in mechanism.joints:
-        seat = find_carrier_frame(joint.parent, joint.station)
-        seat = Frame(seat.group, compose(seat.placement, joint.placement))
-        child = mechanism.link_of[joint.child]
-        if joint.nv:
-            place[joint.name] = seat
-            groups.append(_make_joint_group(groups, seat, mechanism, joint, q, qd))
-            bodies.append([])
-            seat = Frame(len(groups) - 1, Placement())
-        link[joint.child] = seat
-        if child.beam is not None:
-            root[joint.child] = Frame(seat.group, compose(seat.placement, child.beam.placement))
-        for body in child.bodies:
-            at = _find_body_frame(find_carrier_frame, child, body, seat)
-            bodies[at.group].append((body.inertia, at.placement))
-    held = {(at.link, resolve_station(at.station)) for at in list_attachments(mechanism) if at.link in root}
-    section = {(name, station): find_carrier_frame(name, station) for name, station in sorted(held)}
-
-    groups = [replace(g, inertia=join_inertias(parts)) for g, parts in zip(groups, bodies, strict=True)]
-    stations = {
-        b.name: tuple(sorted({0.0, 1.0, *(s for name, s in sections if name == b.name)})) for b in mechanism.beams
-    }
-    return Layout(tuple(groups), link, root, place, stations, section)
+        builder.add_joint(joint, q, qd)
+    return builder.build()
 
 
 def list_attachments(mechanism: Mechanism) -> list[Attachment]:
@@ -136,12 +160,6 @@ def find_attachment_frame(layout: Layout, at: Attachment) -> Frame:
     """Return the frame of an attachment."""
     seat = layout.section.get((at.link, resolve_station(at.station)), layout.link[at.link])
     return Frame(seat.group, compose(seat.placement, at.placement))
-
-
-def _find_body_frame(group_of: Callable[[str, float], Frame], child: Link, body: Body, frame: Frame) -> Frame:
-    if child.beam is None:
-        return frame
-    return group_of(child.name, 0.0 if body.station is None else body.station)
 
 
 def _make_section_group(groups: list[Group], root: Frame, name: str, beam: Beam, station: float) -> Group:

@@ -58,6 +58,9 @@ OUT = exu.OutputVariableType
 Z = np.array([0.0, 0.0, 1.0])
 # Directions and heights come from files with some 9 digits; what is off by less is meant to be in the plane.
 IN_PLANE = 1e-9
+# Kinds of joints that a driver moves in the plane, and those that closures may move there.
+DRIVEN_IN_PLANE = ("revolute", "continuous")
+FREE_IN_PLANE = (*DRIVEN_IN_PLANE, "prismatic")
 
 
 def find_plane(mechanism: Mechanism, layout: Layout, free: frozenset[str] = frozenset()) -> Array | str:
@@ -68,15 +71,27 @@ def find_plane(mechanism: Mechanism, layout: Layout, free: frozenset[str] = froz
     """
     moving = [joint for joint in mechanism.joints if joint.nv]
     for joint in moving:
-        if joint.kind not in ("revolute", "continuous") and not (joint.kind == "prismatic" and joint.name in free):
+        if joint.kind not in (FREE_IN_PLANE if joint.name in free else DRIVEN_IN_PLANE):
             return f"joint {joint.name} is {joint.kind}"
     axes = {j.name: layout.compute_start_pose(layout.joint[j.name]).rotation @ j.axis for j in moving}
-    pins = [axes[j.name] for j in moving if j.kind != "prismatic"]
-    if not pins:
+    normal = next((axes[j.name] for j in moving if j.kind != "prismatic"), None)
+    if normal is None:
         return "no joint moves" if not moving else "no joint turns"
-    normal = pins[0]
-    for joint in moving:
-        if reason := exudyn_flat.describe_leaning_axis(joint, axes[joint.name], normal, IN_PLANE):
+    reason = (
+        _describe_leaning_axis(mechanism, layout, axes, normal)
+        or _describe_asymmetry(mechanism, layout, normal)
+        or exudyn_closing.describe_leaning_force(mechanism, layout, normal, IN_PLANE)
+        or _describe_height_offsets(mechanism, layout, normal)
+    )
+    return reason or build_frame_along(normal)[:, [1, 2, 0]]
+
+
+def _describe_leaning_axis(
+    mechanism: Mechanism, layout: Layout, axes: Mapping[str, Array], normal: Array
+) -> str | None:
+    """Return the joint, the gravity or the closure that leans to the plane, in words, or None; axes : by joint, world [-]."""
+    for name, axis in axes.items():
+        if reason := exudyn_flat.describe_leaning_axis(mechanism.joint_of[name], axis, normal, IN_PLANE):
             return reason
     if abs(mechanism.gravity @ normal) > IN_PLANE * np.linalg.norm(mechanism.gravity):
         return "gravity leans out of the plane"
@@ -85,11 +100,7 @@ def find_plane(mechanism: Mechanism, layout: Layout, free: frozenset[str] = froz
             axis = layout.compute_start_pose(find_attachment_frame(layout, at)).rotation @ closure.axis
             if reason := exudyn_flat.describe_leaning_axis(closure, axis, normal, IN_PLANE):
                 return reason
-    reason = _describe_asymmetry(mechanism, layout, normal) or exudyn_closing.describe_leaning_force(
-        mechanism, layout, normal, IN_PLANE
-    )
-    reason = reason or _describe_height_offsets(mechanism, layout, normal)
-    return reason or build_frame_along(normal)[:, [1, 2, 0]]
+    return None
 
 
 def _describe_asymmetry(mechanism: Mechanism, layout: Layout, normal: Array) -> str | None:
