@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from crosscheck.causes.model import Model
+from crosscheck.causes.model import Model, is_tree
 from crosscheck.causes.subject import Array, Subject
 from flexinv.errors import InputError
 
@@ -111,6 +111,11 @@ def list_closed_target(model: Model) -> list[str]:
     """Return the one target of a rigid mechanism with closures."""
     mechanism = model.base.mechanism
     return [""] if mechanism.closures and mechanism.is_rigid and not any(c.active for c in mechanism.closures) else []
+
+
+def list_moving_tree_target(model: Model) -> list[str]:
+    """Return the one target of an open tree that moves."""
+    return [""] if is_tree(model.base) and model.states.qd.any() else []
 
 
 def list_gravity_target(model: Model) -> list[str]:

@@ -41,7 +41,7 @@ from crosscheck.equivalence.members import (
     list_joint_differences,
 )
 from crosscheck.equivalence.output.advice import ComparedDescriptions, collect_advice
-from crosscheck.equivalence.proof import SAMPLES, SEED, prove
+from crosscheck.equivalence.proof import SAMPLES, SEED, prove, remove_ties
 from crosscheck.equivalence.proving.features import (
     CommonGround,
     add_feature_differences,
@@ -249,7 +249,7 @@ def _judge_efforts(
     states = sample_states(tree)
     wanted: dict[str, Any] = {}
     if moving:
-        mechanism = _remove_loops(machines.descriptions[1].mechanism)
+        mechanism = remove_ties(machines.descriptions[1].mechanism)
         efforts = evaluate_efforts(mechanism, map_states(states, tree, moving), explanation.names)
         wanted = map_efforts_back(efforts, tree, moving)
     effects = machines.effects
@@ -283,10 +283,6 @@ def _add_beam_effects(judgement: Judgement, bent: BeamEffects) -> Judgement:
     worst = max((judgement.before, judgement.before_effort, judgement.worst_joint), bent.before)
     after = max(judgement.after, bent.after[0])
     return replace(judgement, before=worst[0], before_effort=worst[1], worst_joint=worst[2], after=after)
-
-
-def _remove_loops(mechanism: Mechanism) -> Mechanism:
-    return replace(mechanism, closures=(), springs=(), forces=())
 
 
 def _compute_tree_size(tree: Tree) -> float:

@@ -16,6 +16,7 @@ from dataclasses import dataclass
 from crosscheck.measures.limits import REFERENCE
 from crosscheck.measures.record import Record
 from crosscheck.verdicts.bars import COARSE, PART
+from crosscheck.verdicts.baseline import make_comparison_key
 from crosscheck.verdicts.compare import Comparison
 
 MOST = {
@@ -77,9 +78,5 @@ def _add_halvings(
 
 def update_open_rows(rows: Iterable[Comparison], fresh: Iterable[Comparison]) -> list[Comparison]:
     """Return comparisons, open ones as a finer reference judges them."""
-    found = {_make_row_key(row): row for row in fresh}
-    return [found.get(_make_row_key(row), row) if is_open(row) else row for row in rows]
-
-
-def _make_row_key(row: Comparison) -> tuple[str, ...]:
-    return row.mechanism, row.case, row.engine, row.reference, row.quantity, row.unit
+    found = {make_comparison_key(row): row for row in fresh}
+    return [found.get(make_comparison_key(row), row) if is_open(row) else row for row in rows]

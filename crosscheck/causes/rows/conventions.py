@@ -8,7 +8,7 @@ from itertools import combinations, pairwise
 
 import numpy as np
 
-from crosscheck.causes.cause import Cause, Change, list_closed_target, list_driven_joints
+from crosscheck.causes.cause import Cause, Change, list_closed_target, list_driven_joints, list_moving_tree_target
 from crosscheck.causes.model import Model, drop_closures, is_tree, open_tree
 from crosscheck.causes.subject import Array, EffortChange, States, Subject
 from crosscheck.measures.record import list_effort_units
@@ -57,18 +57,7 @@ def _replace_effort_order(subject: Subject, target: str, size: Array) -> Subject
 
 def _replace_coordinate_order(subject: Subject, target: str, size: Array) -> Subject:
     """Exchange motion and efforts: the engine has another order in and out."""
-
-    def update_states(mechanism: Mechanism, states: States) -> States:
-        q = states.q.copy()
-        qd = states.qd.copy()
-        qdd = states.qdd.copy()
-        for here, there in zip(*_resolve_order(mechanism, target), strict=True):
-            q[:, mechanism.q_slices[there]] = states.q[:, mechanism.q_slices[here]]
-            for new, old in ((qd, states.qd), (qdd, states.qdd)):
-                new[:, mechanism.v_slices[there]] = old[:, mechanism.v_slices[here]]
-        return replace(states, q=q, qd=qd, qdd=qdd)
-
-    return subject.add_state_change(update_states).add_effort_change(_make_effort_exchange(target))
+    return _replace_motion_order(subject, target, size).add_effort_change(_make_effort_exchange(target))
 
 
 def _make_effort_change(change: Callable[[Mechanism, States, Array, str], Array]) -> Change:
@@ -146,10 +135,6 @@ def _list_smooth_target(model: Model) -> list[str]:
 
 def _drop_speeds(subject: Subject, target: str, size: Array) -> Subject:
     return subject.add_state_change(lambda mechanism, states: replace(states, qd=states.qd * 0.0))
-
-
-def _list_moving_tree_target(model: Model) -> list[str]:
-    return [""] if is_tree(model.base) and model.states.qd.any() else []
 
 
 def _list_free_joints(model: Model) -> list[str]:
@@ -252,7 +237,7 @@ ROWS = (
         "velocity terms dropped",
         "terms that go with velocities (centrifugal, Coriolis, damping) are missing",
         _drop_speeds,
-        _list_moving_tree_target,
+        list_moving_tree_target,
         0,
         shows="the same path at twice the speed",
     ),

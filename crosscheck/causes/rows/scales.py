@@ -14,9 +14,10 @@ from crosscheck.causes.cause import (
     check_fraction,
     list_bodies,
     list_global_target,
+    list_moving_tree_target,
     list_scalar_joints,
 )
-from crosscheck.causes.model import Model, is_tree
+from crosscheck.causes.model import Model
 from crosscheck.causes.subject import Array, StateChange, States, Subject
 from crosscheck.measures.record import list_effort_units
 from flexinv.model.mechanism import Attachment, Closure, Inertia, Joint, Link, Mechanism, Placement
@@ -102,10 +103,6 @@ def _list_prescribed_joints(model: Model) -> list[str]:
         for n in names
         if model.states.qd[:, mechanism.v_slices[n]].any() or model.states.q[:, mechanism.q_slices[n]].any()
     ]
-
-
-def _list_moving_tree_target(model: Model) -> list[str]:
-    return [""] if is_tree(model.base) and model.states.qd.any() else []
 
 
 def _list_smooth_target(model: Model) -> list[str]:
@@ -215,7 +212,7 @@ ROWS = (
         "speed scale",
         "all speeds are larger by the fraction {size} where the engine gets them",
         _make_motion_change(_scale_speeds),
-        _list_moving_tree_target,
+        list_moving_tree_target,
         covers=("velocity terms dropped",),
         shows=STEADY,
         fraction=True,
@@ -224,7 +221,7 @@ ROWS = (
         "acceleration terms dropped",
         "the accelerations of the joints are missing: the mechanism is held still along its path",
         _drop_accelerations,
-        _list_moving_tree_target,
+        list_moving_tree_target,
         0,
         shows=QUICK,
     ),
@@ -232,7 +229,7 @@ ROWS = (
         "acceleration scale",
         "all accelerations are larger by the fraction {size} where the engine gets them",
         _make_motion_change(_scale_accelerations),
-        _list_moving_tree_target,
+        list_moving_tree_target,
         covers=("acceleration terms dropped",),
         shows=QUICK,
         fraction=True,
