@@ -157,17 +157,22 @@ def _is_spatial(mechanism: Mechanism, case: Case) -> bool:
         return False
 
 
+def compute_free_coordinates(mechanism: Mechanism, case: Case, q: Array) -> dict[str, float]:
+    """Return the start of joints that the motion leaves out [rad], [m], 0 of those with several coordinates; q : (nq,)."""
+    left_out = assembly.find_unprescribed_joints(mechanism, case)
+    return {
+        j.name: float(compute_scalar_coordinate(j, take_joint_q(mechanism, j, q[None]))[0]) if j.nv == 1 else 0.0
+        for j in mechanism.joints
+        if j.name in left_out
+    }
+
+
 def build_model(mechanism: Mechanism, case: Case, engine: str = DAE, history: ExtendedMotion | None = None) -> Model:
     """Return the system to integrate.  Raises AssemblyError where the loops do not close at the start."""
     history = history or ExtendedMotion(mechanism, case)
     q, qd, _ = _find_start_state(mechanism, case, history)
     layout = build_layout(mechanism, q, qd)
-    left_out = assembly.find_unprescribed_joints(mechanism, case)
-    joints = [j for j in mechanism.joints if j.name in left_out]
-    free = {
-        j.name: float(compute_scalar_coordinate(j, take_joint_q(mechanism, j, q[None]))[0]) if j.nv == 1 else 0.0
-        for j in joints
-    }
+    free = compute_free_coordinates(mechanism, case, q)
     plane = exudyn_planar.find_plane(mechanism, layout, frozenset(free))
     if mechanism.beams:  # a beam in a loop leaves no equation to follow from the others
         held = {c.name: list(exudyn_closing.HELD[c.kind]) for c in mechanism.closures}

@@ -33,7 +33,7 @@ from crosscheck.engines.exudyn.models import chain as exudyn_chain
 from crosscheck.engines.exudyn.models import planar as exudyn_planar
 from crosscheck.engines.exudyn.models import spatial as exudyn_spatial
 from crosscheck.engines.exudyn.models.connectors import HELD
-from crosscheck.engines.exudyn.models.frames import Array, compose, compute_scalar_coordinate, take_joint_q
+from crosscheck.engines.exudyn.models.frames import Array, compose
 from crosscheck.engines.exudyn.models.layout import Layout, build_layout, find_attachment_frame
 from crosscheck.engines.exudyn.models.parts import Outcome, Poses
 from crosscheck.engines.exudyn.run_in_time import ANCF, NAMES, TimedRun
@@ -112,11 +112,7 @@ def build_model(mechanism: Mechanism, case: Case, engine: str) -> exudyn_loops.M
     if not now.closures:
         q = assembly.apply_guess(mechanism, case, q[None])[0]
     layout = build_layout(mechanism, q, qd)
-    joints = [j for j in mechanism.joints if j.name in assembly.find_unprescribed_joints(mechanism, case)]
-    free = {
-        j.name: float(compute_scalar_coordinate(j, take_joint_q(mechanism, j, q[None]))[0]) if j.nv == 1 else 0.0
-        for j in joints
-    }
+    free = exudyn_loops.compute_free_coordinates(mechanism, case, q)
     plane = exudyn_planar.find_plane(apply_all_closures(mechanism), layout, frozenset(free))
     history = ExtendedMotion(replace(mechanism, closures=()), case)
     return exudyn_loops.Model(history, engine, layout, None if isinstance(plane, str) else plane, free, {})

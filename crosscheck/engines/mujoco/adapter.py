@@ -224,7 +224,7 @@ def _build_tree(mechanism: Mechanism, case: Case, built_model: BuiltModel) -> mu
         mechanism,
         built_model,
         mujoco_loops.build_data(built_model, mechanism),
-        _make_motion(mechanism, case, built_model),
+        mujoco_loops.make_motion(mechanism, case, built_model),
     )
 
 
@@ -248,17 +248,6 @@ def _solve_phase_efforts(tree: mujoco_loops.Tree, state: State, time: Array) -> 
         wrench[k] = shares.closures
     results = _convert_results(mechanism, built, convert_from_engine(mechanism, built, state.q), raw)
     return replace(results, closures={c.name: wrench[:, k] for k, c in enumerate(mechanism.closures)})
-
-
-def _make_motion(mechanism: Mechanism, case: Case, built_model: BuiltModel) -> mujoco_loops.Motion:
-    """Return the motion in MuJoCo's coordinates, joints that it leaves out at their guess."""
-
-    def evaluate_state(time: Array) -> tuple[Array, Array, Array]:
-        q, qd, qdd = case.motion.evaluate(mechanism, time)
-        state = convert_to_engine(mechanism, built_model, assembly.apply_guess(mechanism, case, q), qd, qdd)
-        return state.q, state.v, state.a
-
-    return evaluate_state
 
 
 def _fill_state(tree: mujoco_loops.Tree, state: State, k: int) -> None:

@@ -159,14 +159,9 @@ def _compute_closure_residual(
     where they do not close."""
     if not mechanism.closures or any(c.active for c in mechanism.closures):
         return None, None
-
-    def evaluate_state(time: Array) -> tuple[Array, Array, Array]:
-        q, qd, qdd = case.motion.evaluate(mechanism, time)
-        state = convert_to_engine(mechanism, built_model, assembly.apply_guess(mechanism, case, q), qd, qdd)
-        return state.q, state.v, state.a
-
-    tree = mujoco_loops.Tree(mechanism, built_model, mujoco_loops.build_data(built_model, mechanism), evaluate_state)
-    place, rate, _ = evaluate_state(np.zeros(1))
+    motion = mujoco_loops.make_motion(mechanism, case, built_model)
+    tree = mujoco_loops.Tree(mechanism, built_model, mujoco_loops.build_data(built_model, mechanism), motion)
+    place, rate, _ = motion(np.zeros(1))
     closes = True
     try:
         place, rate, _ = mujoco_loops.solve_closed_state(

@@ -29,7 +29,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from crosscheck.engines.mujoco.joints import BuiltModel
+from crosscheck.engines.mujoco.joints import BuiltModel, convert_to_engine
 from crosscheck.engines.mujoco.model import convert_to_quaternion
 from crosscheck.engines.shared import loop_closure as assembly
 from crosscheck.engines.shared.loop_closure import FrameMotion
@@ -40,6 +40,7 @@ from crosscheck.engines.shared.wrenches import (
     compute_reactions,
     evaluate_wrench,
 )
+from flexinv.files.load_cases import Case
 from flexinv.model.mechanism import WORLD, Attachment, Closure, Mechanism
 
 Array = NDArray[np.float64]
@@ -51,6 +52,17 @@ EQUALITIES = {"spherical": (CONNECT, (0.0,)), "revolute": (CONNECT, (0.0, 1.0)),
 OFF = int(mujoco.mjtDisableBit.mjDSBL_EQUALITY)
 # As stiff as MuJoCo takes it at its own step of 2 ms (solref[0] >= 2 steps), impedance next to 1: see "Native result".
 STIFF = ((0.004, 1.0), (0.9999, 0.9999, 1e-3, 0.5, 2.0))
+
+
+def make_motion(mechanism: Mechanism, case: Case, built_model: BuiltModel) -> Motion:
+    """Return the motion in MuJoCo's coordinates [rad], [m], joints that it leaves out at their guess."""
+
+    def evaluate_state(time: Array) -> tuple[Array, Array, Array]:
+        q, qd, qdd = case.motion.evaluate(mechanism, time)
+        state = convert_to_engine(mechanism, built_model, assembly.apply_guess(mechanism, case, q), qd, qdd)
+        return state.q, state.v, state.a
+
+    return evaluate_state
 
 
 def make_loop_extender(mechanism: Mechanism) -> Callable[[Any], None]:
