@@ -52,7 +52,7 @@ def convert_to_interrupt(number: int, frame: FrameType | None) -> NoReturn:
 def run_commands() -> None:
     """Run the command line, or say what it needs."""
     try:
-        from flexinv.kernels.compile_lock import (
+        from flexinv.kernels.compiler.compile_lock import (
             NOTE,
             add_compile_listener,
         )  # first of all that takes its time: an interrupt is heard here

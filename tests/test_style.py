@@ -67,7 +67,7 @@ ALONE = {
     "crosscheck.causes.quantity_causes": "what no effort shows, a question of its own",
     "crosscheck.causes.repair": "full runs that prove a cause, apart from the words of a diagnosis",
     "flexinv.dynamics.idle_joints": "it needs the linearisation and the start, which need the solver that asks it",
-    "flexinv.kernels.kernel_compiler": "Numba's compiler; keeping what it makes on the disk is another matter",
+    "flexinv.kernels.compiler.kernel_compiler": "Numba's compiler; keeping what it makes on the disk is another matter",
     "crosscheck.identification.logs.bag": "a file format of its own",
     "crosscheck.doors.program_files": "a walk through folders, apart from engines and their trust",
     "crosscheck.run.cluster": "workers on other machines, which few runs have",

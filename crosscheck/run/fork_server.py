@@ -45,7 +45,7 @@ from crosscheck.run.processes import (
 from flexinv.files.toml_tables import build_validators
 
 LARGEST_REQUEST = 1 << 16  # [bytes]
-KERNELS = "flexinv.kernels.code_cache"  # whoever has imported it will call kernels
+KERNELS = "flexinv.kernels.compiler.choice"  # whoever has imported it will call kernels
 DEVICES = ("/dev/nvidia", "/dev/dri", "/dev/kfd")  # a graphics card's runtime that has started keeps one of these open
 
 
@@ -81,7 +81,7 @@ def prepare(door: Mapping[str, Any]) -> str:
                 return "its adapter says that it must not be forked"
             prepare_adapter(adapter)
         if (kernels := sys.modules.get(KERNELS)) is not None:
-            kernels.begin_runtime()
+            kernels.NUMBA.begin_runtime()
     except Exception as error:
         traceback.print_exc()
         return f"it could not be prepared: {type(error).__name__}: {error}"

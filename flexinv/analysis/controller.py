@@ -42,7 +42,7 @@ from flexinv.inverse.inverse_dynamics import (
     compute_winding_efforts,
 )
 from flexinv.inverse.nodal_sums import Drives, Masses, fill_instant_torques
-from flexinv.kernels.code_cache import resolve_compiled
+from flexinv.kernels.compiler.choice import NUMBA
 from flexinv.kinematics.configuration import build_nodes, fill_given, fill_relative
 from flexinv.kinematics.mesh import build
 from flexinv.kinematics.nodal_motion import sample_between_instants
@@ -140,10 +140,10 @@ class FlexibleState:
             row = np.zeros(1, dtype=np.int64)
             self.given = np.zeros((1, int(moves.sum()), 3))
             self.arguments = np.zeros((0, 3)), False, self.given, row, out
-        self.march = resolve_compiled(march_in, self.system, scheme, *self.arguments)
+        self.march = NUMBA.resolve_compiled(march_in, self.system, scheme, *self.arguments)
         self.parts = (self.nodes, drives, masses, self.frames)
         now = (mechanism.neutral.copy(), driven, driven)
-        self.torques = resolve_compiled(evaluate_guarded_torques, *self.parts, now, self.instant, driven)
+        self.torques = NUMBA.resolve_compiled(evaluate_guarded_torques, *self.parts, now, self.instant, driven)
         self.early_steps = 0
         self.previous = list[Array]()
         self.wound = dict[str, float]()

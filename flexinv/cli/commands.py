@@ -35,7 +35,7 @@ from flexinv.constraints.open_loops import replace_advice
 from flexinv.errors import FlexinvError, InputError, ModelWarning
 from flexinv.files.load_cases import Case, load_cases
 from flexinv.files.load_mechanism import load_mechanism
-from flexinv.kernels.compile_lock import NOTE, add_compile_listener
+from flexinv.kernels.compiler.compile_lock import NOTE, add_compile_listener
 from flexinv.kinematics.mesh import build
 from flexinv.linearized.natural_modes import natural_modes
 from flexinv.linearized.steady_modes import steady_modes

@@ -19,8 +19,8 @@ from flexinv.analysis.solve import solve
 from flexinv.errors import InputError
 from flexinv.files.load_cases import Case, load_cases
 from flexinv.files.load_mechanism import load_mechanism
-from flexinv.kernels import code_cache
-from flexinv.kernels.shipped_code import write_shipped
+from flexinv.kernels.compiler.choice import NUMBA, is_plain
+from flexinv.kernels.compiler.source_stamps import PACKAGE, list_sources
 from flexinv.linearized.natural_modes import natural_modes
 from flexinv.linearized.steady_modes import steady_modes
 from flexinv.model.mechanism import Mechanism
@@ -55,6 +55,10 @@ def warm(models: Path | None, jobs: int, ship: Path | None) -> None:
         raise InputError(f"no folder {INSTALLED} with mechanisms to compute; name one with --models")
     if ship is not None and not os.environ.get(CPU_NAME):
         raise InputError(f"--ship: {CPU_NAME} is not set; for example {CPU_NAME}=x86-64-v3")
+    if ship is not None and is_plain():
+        raise InputError(
+            "--ship: kernels are plain Numba here (flexinv.kernels.compiler), whose machine code cannot be shipped"
+        )
     context = multiprocessing.get_context("spawn")
     with ProcessPoolExecutor(min(jobs, len(TASKS)), mp_context=context) as pool:
         waiting = {pool.submit(task, folder): name for name, task in TASKS.items()}
@@ -63,9 +67,9 @@ def warm(models: Path | None, jobs: int, ship: Path | None) -> None:
     if failed:
         raise InputError("; ".join(failed))
     if ship is not None:  # what was kept of all kernels that Python calls
-        for module in code_cache.list_sources(code_cache.PACKAGE):
+        for module in list_sources(PACKAGE):
             import_module(f"flexinv.{module}")
-        click.echo(f"{ship}: {write_shipped(ship, code_cache.KERNELS)} kernels")
+        click.echo(f"{ship}: {NUMBA.write_shipped(ship, NUMBA.KERNELS)} kernels")
 
 
 def _read_first_case(folder: Path, model: str) -> tuple[Mechanism, Case]:

@@ -10,9 +10,9 @@ from typing import Any
 
 from llvmlite import binding, ir
 from numba import config, types
-from numba.core import cgutils
 from numba.extending import intrinsic
-from numba.np.arrayobj import populate_array
+
+from flexinv.kernels.compiler.choice import NUMBA
 
 # Whether kernels are compiled at all: with NUMBA_DISABLE_JIT=1 they are the Python that they are written in, to look into.
 COMPILED = not config.DISABLE_JIT  # type: ignore[attr-defined]
@@ -41,6 +41,11 @@ def _make_writer(write: Callable[..., Any]) -> Callable[..., Any]:
         return context.get_dummy_value() if signature.return_type is types.none else made
 
     return write_code
+
+
+def _find_function(module: Any, kind: Any, name: str) -> Any:
+    """A function of the processor's by its name, which a module declares once."""
+    return module.globals.get(name) or ir.Function(module, kind, name)
 
 
 def _take_alone(cells: Any) -> Any:
@@ -87,7 +92,7 @@ def pause(typing_context: Any) -> Any:
     def write_code(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
         if _PAUSE:
             kind = ir.FunctionType(ir.VoidType(), [])
-            builder.call(cgutils.get_or_insert_function(builder.module, kind, _PAUSE), [])
+            builder.call(_find_function(builder.module, kind, _PAUSE), [])
         return context.get_dummy_value()
 
     return types.none(), write_code
@@ -100,7 +105,7 @@ def fetch(typing_context: Any, x: Any, at: Any) -> Any:
     def write(builder: Any, place: Any) -> None:
         number = ir.IntType(32)
         kind = ir.FunctionType(ir.VoidType(), [place.type, number, number, number])
-        instruction = cgutils.get_or_insert_function(builder.module, kind, "llvm.prefetch.p0")
+        instruction = _find_function(builder.module, kind, "llvm.prefetch.p0")
         builder.call(instruction, [place, number(0), number(2), number(1)])  # to read, into the second cache, data
 
     return types.none(x, at), _make_writer(write)
@@ -112,27 +117,6 @@ def read_address(typing_context: Any, values: Any) -> Any:
     return types.uint64(values), _make_writer(lambda builder, place: builder.ptrtoint(place, ir.IntType(64)))
 
 
-def _make_array(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-    """The array that begins at an address, the first argument, with the shape that is the second."""
-    kind = signature.return_type
-    sizes = cgutils.unpack_tuple(builder, arguments[1])
-    array = context.make_array(kind)(context, builder)
-    item = context.get_abi_sizeof(context.get_data_type(kind.dtype))
-    strides = [context.get_constant(types.intp, item)]
-    for size in sizes[:0:-1]:
-        strides.insert(0, builder.mul(size, strides[0]))
-    data = builder.inttoptr(arguments[0], context.get_value_type(kind.dtype).as_pointer())
-    populate_array(array, data, sizes, strides, context.get_constant(types.intp, item), None)
-    return array._getvalue()
-
-
-@_make_instruction()
-def make_float_array(typing_context: Any, where: Any, shape: Any) -> Any:
-    """Return the array of numbers at an address."""
-    return types.Array(types.float64, len(shape), "C")(where, shape), _make_array
-
-
-@_make_instruction()
-def make_integer_array(typing_context: Any, where: Any, shape: Any) -> Any:
-    """Return the array of whole numbers at an address."""
-    return types.Array(types.uint64, len(shape), "C")(where, shape), _make_array
+# Arrays at an address, the first argument, with the shape that is the second: of numbers, and of whole numbers.
+make_float_array = NUMBA.make_array_kernel(types.float64)
+make_integer_array = NUMBA.make_array_kernel(types.uint64)

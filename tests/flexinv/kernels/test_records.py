@@ -7,9 +7,10 @@ from typing import Any, NamedTuple
 import numpy as np
 import pytest
 
-from flexinv.kernels.code_cache import make_jit_decorator
+from flexinv.kernels.compiler.code_cache import make_jit_decorator
+from flexinv.kernels.compiler.record_types import RecordType, resolve_argument_type
 from flexinv.kernels.jit import jit_inner
-from flexinv.kernels.records import RecordType, join_records, resolve_argument_type, send_by_address, take_record
+from flexinv.kernels.records import join_records, send_by_address, take_record
 from flexinv.typing import Array
 
 called = make_jit_decorator(

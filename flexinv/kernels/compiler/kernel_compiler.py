@@ -19,7 +19,7 @@ from numba.core import typed_passes, untyped_passes
 from numba.core.codegen import JITCodeLibrary
 from numba.core.compiler import Compiler, DefaultPassBuilder
 
-from flexinv.kernels.records import RecordType
+from flexinv.kernels.compiler.record_types import RecordType
 
 # Of a record: nobody writes there meanwhile, and its address is not kept: in words of LLVM 21, or else 20 (Numba 0.62).
 NOT_WRITTEN = "noalias"

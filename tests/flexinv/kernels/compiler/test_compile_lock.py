@@ -12,13 +12,13 @@ from pathlib import Path
 
 import pytest
 
-from flexinv.kernels import compile_lock
-from flexinv.kernels.compile_lock import CompileLock
+from flexinv.kernels.compiler import compile_lock
+from flexinv.kernels.compiler.compile_lock import CompileLock
 
 HOLDER = """
 import sys, time
 from pathlib import Path
-from flexinv.kernels.compile_lock import CompileLock
+from flexinv.kernels.compiler.compile_lock import CompileLock
 CompileLock(Path(sys.argv[1])).take()
 print("held", flush=True)
 time.sleep(60)
@@ -79,7 +79,7 @@ def test_a_file_system_without_locks_stops_nobody(tmp_path: Path, monkeypatch: p
 
 def test_of_processes_that_start_at_once_one_compiles(tmp_path: Path) -> None:
     (tmp_path / "doubled.py").write_text(MODULE)
-    search = os.pathsep.join([str(tmp_path), str(Path(__file__).resolve().parents[3])])
+    search = os.pathsep.join([str(tmp_path), str(Path(__file__).resolve().parents[4])])
     asked = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path / "cache"), "PYTHONPATH": search}
     users = [
         subprocess.Popen([sys.executable, "-c", USER], env=asked, stdout=subprocess.PIPE, text=True) for _ in range(3)

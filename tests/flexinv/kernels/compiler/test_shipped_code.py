@@ -12,8 +12,8 @@ from typing import Any
 
 import pytest
 
-from flexinv.kernels import shipped_code
-from flexinv.kernels.shipped_code import INDEX, LEVELS, list_processor_levels, write_shipped
+from flexinv.kernels.compiler import shipped_code
+from flexinv.kernels.compiler.shipped_code import INDEX, LEVELS, list_processor_levels, write_shipped
 
 MODULE = """
 from flexinv.kernels.jit import jit

@@ -7,9 +7,9 @@ from pathlib import Path
 
 import pytest
 
-from flexinv.kernels.code_cache import compute_source_stamp, list_family, list_sources
+from flexinv.kernels.compiler.source_stamps import compute_source_stamp, list_family, list_sources
 
-FOLDER = Path(__file__).resolve().parents[3] / "flexinv"
+FOLDER = Path(__file__).resolve().parents[4] / "flexinv"
 SOURCES = list_sources(FOLDER)
 
 
@@ -44,8 +44,11 @@ def test_families() -> None:
     )
     planar = {name for name in SOURCES if name.startswith("planar.")}
     rnea = {name for name in SOURCES if name.startswith("rnea.")}
-    made_by = {f"kernels.{name}" for name in ("code_cache", "jit", "kernel_compiler", "records")}
-    compiler = made_by | {"kernels.vec3", "kernels.so3"}
+    made_by = {
+        "kernels.jit",
+        *(f"kernels.compiler.{name}" for name in ("arrays", "code_cache", "kernel_compiler", "record_types")),
+    }
+    compiler = made_by | {"kernels.records", "kernels.vec3", "kernels.so3"}
     assert rigid == {
         "rigid.blocks", "elements.joint_law", "kernels.threads.atomics", "kernels.simd",
         "kernels.threads.worker_pool", "kernels.vec3", "model.joint_kinds", *made_by, *rnea,

@@ -5,19 +5,15 @@ machine that lost its power have left.  All of that only costs the time of compi
 package brings along (`shipped_code`), then in what was kept on this machine; one process compiles what is in neither
 (`compile_lock`), and others wait for it.
 
-Numba asks only whether the file of the function itself is the same, but its code holds that of all functions it calls.  So code
-bears the stamp of a module's family, which is itself and what it imports; it is discarded when any of these sources changes.
+Code bears the stamp of the sources that are in it (`source_stamps`), and is discarded when any of them changes.
 """
 
 from __future__ import annotations
 
 import gc
-import re
 import warnings
 from collections.abc import Callable
 from contextlib import suppress
-from functools import cache
-from hashlib import sha256
 from pathlib import Path
 from pickle import UnpicklingError
 from typing import Any
@@ -26,20 +22,16 @@ from numba import njit, types
 from numba.core.registry import CPUDispatcher, cpu_target
 from numba.core.runtime.nrt import rtsys
 
-from flexinv.kernels.compile_lock import CompileLock
-from flexinv.kernels.kernel_compiler import InnerCompiler, OuterCompiler
-from flexinv.kernels.records import resolve_argument_type
-from flexinv.kernels.shipped_code import find_shipped_code
+from flexinv.kernels.compiler.compile_lock import CompileLock
+from flexinv.kernels.compiler.kernel_compiler import InnerCompiler, OuterCompiler
+from flexinv.kernels.compiler.record_types import resolve_argument_type
+from flexinv.kernels.compiler.shipped_code import find_shipped_code
+from flexinv.kernels.compiler.source_stamps import PACKAGE, compute_source_stamp
 
 # What reading a file raises that names a class that has moved, or that ends in the middle.
 UNREADABLE = AttributeError, ImportError, EOFError, UnpicklingError
-PACKAGE = Path(__file__).resolve().parents[1]
 # The kernels that Python calls, in the order of their definition.
 KERNELS: list[Any] = []
-# What a module imports whose text or constants are in machine code, and the modules without these imports that are in it too.
-_HAS_KERNELS = re.compile(r"^from flexinv\.kernels\.(jit|records) import", re.MULTILINE)
-ALSO = "kernels.jit", "kernels.kernel_compiler", "kernels.records", "kernels.threads.atomics", "model.joint_kinds"
-_IMPORT = re.compile(r"^from flexinv\.([\w.]+) import (.*)", re.MULTILINE)
 
 
 def make_jit_decorator(**options: Any) -> Callable[[Callable[..., Any]], Any]:
@@ -177,43 +169,3 @@ def make_forgiving(load: Callable[..., Any], nothing: Any) -> Callable[..., Any]
             return nothing
 
     return read_or_skip
-
-
-# ------------------------------------------------------------------------------------------------- stamps of sources
-
-
-def list_sources(folder: Path) -> tuple[str, ...]:
-    """Return the modules [-], as they are called in the package, whose text or constants are in machine code."""
-    every = (path.relative_to(folder).with_suffix("").parts for path in sorted(folder.rglob("*.py")))
-    return tuple(module for module in map(".".join, every) if _is_source(folder, module))
-
-
-def list_family(module: str, folder: Path) -> tuple[str, ...]:
-    """Return the sources [-] that are in the kernels of a module: itself and what it imports of them, all where it is none."""
-    if not _is_source(folder, module):
-        return list_sources(folder)
-    found = {module}
-    ahead = [module]
-    while ahead:
-        imports = _IMPORT.findall(_read_text(folder, ahead.pop()))
-        names = {f"{package}.{one}".rstrip(".") for package, line in imports for one in ("", *re.findall(r"\w+", line))}
-        ahead += [name for name in names - found if _is_source(folder, name)]
-        found.update(ahead)
-    return tuple(sorted(found))
-
-
-@cache
-def compute_source_stamp(folder: Path, module: str) -> str:
-    """Return a digest [-] of the sources in the package's ``folder`` that are in the kernels of a module."""
-    return sha256("".join(_read_text(folder, name) for name in list_family(module, folder)).encode()).hexdigest()
-
-
-def _is_source(folder: Path, module: str) -> bool:
-    return module in ALSO or _HAS_KERNELS.search(_read_text(folder, module)) is not None
-
-
-@cache
-def _read_text(folder: Path, module: str) -> str:
-    """The text of a module, nothing where there is none."""
-    path = folder.joinpath(*module.split(".")).with_suffix(".py")
-    return path.read_text(encoding="utf-8") if path.is_file() else ""

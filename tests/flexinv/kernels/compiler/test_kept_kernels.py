@@ -11,7 +11,7 @@ import pytest
 COMPILER = ("numba.np.arraymath", "numba.np.linalg", "numba.typed.typeddict", "scipy.linalg", "scipy.ndimage")
 PROGRAM = f"""
 import sys, flexinv
-from flexinv.kernels.code_cache import KERNELS
+from flexinv.kernels.compiler.code_cache import KERNELS
 mechanism = flexinv.load_mechanism("models/double_pendulum")
 case = flexinv.load_cases("models/double_pendulum", mechanism)["swing"]
 flexinv.solve(mechanism, case.motion, case.step, error=True)

@@ -11,10 +11,10 @@ from typing import Any
 
 import numpy as np
 
-from flexinv.kernels.code_cache import make_jit_decorator, resolve_compiled
+from flexinv.kernels.compiler.code_cache import make_jit_decorator, resolve_compiled
+from flexinv.kernels.compiler.kernel_compiler import InnerLibrary, OuterLibrary
 from flexinv.kernels.dense import solve_dense
 from flexinv.kernels.jit import jit_inner, jit_lanes, jit_pass
-from flexinv.kernels.kernel_compiler import InnerLibrary, OuterLibrary
 
 MODULE = """
 import numpy as np

@@ -23,7 +23,7 @@ from llvmlite import binding as llvm
 from numba.core import config
 from numba.core.serialize import dumps
 
-MACHINE_CODE = Path(__file__).resolve().parents[1] / "machine_code"
+MACHINE_CODE = Path(__file__).resolve().parents[2] / "machine_code"
 INDEX = "index.json"
 # The levels of the x86-64 psABI, best first, by what the processor must have beyond the level below.
 _V3 = ("avx", "avx2", "bmi", "bmi2", "f16c", "fma", "lzcnt", "movbe", "popcnt", "sse4.2", "xsave")
