@@ -34,7 +34,7 @@ class OpenLoops(ConvergenceError):
 
     @property
     def advice(self) -> str:
-        """What to do, in words."""
+        """The advice, in words."""
         return self.find_advice()[0]
 
     @property
@@ -51,7 +51,7 @@ class OpenLoops(ConvergenceError):
         return f"{type(self).__name__}({str(self)!r})"
 
     def __reduce__(self) -> tuple[Callable[..., OpenLoops], tuple[str, str, str]]:
-        """Return what is sent to another process: words, since the search would need the mechanism there."""
+        """Return words for another process, since the search would need the mechanism there."""
         return _make_open_loops, (self.said, self.advice, self.example)
 
     def replace_advice(self, advice: str) -> OpenLoops:

@@ -42,11 +42,15 @@ FLAT = {
     "flexinv/rigid/blocks.py: compute_torque_blocks": "one sample takes 2.3 us; records as arguments add 1.4 us",
 }
 # Words that had several meanings; each has one now.
-# What does the same in two forms has the same names: time integration and beams in space and in a plane, vectors and lanes.
+# What does the same in two forms has the same names: time integration and beams in space and in a plane, vectors and lanes,
+# kernels with private parts of Numba and without.
 TWINS = (
     ("flexinv.dynamics", "flexinv.planar"),
     ("flexinv.elements.beam", "flexinv.elements.planar_beam"),
     ("flexinv.kernels.vec3", "flexinv.kernels.simd"),
+    ("flexinv.kernels.compiler.plain", "flexinv.kernels.compiler.arrays"),
+    ("flexinv.kernels.compiler.plain", "flexinv.kernels.compiler.code_cache"),
+    ("flexinv.kernels.compiler.plain", "flexinv.kernels.compiler.record_types"),
 )
 # Names that mean the same in every module that defines them, each for its own iteration, file, or type.
 SAME = (
@@ -68,6 +72,8 @@ ALONE = {
     "crosscheck.causes.repair": "full runs that prove a cause, apart from the words of a diagnosis",
     "flexinv.dynamics.idle_joints": "it needs the linearisation and the start, which need the solver that asks it",
     "flexinv.kernels.compiler.kernel_compiler": "Numba's compiler; keeping what it makes on the disk is another matter",
+    "flexinv.kernels.compiler.arrays": "private parts of Numba for threads, apart from those for records",
+    "flexinv.kernels.compiler.plain": "the other way to compile kernels, without private parts of Numba",
     "crosscheck.identification.logs.bag": "a file format of its own",
     "crosscheck.doors.program_files": "a walk through folders, apart from engines and their trust",
     "crosscheck.run.cluster": "workers on other machines, which few runs have",

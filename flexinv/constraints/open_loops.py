@@ -83,7 +83,7 @@ def make_open_loops_error(follower: Follower, time: float, guess: Array) -> Open
 
 
 def _find_advice(follower: Follower, guess: Array) -> tuple[str, str]:
-    """What to write where loops do not close from a guess (nq,), and places of joints from which they close, or ""."""
+    """Advice for loops that do not close from a guess (nq,), and places of joints from which they close, or ""."""
     m = follower.mesh.mechanism
     unknown = follower.unknown
     own = [joint.name for joint in m.joints if unknown[m.v_slices[joint.name]].any()]
@@ -105,7 +105,7 @@ def _find_advice(follower: Follower, guess: Array) -> tuple[str, str]:
 
 
 def _describe_other_motion(m: Mechanism, own: Sequence[str], closed: Array) -> str:
-    """What to write where loops close only with other places (nq,) of the joints that the motion moves; own : all others."""
+    """Advice for loops that close only with other places (nq,) of the joints that the motion moves; own : all others."""
     held = [joint.name for joint in m.joints if joint.nv and joint.name not in own]
     fewer = ", or give fewer coordinates a motion" if len(held) > 1 else ""
     return (

@@ -34,12 +34,12 @@ QUINTIC_ERROR = 1.0 / 120.0
 GAPS_AT_ONCE = 4096  # instants whose nodes are in memory
 # Where the coordinates on which all depend go no farther than this between two samples [rad], over the length [-], what the
 # samples show of the loops' gear changes by less than the safety, but near singular positions, which are an error of their own.
-FAR = 0.3
-SAFETY = 4.0
+FAR_APART = 0.3
+GEAR_SAFETY = 4.0
 FURTHER = 1.5  # as parts of an interval are of equal times and the speed is seen at other instants
 MOST_TIMES = 4096  # that are asked beside the samples
-LOOKS = 9  # at the speed of these coordinates in an interval
-NEARBY = 5  # samples whose gear is asked: where motions turn back it shows in those beside
+SPEED_LOOKS = 9  # at the speed of these coordinates in an interval
+GEAR_SAMPLES = 5  # samples whose gear is asked: where motions turn back it shows in those beside
 AT_REST = 1e-6  # of the largest speed: slower shows no gear
 MOST_SPANS = 8  # each is fitted alone, and follows the loops from the beginning
 
@@ -109,11 +109,11 @@ def _find_zero_length(mesh: Mesh, spring: Spring, given: InterpolatedMotion, tim
 
 
 def list_fine_times(time: Array, speed: Callable[[Array], Array]) -> Array:
-    """Return times (n,) [s], the samples among them, between which the coordinates on which all depend go no farther than `FAR`.
+    """Return times (n,) [s], samples among them, between which the coordinates on which all depend go at most `FAR_APART`.
 
     speed : as of an `InterpolatedMotion`; they are no more than `MOST_TIMES`, beside the samples
     """
-    parts = np.ceil(_compute_ways(time, speed) / FAR).clip(1, MOST_TIMES).astype(int)
+    parts = np.ceil(_compute_ways(time, speed) / FAR_APART).clip(1, MOST_TIMES).astype(int)
     if parts.sum() > len(time) + MOST_TIMES:
         return time
     inside = [np.linspace(time[k], time[k + 1], n, endpoint=False) for k, n in enumerate(parts)]
@@ -123,7 +123,7 @@ def list_fine_times(time: Array, speed: Callable[[Array], Array]) -> Array:
 def _compute_ways(time: Array, speed: Callable[[Array], Array]) -> Array:
     """The way (samples - 1,) of the coordinates on which all depend between samples [rad], at the largest speed that is seen."""
     steps = np.diff(time)
-    looks = time[:-1, None] + steps[:, None] * np.linspace(0.0, 1.0, LOOKS)
+    looks = time[:-1, None] + steps[:, None] * np.linspace(0.0, 1.0, SPEED_LOOKS)
     return np.asarray(steps * speed(looks.reshape(-1)).reshape(looks.shape).max(axis=1))
 
 
@@ -134,20 +134,20 @@ def list_doubtful_spans(
 
     Between two samples the vector d gets no shorter than that where
 
-        |d_k| + |d_(k+1)|  >  SAFETY  max |d'| / s  (h max s)  +  2 least
+        |d_k| + |d_(k+1)|  >  GEAR_SAFETY  max |d'| / s  (h max s)  +  2 least
 
-    s is the speed of the coordinates on which all depend, asked at `LOOKS` instants of each interval, and |d'| / s what the
-    samples nearby show of how the loops gear it.  An interval in which these coordinates go farther than `FAR` is doubtful:
+    s is the speed of the coordinates on which all depend, asked at `SPEED_LOOKS` instants of each interval, and |d'| / s what the
+    samples nearby show of how the loops gear it.  An interval in which these coordinates go farther than `FAR_APART` is doubtful:
     there the gear may change.
     """
     size, rate = (np.linalg.norm(part, axis=1) for part in gap[:2])
     at_samples = speed(time)
     moving = at_samples > AT_REST * at_samples.max(initial=0.0)
     gear = _find_largest_nearby(np.divide(rate, at_samples, out=np.zeros_like(rate), where=moving))
-    seen = _find_largest_nearby(moving)
+    gear[~_find_largest_nearby(moving)] = gear.max(initial=0.0)  # at rest the way is next to nothing
     way = _compute_ways(time, speed)
-    reach = SAFETY * np.maximum(gear[1:], gear[:-1]) * way
-    clear = seen[1:] & seen[:-1] & (way <= FURTHER * FAR) & (size[1:] + size[:-1] > reach + 2.0 * least)
+    reach = GEAR_SAFETY * np.maximum(gear[1:], gear[:-1]) * way
+    clear = (way <= FURTHER * FAR_APART) & (size[1:] + size[:-1] > reach + 2.0 * least)
     edges = np.flatnonzero(np.diff(np.concatenate([[True], clear, [True]]).astype(np.int8)))
     spans = [(float(time[first]), float(time[last])) for first, last in edges.reshape(-1, 2)]
     return spans if len(spans) <= MOST_SPANS else [(float(time[0]), float(time[-1]))]
@@ -155,8 +155,8 @@ def list_doubtful_spans(
 
 def _find_largest_nearby(values: Array | Mask) -> Any:
     """The largest value (samples,) of each sample and of those beside it."""
-    padded = np.pad(values, NEARBY // 2, mode="edge")
-    return sliding_window_view(padded, NEARBY).max(axis=1)
+    padded = np.pad(values, GEAR_SAMPLES // 2, mode="edge")
+    return sliding_window_view(padded, GEAR_SAMPLES).max(axis=1)
 
 
 def find_zero_vector(gap: Triple, time: Array, length: float) -> float | None:

@@ -19,7 +19,7 @@ from flexinv.kernels.compiler.choice import NUMBA
 Record = TypeVar("Record", bound=tuple[Any, ...])
 _instruction: Any = intrinsic  # its own type hides that the arguments are those of the call
 
-send_by_address = NUMBA.send_by_address
+send_by_address = NUMBA.prepare_record_class
 
 
 def join_records(records: Sequence[Record]) -> Record:

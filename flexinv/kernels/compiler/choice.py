@@ -19,7 +19,7 @@ HELP = "kernels are compiled without it, which takes some minutes once, and run 
 
 
 def find_trouble() -> str:
-    """Return why kernels cannot be compiled by the compiler of our own, "" where they can."""
+    """Return in words the fault that keeps the compiler of our own from compiling kernels, "" without one."""
     try:
         importlib.import_module(OWN)  # are all names there?
         return str(importlib.import_module(PROBE).find_wrong_number())
@@ -27,7 +27,7 @@ def find_trouble() -> str:
         return f"{type(error).__name__}: {error}"
 
 
-def choose() -> ModuleType:
+def choose_compiler() -> ModuleType:
     """Return the module that compiles kernels [-], `own` or `plain`; say once why where it is not the first."""
     if os.environ.get(VARIABLE, "0") not in ("", "0"):
         return plain
@@ -39,7 +39,7 @@ def choose() -> ModuleType:
     return plain
 
 
-NUMBA: Any = choose()
+NUMBA: Any = choose_compiler()
 
 
 def is_plain() -> bool:

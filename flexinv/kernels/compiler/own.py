@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from flexinv.kernels.compiler.arrays import make_array_kernel
 from flexinv.kernels.compiler.code_cache import KERNELS, begin_runtime, make_jit_decorator, resolve_compiled
-from flexinv.kernels.compiler.record_types import find_record_class, list_member_types, read_field, send_by_address
+from flexinv.kernels.compiler.record_types import find_record_class, list_member_types, prepare_record_class, read_field
 from flexinv.kernels.compiler.shipped_code import write_shipped
 
 __all__ = [
@@ -14,8 +14,8 @@ __all__ = [
     "list_member_types",
     "make_array_kernel",
     "make_jit_decorator",
+    "prepare_record_class",
     "read_field",
     "resolve_compiled",
-    "send_by_address",
     "write_shipped",
 ]

@@ -32,7 +32,7 @@ def make_jit_decorator(**options: Any) -> Callable[[Callable[..., Any]], Any]:
     def make_kernel(function: Callable[..., Any]) -> Any:
         keeps = bool(options.get("cache"))
         folder = find_folder() if keeps else None
-        with _use_folder(folder):
+        with _apply_cache_folder(folder):
             return njit(error_model="numpy", cache=folder is not None, **public)(function)
 
     return make_kernel
@@ -51,7 +51,7 @@ def find_folder() -> Path | None:
 
 
 @contextmanager
-def _use_folder(folder: Path | None) -> Iterator[None]:
+def _apply_cache_folder(folder: Path | None) -> Iterator[None]:
     """Have Numba keep machine code in a folder [-]."""
     settings: Any = config
     before = settings.CACHE_DIR
@@ -71,7 +71,7 @@ def begin_runtime() -> None:
     """Do nothing: the first kernel starts what it needs."""
 
 
-def send_by_address(kind: _Kind) -> _Kind:
+def prepare_record_class(kind: _Kind) -> _Kind:
     """Return a kind of named tuple [-] as it is: it goes by value."""
     return kind
 
@@ -95,12 +95,12 @@ def make_array_kernel(number: Any) -> Any:
     """Return the kernel [-] that makes the array of numbers of a type at an address, the first argument, with a shape."""
 
     @_instruction
-    def point_to(typing_context: Any, where: Any) -> Any:
+    def make_pointer(typing_context: Any, where: Any) -> Any:
         return types.CPointer(number)(where), _write_pointer
 
     @register_jitable
     def make_array(where: Any, shape: Any) -> Any:
-        return carray(point_to(where), shape)
+        return carray(make_pointer(where), shape)
 
     return make_array
 

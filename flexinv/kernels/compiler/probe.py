@@ -9,14 +9,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexinv.kernels.compiler.code_cache import make_jit_decorator
-from flexinv.kernels.compiler.record_types import send_by_address
+from flexinv.kernels.compiler.record_types import prepare_record_class
 from flexinv.kernels.compiler.shipped_code import collect_compiler_versions
 from flexinv.kernels.compiler.source_stamps import PACKAGE, compute_source_stamp
 
 PASSED = ".passed"  # ending of the file that says with which versions and sources the number was right
 
 
-@send_by_address
+@prepare_record_class
 class Rod(NamedTuple):
     """A rod: mass [kg] and places [m]."""
 
@@ -24,8 +24,8 @@ class Rod(NamedTuple):
     place: NDArray[np.float64]
 
 
-@send_by_address
-class Pair(NamedTuple):
+@prepare_record_class
+class RodPair(NamedTuple):
     """Two rods and their distance [m]."""
 
     first: Rod
@@ -33,7 +33,7 @@ class Pair(NamedTuple):
     gap: float
 
 
-PAIR = Pair(Rod(2.0, np.array([1.0, 2.0, 4.0])), Rod(3.0, np.array([0.5, 0.25, 8.0])), 0.125)
+TWO_RODS = RodPair(Rod(2.0, np.array([1.0, 2.0, 4.0])), Rod(3.0, np.array([0.5, 0.25, 8.0])), 0.125)
 NUMBER = 2.0 * 7.0 + 0.125 * 3.0 * 8.75  # sum of the places times the masses: exact in binary
 
 
@@ -61,7 +61,7 @@ def find_wrong_number() -> str:
     words = f"{collect_compiler_versions()} {compute_source_stamp(PACKAGE, 'kernels.compiler.probe')}"
     if file is not None and _read(file) == words:
         return ""
-    number = compute_pair_moment(PAIR)
+    number = compute_pair_moment(TWO_RODS)
     if number != NUMBER:
         return f"a kernel gives {number!r} in place of {NUMBER!r}"
     if file is not None:

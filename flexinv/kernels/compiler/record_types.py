@@ -1,8 +1,8 @@
 """Numba's types of records: how a record of many arrays lies at one address, and how kernels read and write it there.
 
 Numba hands a named tuple over by value: a record of fifty arrays is 400 numbers in every call, in the text that is compiled and
-on the stack of the machine.  A kind of record that is declared with `send_by_address` is laid out in memory once, where Python
-calls a kernel or where a kernel makes one, and every kernel below gets its address.  Nobody writes there, so that the machine's
+on the stack of the machine.  A kind of record that `prepare_record_class` knows is laid out in memory once, where Python calls a
+kernel or where a kernel makes one, and every kernel below gets its address.  Nobody writes there, so that the machine's
 compiler may keep what it has read (`noalias`).
 """
 
@@ -50,7 +50,7 @@ class RecordType(types.Type):
         return Conversion.safe if resolve_argument_type(other) == self else None
 
 
-def send_by_address(kind: _Kind) -> _Kind:
+def prepare_record_class(kind: _Kind) -> _Kind:
     """Declare a kind of named tuple [-] that kernels get by address; return it as it is."""
     _KINDS.add(kind)
     typeof_impl.register(kind)(_resolve_record_type)

@@ -11,7 +11,7 @@ import pytest
 
 from crosscheck.causes.dictionary import DICTIONARY, collect_causes
 from crosscheck.causes.fit import Candidate, Columns, compute_effect, fit, list_candidates
-from crosscheck.causes.model import Model, make_model
+from crosscheck.causes.model import Model, _has_same_motion, make_model
 from crosscheck.causes.naming import UNEXPLAINED, find_causes
 from crosscheck.causes.subject import Subject
 from flexinv.errors import InputError
@@ -201,3 +201,24 @@ def test_a_spring_in_a_driven_joint_shows_in_rigid_and_in_flexible_mechanisms(me
     effect = compute_effect(here, cause, name, size)
     # Marches repeat to what their Newton iterations leave, 1e-9 of the range; the spring is some hundredth of it.
     assert np.abs(effect - here.scale_efforts(expected)).max() < 1e-7
+
+
+def test_a_mass_leaves_a_loop_its_motion_and_an_axis_does_not() -> None:
+    """So a diagnosis solves the loops for changes of their geometry alone: a copied mechanism has a new tuple of closures."""
+    base = model("four_bar", "turn").base
+    heavier = replace(
+        base.mechanism,
+        links=tuple(
+            replace(
+                link,
+                bodies=tuple(replace(b, inertia=replace(b.inertia, mass=1.1 * b.inertia.mass)) for b in link.bodies),
+            )
+            for link in base.mechanism.links
+        ),
+    )
+    assert _has_same_motion(base, replace(base, mechanism=heavier))
+    first, *others = base.mechanism.joints
+    turned = replace(base.mechanism, joints=(replace(first, axis=np.array([0.0, 0.0, -1.0])), *others))
+    assert not _has_same_motion(base, replace(base, mechanism=turned))
+    tied = replace(base.mechanism.closures[0], capture=True)
+    assert not _has_same_motion(base, replace(base, mechanism=replace(base.mechanism, closures=(tied,))))

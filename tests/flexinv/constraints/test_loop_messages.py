@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import pickle
 import re
 import shutil
 from pathlib import Path
@@ -238,3 +239,21 @@ def test_info_counts_freedoms_where_mechanisms_move(loops: int, flat: int) -> No
 def test_info_without_a_case_counts_the_same(root: Path, name: str) -> None:
     """Most of them are open with all joints at zero: freedoms are counted where they close."""
     assert describe_mobility(flexinv.load_mechanism(root / "models" / name), None) == f"mobility: {INFO[name]}"
+
+
+def test_words_on_open_loops_are_sought_when_they_are_read(model: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Whoever tries machines, of which some do not close, does not wait for words; a copy in another process has them."""
+    from flexinv.constraints import open_loops
+
+    searches: list[object] = []
+    find = open_loops._find_closed
+    monkeypatch.setattr(open_loops, "_find_closed", lambda *given: searches.append(1) or find(*given))
+    mechanism, motion = flexinv.load_mechanism(model), flexinv.Motion.point_to_point({"A": 0.0}, {"A": 0.5}, 1.0)
+    with pytest.raises(OpenLoops) as caught:
+        flexinv.solve(mechanism, motion, step=0.5)
+    assert searches == []
+    words = str(caught.value)
+    assert len(searches) == 1
+    copy = pickle.loads(pickle.dumps(caught.value))
+    assert (str(copy), copy.example) == (words, caught.value.example)
+    assert len(searches) == 1  # once

@@ -106,7 +106,7 @@ def test_a_wrong_number_of_the_probe_is_trouble(monkeypatch: pytest.MonkeyPatch)
     monkeypatch.setattr(probe, "NUMBER", 17.5)
     assert choice.find_trouble() == "a kernel gives 17.28125 in place of 17.5"
     with pytest.warns(RuntimeWarning, match="does not fit Numba .* in place of 17.5"):
-        assert choice.choose() is plain
+        assert choice.choose_compiler() is plain
 
 
 def test_the_probe_is_tried_once_for_each_state(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
