@@ -11,7 +11,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 from numba import types
-from numba.core.typing import signature
+from numba.core.typing.templates import signature
 from numba.extending import intrinsic
 
 from flexinv.kernels.compiler.choice import NUMBA

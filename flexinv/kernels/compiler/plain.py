@@ -12,7 +12,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, TypeVar
 
-from numba import carray, config, njit, types
+from numba import carray, config, njit, types  # type: ignore[attr-defined]  # carray is documented
 from numba.extending import intrinsic, register_jitable
 
 from flexinv.kernels.compiler.source_stamps import PACKAGE, compute_source_stamp
