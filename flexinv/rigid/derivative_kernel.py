@@ -195,37 +195,45 @@ def fill_torque_derivatives(carried, gravity, motion, axes, bodies, by_q, by_qd,
         c = vec(motion.x[s, carried.node[1]])
         for b in range(1, len(carried.node)):
             n = carried.node[b]
-            body = bodies[b]
-            above = bodies[carried.parent[b]]
             r = mat(motion.r[s, n])
             arm = sub(vec(motion.x[s, n]), c)
-            w = apply(r, vec(motion.w[s, n]))
-            al = apply(r, vec(motion.al[s, n]))
-            v = vec(motion.v[s, n])
-            a = sub(sub(sub(vec(motion.a[s, n]), cross(al, arm)), cross(w, v)), g)  # of c, free of gravity
-            _write_spatial_vector(body, VELOCITY, (w, sub(v, cross(w, arm))))
-            _write_spatial_vector(body, VELOCITY_RATE, (al, a))
-            _fill_body(body, carried.mass[b], vec(carried.h[b]), mat(carried.inertia[b]), r, arm)
-            up = _read_spatial_vector(above, VELOCITY)
-            up_rate = _read_spatial_vector(above, VELOCITY_RATE)
-            for i in range(carried.freedoms[b]):
-                t = apply(r, vec(carried.turn[b, i]))
-                own = axes[carried.first[b] + i]
-                axis = t, add(apply(r, vec(carried.slide[b, i])), cross(arm, t))
-                rate = motion_cross(up, axis)
-                _write_spatial_vector(own, AXIS, axis)
-                _write_spatial_vector(own, AXIS_RATE, rate)
-                _write_spatial_vector(
-                    own, AXIS_SECOND, _add_spatial_vectors(motion_cross(up_rate, axis), motion_cross(up, rate))
-                )
-                _write_spatial_vector(
-                    own,
-                    AXIS_SLOPE,
-                    _add_spatial_vectors(rate, motion_cross(_read_spatial_vector(body, VELOCITY), axis)),
-                )
+            _fill_body_motion(bodies[b], s, n, motion, arm, g)
+            _fill_body(bodies[b], carried.mass[b], vec(carried.h[b]), mat(carried.inertia[b]), r, arm)
+            _fill_axes(b, carried, r, arm, bodies, axes)
         for back in range(1, len(carried.node)):
             b = len(carried.node) - back
             for j in range(carried.first[b], carried.first[b] + carried.freedoms[b]):
                 _fill_columns(b, j, carried, axes, bodies[b], by_q[s], by_qd[s], by_qdd[s])
             for i in range(SUMS if carried.parent[b] > 0 else 0):
                 bodies[carried.parent[b], i] += bodies[b, i]
+
+
+@jit_inner
+def _fill_body_motion(body, s, n, motion, arm, g):
+    """Spatial velocity of a body about c, and its rate, free of gravity, from node n in sample s, at ``arm`` from c."""
+    r = mat(motion.r[s, n])
+    w = apply(r, vec(motion.w[s, n]))
+    al = apply(r, vec(motion.al[s, n]))
+    v = vec(motion.v[s, n])
+    a = sub(sub(sub(vec(motion.a[s, n]), cross(al, arm)), cross(w, v)), g)
+    _write_spatial_vector(body, VELOCITY, (w, sub(v, cross(w, arm))))
+    _write_spatial_vector(body, VELOCITY_RATE, (al, a))
+
+
+@jit_inner
+def _fill_axes(b, carried, r, arm, bodies, axes):
+    """The axes of the joint of body b, how they move with the body that carries it, and how the velocity does with its rate."""
+    above = bodies[carried.parent[b]]
+    up = _read_spatial_vector(above, VELOCITY)
+    up_rate = _read_spatial_vector(above, VELOCITY_RATE)
+    velocity = _read_spatial_vector(bodies[b], VELOCITY)
+    for i in range(carried.freedoms[b]):
+        t = apply(r, vec(carried.turn[b, i]))
+        own = axes[carried.first[b] + i]
+        axis = t, add(apply(r, vec(carried.slide[b, i])), cross(arm, t))
+        rate = motion_cross(up, axis)
+        second = _add_spatial_vectors(motion_cross(up_rate, axis), motion_cross(up, rate))
+        _write_spatial_vector(own, AXIS, axis)
+        _write_spatial_vector(own, AXIS_RATE, rate)
+        _write_spatial_vector(own, AXIS_SECOND, second)
+        _write_spatial_vector(own, AXIS_SLOPE, _add_spatial_vectors(rate, motion_cross(velocity, axis)))

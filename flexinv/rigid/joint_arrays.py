@@ -71,15 +71,20 @@ def convert_to_arrays(mechanism: Mechanism, arrays: Sequence[ArrayLike], order: 
         own = type(given) is ARRAY_TYPE and given.dtype is FLOAT_TYPE and given.flags.aligned
         a: Array = given if own else convert_to_floats(f"joint_torques: {label}", given)  # type: ignore[assignment]
         if a.ndim not in (1, 2) or a.shape[axis] != width:
-            names = mechanism.coordinate_names if label == "q" else mechanism.velocity_names
-            shape = f"({width}, samples)" if order == "coordinates" else f"(samples, {width})"
-            needs = f"mechanism '{mechanism.name}' needs {shape}: {', '.join(names)}"
-            raise InputError(f"joint_torques: {label} has shape {a.shape}, {needs}")
+            raise _make_shape_error(mechanism, label, a, order)
         result.append(a)
     counts = [a.shape[-1 - axis] if a.ndim == 2 else 1 for a in result]
     if len(set(counts)) > 1:
         raise InputError(f"joint_torques: q, qd, qdd have {counts} samples, expected the same number")
     return result
+
+
+def _make_shape_error(mechanism: Mechanism, label: str, given: Array, order: Order) -> InputError:
+    """The complaint about an array with a wrong number of columns."""
+    names = mechanism.coordinate_names if label == "q" else mechanism.velocity_names
+    shape = f"({len(names)}, samples)" if order == "coordinates" else f"(samples, {len(names)})"
+    needs = f"mechanism '{mechanism.name}' needs {shape}: {', '.join(names)}"
+    return InputError(f"joint_torques: {label} has shape {given.shape}, {needs}")
 
 
 def make_output_array(out: Array | None, like: Array) -> Array:

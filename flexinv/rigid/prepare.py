@@ -137,14 +137,26 @@ class TorqueFunction(ByValue):
             joint_arrays.check_arrays(self.mechanism, given, order)
             tau.fill(0.0)
             self._add_applied(rows[:3], rows[3])
+        counter = self._run_blocks(rows, mails)
+        if counter[1]:
+            if counter[OVERLAP]:
+                q, qd, qdd = (a.copy() for a in given)
+                return self.torques(q, qd, qdd, out, order)
+            joint_arrays.check_arrays(self.mechanism, given, order)
+        if not self.loaded:
+            self._add_applied(rows[:3], rows[3])
+        if self.loops is not None:
+            self._split_loop_efforts(self.loops, counter, rows)
+        return tau
+
+    def _run_blocks(self, rows: Sequence[Array], mails: NDArray[np.uint64]) -> NDArray[np.uint64]:
+        """Compute the efforts of all samples of q, qd, qdd, tau, with the helpers in ``mails``; return the counter."""
         flat, strides = zip(*(_make_flat_view(a) for a in rows), strict=True)
         b = self.bodies
-        own = self._own
         loops = (self.plan.plan, self.plan.fixed)
-        samples = np.uint64(len(rows[0]))
-        work = own.work
+        own = self._own
         counter = own.prepare_cells(len(rows[0]))
-        call = samples, work, counter, mails
+        call = np.uint64(len(rows[0])), own.work, counter, mails
         try:
             ended = compute_torque_blocks(
                 b.tree, b.numbers, b.columns, *loops, *flat, _make_stride_table(strides), *call
@@ -156,16 +168,7 @@ class TorqueFunction(ByValue):
             while len(mails) and not collect(*loops, *call):
                 pass
             raise
-        if counter[1]:
-            if counter[OVERLAP]:
-                q, qd, qdd = (a.copy() for a in given)
-                return self.torques(q, qd, qdd, out, order)
-            joint_arrays.check_arrays(self.mechanism, given, order)
-        if not self.loaded:
-            self._add_applied(rows[:3], rows[3])
-        if self.loops is not None:
-            self._split_loop_efforts(self.loops, counter, rows)
-        return tau
+        return counter
 
     def nodal(self, q: ArrayLike, qd: ArrayLike, qdd: ArrayLike, order: Order = "samples") -> NodalResult:
         """Return motion [m, rad, s] and forces [N], [N m] of every node, the wrenches of the joints, and the efforts.

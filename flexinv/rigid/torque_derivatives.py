@@ -9,12 +9,14 @@ from numpy.typing import ArrayLike
 
 from flexinv.elements.joint_law import build_joint_laws
 from flexinv.errors import InputError
+from flexinv.kinematics.mesh import Mesh
 from flexinv.kinematics.nodal_motion import compute_rigid_motion
 from flexinv.model.by_value import ByValue
 from flexinv.model.mechanism import Mechanism
 from flexinv.rigid.derivative_kernel import AXIS_CELLS, BODY_CELLS, CarriedBodies, fill_torque_derivatives
 from flexinv.rigid.joint_arrays import convert_to_states
 from flexinv.rigid.prepare import NODAL_SAMPLES, prepare
+from flexinv.rnea.body_table import Bodies
 from flexinv.typing import Array
 from flexinv.validation import check_flag
 
@@ -30,6 +32,23 @@ class TorqueDerivatives(ByValue):
     q: Array
     qd: Array
     qdd: Array
+
+
+def _find_carried_bodies(mesh: Mesh, bodies: Bodies) -> CarriedBodies:
+    """The bodies as the kernel takes them: mass, first moments and inertia in the axes of their nodes."""
+    count = len(bodies.node)
+    inertia = np.zeros((count, 3, 3))
+    h = np.zeros((count, 3))
+    for i, (r, row) in enumerate(zip(bodies.axes[1:], bodies.numbers[1:], strict=True), start=1):
+        xx, yy, zz, xy, xz, yz = row[16:22]
+        second = r @ np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]) @ r.T
+        inertia[i] = np.trace(second) * np.eye(3) - second
+        h[i] = r @ row[13:16]
+    mass = np.where(np.arange(count) > 0, bodies.numbers[:, 12], 0.0)
+    parent = bodies.tree[:, 1].astype(np.int64)
+    at = np.maximum(bodies.node, 0)
+    at_axes = mesh.v_index[at], mesh.freedoms[at], mesh.slide[at], mesh.turn[at]
+    return CarriedBodies(parent, bodies.node, *at_axes, mass, h, inertia)
 
 
 def torque_derivatives(
@@ -54,25 +73,12 @@ def torque_derivatives(
     f = prepare(mechanism, passive)
     samples = len(states[0])
     out = TorqueDerivatives(*(np.zeros((samples, mechanism.nv, mechanism.nv)) for _ in range(3)))
-    mesh = f.mesh
-    b = f.bodies
+    carried = _find_carried_bodies(f.mesh, f.bodies)
     gravity = np.array(mechanism.gravity, dtype=float)
-    inertia = np.zeros((len(b.node), 3, 3))
-    h = np.zeros((len(b.node), 3))
-    for i, (r, row) in enumerate(zip(b.axes[1:], b.numbers[1:], strict=True), start=1):
-        xx, yy, zz, xy, xz, yz = row[16:22]
-        second = r @ np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]) @ r.T
-        inertia[i] = np.trace(second) * np.eye(3) - second
-        h[i] = r @ row[13:16]
-    mass = np.where(np.arange(len(b.node)) > 0, b.numbers[:, 12], 0.0)
-    parent = b.tree[:, 1].astype(np.int64)
-    at = np.maximum(b.node, 0)
-    at_axes = mesh.v_index[at], mesh.freedoms[at], mesh.slide[at], mesh.turn[at]
-    carried = CarriedBodies(parent, b.node, *at_axes, mass, h, inertia)
     scratch = np.zeros((mechanism.nv, AXIS_CELLS)), np.zeros((len(carried.node), BODY_CELLS))
     for start in range(0, samples if mechanism.nv else 0, NODAL_SAMPLES):
         part = slice(start, start + NODAL_SAMPLES)
-        motion = compute_rigid_motion(mesh, *(state[part] for state in states)).frames
+        motion = compute_rigid_motion(f.mesh, *(state[part] for state in states)).frames
         fill_torque_derivatives(carried, gravity, motion, *scratch, out.q[part], out.qd[part], out.qdd[part])
     own = np.arange(mechanism.nv)
     law = build_joint_laws(mechanism)

@@ -80,52 +80,49 @@ class Bodies:
     axes: Array
 
 
+@dataclass(frozen=True, eq=False)
+class _Tree:
+    """The bodies as a tree.
+
+    node : of the mesh, for each body, -1 the world; number : the other way round; above : node that the joint hangs on, of all
+        bodies but the world; kinds : of joint, parents : bodies; last : body -> the child that goes on in its state
+    """
+
+    node: NDArray[np.int64]
+    number: dict[int, int]
+    above: list[int]
+    kinds: NDArray[np.int64]
+    parents: list[int]
+    last: dict[int, int]
+
+    @property
+    def moving(self) -> NDArray[np.int64]:
+        return self.node[1:]
+
+    def is_on(self, i: int) -> bool:
+        """Return True if body i turns about an axis, is its parent's last child, and the parent's frame may be turned to it."""
+        parent = self.parents[i]
+        suits = self.kinds[i] in TURNING_KINDS and self.kinds[parent] in (*TURNING_KINDS, PRISMATIC, HELICAL)
+        return bool(suits and parent > 0 and self.last.get(parent) == i)
+
+
 def build_bodies(mesh: Mesh, passive: bool = True, kept: frozenset[int] = frozenset()) -> Bodies:
     """Return the bodies [kg, m] of a mesh, its beams undeformed; without ``passive`` no damping, friction or springs.
 
     kept : moving nodes whose state no child carries on, so that it is there in the end
     """
     carrier, turn, place = find_carrier_nodes(mesh)
-    moving = np.flatnonzero(mesh.v_index >= 0)
-    node = np.concatenate([[-1], moving]).astype(np.int64)
-    number = {int(n): i for i, n in enumerate(node)}
-    above = [int(mesh.parent[n]) for n in moving]  # the joint hangs on this node, which is fixed on its parent's
-    parents = [0, *(number[int(carrier[a])] if a >= 0 else 0 for a in above)]
-    kinds = np.array([mesh.mechanism.nv, *mesh.kind[moving]])
-    last = {parent: child for child, parent in enumerate(parents) if child and int(node[parent]) not in kept}
-    seats = [(turn[a], place[a]) if a >= 0 else (np.eye(3), np.zeros(3)) for a in above]
-    placed = [(r @ mesh.rotation[n], x + r @ mesh.offset[n]) for n, (r, x) in zip(moving, seats, strict=True)]
-    axes = [np.eye(3)]
-    for i, n in enumerate(moving, start=1):
-        child = last.get(i, 0)
-        follows = child and _is_on(kinds, parents, last, child)
-        axes.append(
-            _choose_axes(mesh, int(n), placed[child - 1][0] @ mesh.axis[moving[child - 1]] if follows else None)
-        )
-    numbers = np.zeros((len(node), int(recursion.NUMBERS)))
+    tree = _build_tree(mesh, carrier, kept)
+    seats = [(turn[a], place[a]) if a >= 0 else (np.eye(3), np.zeros(3)) for a in tree.above]
+    placed = [(r @ mesh.rotation[n], x + r @ mesh.offset[n]) for n, (r, x) in zip(tree.moving, seats, strict=True)]
+    axes = [np.eye(3), *(_choose_body_axes(mesh, tree, placed, i) for i in range(1, len(tree.node)))]
+    numbers = np.zeros((len(tree.node), int(recursion.NUMBERS)))
     numbers[0, :3] = mesh.mechanism.gravity
-    for i, (r, x) in enumerate(placed, start=1):
-        _write_placement(
-            numbers[i], axes[parents[i]].T @ r @ axes[i], axes[parents[i]].T @ x, _is_on(kinds, parents, last, i)
-        )
-    for parent, child in last.items():
-        numbers[parent, _CHILD] = numbers[child, _P] if parent else 0.0
-    numbers[1:, _STEP] = numbers[1:, _P] - numbers[parents[1:], _CHILD]
-    _add_masses(mesh, numbers, [number[int(c)] for c in carrier], axes, turn, place)
-    leads = [mesh.slide[n, 0] @ mesh.axis[n] if mesh.kind[n] == HELICAL else 0.0 for n in moving]
-    numbers[1:, recursion.BODY_LEAD] = leads
-    count = 5 if passive else 1  # of rotor inertia, damping, friction, stiffness and rest
-    laws = mesh.mechanism.drive_table[:count, mesh.v_index[moving]].T
-    numbers[1:, recursion.BODY_LAW : recursion.BODY_LAW + count] = laws
-    tree, size = _compute_layout(kinds, parents, last)
-    return Bodies(tree, numbers, _list_columns(mesh, tree, moving), size, node, np.array(axes))
-
-
-def _is_on(kinds: NDArray[np.int64], parents: list[int], last: dict[int, int], i: int) -> bool:
-    """Return True if body i turns about an axis, is its parent's last child, and the parent's frame may be turned to it."""
-    parent = parents[i]
-    suits = kinds[i] in TURNING_KINDS and parent > 0 and kinds[parent] in (*TURNING_KINDS, PRISMATIC, HELICAL)
-    return bool(suits and last.get(parent) == i)
+    _write_placements(numbers, tree, placed, axes)
+    _add_masses(mesh, numbers, [tree.number[int(c)] for c in carrier], axes, turn, place)
+    _write_joints(mesh, numbers, tree.moving, passive)
+    table, size = _compute_layout(tree)
+    return Bodies(table, numbers, _list_columns(mesh, table, tree.moving), size, tree.node, np.array(axes))
 
 
 def _write_placement(row: Array, r: Array, p: Array, on: bool) -> None:
@@ -194,27 +191,66 @@ def _add_masses(mesh: Mesh, numbers: Array, body: list[int], axes: list[Array], 
         numbers[i, _SECOND] += second[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]]
 
 
-def _compute_layout(
-    kinds: NDArray[np.int64], parents: list[int], last: dict[int, int]
-) -> tuple[NDArray[np.uint64], int]:
+def _build_tree(mesh: Mesh, carrier: NDArray[np.int64], kept: frozenset[int]) -> _Tree:
+    """The tree of bodies; a node that a joint hangs on is fixed on that of the parent."""
+    moving = np.flatnonzero(mesh.v_index >= 0)
+    node = np.concatenate([[-1], moving]).astype(np.int64)
+    number = {int(n): i for i, n in enumerate(node)}
+    above = [int(mesh.parent[n]) for n in moving]
+    parents = [0, *(number[int(carrier[a])] if a >= 0 else 0 for a in above)]
+    kinds = np.array([mesh.mechanism.nv, *mesh.kind[moving]])
+    last = {parent: child for child, parent in enumerate(parents) if child and int(node[parent]) not in kept}
+    return _Tree(node, number, above, kinds, parents, last)
+
+
+def _choose_body_axes(mesh: Mesh, tree: _Tree, placed: list[tuple[Array, Array]], i: int) -> Array:
+    """R_node,body of a body, with x at right angles to the axis of the child that its frame is turned to."""
+    child = tree.last.get(i, 0)
+    other = None
+    if child and tree.is_on(child):
+        other = placed[child - 1][0] @ mesh.axis[tree.node[child]]
+    return _choose_axes(mesh, int(tree.node[i]), other)
+
+
+def _write_placements(numbers: Array, tree: _Tree, placed: list[tuple[Array, Array]], axes: list[Array]) -> None:
+    """Write where each body stands in its parent, and its steps from the last child of that."""
+    for i, (r, x) in enumerate(placed, start=1):
+        to_parent = axes[tree.parents[i]].T
+        _write_placement(numbers[i], to_parent @ r @ axes[i], to_parent @ x, tree.is_on(i))
+    for parent, child in tree.last.items():
+        numbers[parent, _CHILD] = numbers[child, _P] if parent else 0.0
+    numbers[1:, _STEP] = numbers[1:, _P] - numbers[tree.parents[1:], _CHILD]
+
+
+def _write_joints(mesh: Mesh, numbers: Array, moving: NDArray[np.int64], passive: bool) -> None:
+    """Write the ways of screws, and of each joint rotor inertia, and where asked damping, friction, stiffness and rest."""
+    leads = [mesh.slide[n, 0] @ mesh.axis[n] if mesh.kind[n] == HELICAL else 0.0 for n in moving]
+    numbers[1:, recursion.BODY_LEAD] = leads
+    count = 5 if passive else 1
+    laws = mesh.mechanism.drive_table[:count, mesh.v_index[moving]].T
+    numbers[1:, recursion.BODY_LAW : recursion.BODY_LAW + count] = laws
+
+
+def _compute_layout(tree: _Tree) -> tuple[NDArray[np.uint64], int]:
     """Offsets of the rows of each body, and of its state: the last child goes on in its parent's, others in a copy."""
+    kinds = tree.kinds
     rows = [0, *(recursion.FREE_ROWS if k in (SPHERICAL, FREE) else recursion.SCALAR_ROWS for k in kinds[1:])]
     first = np.concatenate([[0], np.cumsum(rows)])
-    tree = np.zeros((len(kinds), int(recursion.TREE)), dtype=np.uint64)
+    table = np.zeros((len(kinds), int(recursion.TREE)), dtype=np.uint64)
     state = [0] * len(kinds)
     slots = 0
-    for i, parent in enumerate(parents):
+    for i, parent in enumerate(tree.parents):
         how = recursion.FROM_WORLD
         source = state[parent]
-        if i and parent and last.get(parent) == i:
+        if i and parent and tree.last.get(parent) == i:
             state[i] = source
-            how = recursion.ON if _is_on(kinds, parents, last, i) else recursion.TURNED
+            how = recursion.ON if tree.is_on(i) else recursion.TURNED
         elif i:
             how = recursion.COPIED if parent else recursion.FROM_WORLD
             state[i] = int(first[-1]) + recursion.STATE_ROWS * slots
             slots += 1
-        tree[i] = kinds[i], parent, BLOCK * first[i], BLOCK * state[i], how, BLOCK * source
-    return tree, BLOCK * (int(first[-1]) + recursion.STATE_ROWS * slots)
+        table[i] = kinds[i], parent, BLOCK * first[i], BLOCK * state[i], how, BLOCK * source
+    return table, BLOCK * (int(first[-1]) + recursion.STATE_ROWS * slots)
 
 
 def _list_columns(mesh: Mesh, tree: NDArray[np.uint64], moving: NDArray[np.int64]) -> NDArray[np.uint64]:

@@ -33,6 +33,9 @@ LEAST_PIVOT = 1e-4
 # ... and at least this over the mechanism's length: a column that is rounding (an axis through the point that is closed, some
 # 1e-16) may be none, and no size of its own says so; errors of the multiplier are 1e-10 at most.
 LEAST_ENTRY = 1e-6
+# Of a pivot's square over its column's size, and of the square itself.
+LEAST_PART = LEAST_PIVOT * LEAST_PIVOT
+LEAST_SQUARE = LEAST_ENTRY * LEAST_ENTRY
 # What is left of a row that repeats others, over the size of its column: rounding over the smallest pivot.  Singular values would
 # count it if it were above 1e-10.
 REDUNDANT_ROW = 1e-11
@@ -45,6 +48,7 @@ _ZERO = np.uint64(0)
 _ONE = np.uint64(1)
 _TWO = np.uint64(2)
 _THREE = np.uint64(3)
+_FOUR = np.uint64(4)
 _FIVE = np.uint64(5)
 _NONE = (0.0, 0.0, 0.0)
 _THREE_ROWS = row(3)
@@ -133,29 +137,11 @@ def update_largest_squares(plan, fixed, work, lanes, closure, sums, in_space):
             d1 = vec_of(own, layout.GAP_RATE, k)
             b += dot(d1, d1)
         put_vec(limits, _ZERO, k, (_find_larger(x, a), _find_larger(y, b), _find_larger(z, c)))
-    if not sums:
-        return
-    of_rows = closure.positions
-    length = fixed[_THREE]
-    if closure.kind == layout.WHOLE:
-        of_rows = _ONE if together else _TWO
-    largest = limits[layout.LARGEST :]
-    for some in range(SOME):
-        k = (some * lanes) >> _TWO
-        for j in range(of_rows + closure.directions):
-            scale = length if j < of_rows and closure.kind != layout.COUPLED else 1.0
-            if together:
-                e = closure.offset + layout.VECTORS + (j - _ONE) * layout.VECTOR if j > _ZERO else _ZERO
-                speed, size = _compute_position_sums(plan, work, k, closure, e)
-            else:
-                speed, size = _compute_row_sums(plan, work, k, closure, j)
-            largest[0], largest[1] = max(largest[0], scale * speed), max(largest[1], scale * size)
-        if closure.state_a > _ZERO:
-            one = work[closure.state_a :]
-            other = work[closure.state_b :]
-            largest[2] = max(
-                largest[2], _compute_acceleration_size(one, k, length) + _compute_acceleration_size(other, k, length)
-            )
+    if sums:
+        largest = limits[layout.LARGEST :]
+        length = fixed[_THREE]
+        for some in range(SOME):
+            _update_largest_sums(plan, work, (some * lanes) >> _TWO, closure, largest, length, together)
 
 
 @jit_lanes
@@ -283,68 +269,129 @@ def solve_six_forces(found, efforts, entries, lanes, least):
 
 
 @jit_lanes
+def _update_largest_sums(plan, work, k, closure, largest, length, together):
+    """The largest sums so far of all rows of a closure, and of how its ends accelerate, in one lane."""
+    of_rows = closure.positions
+    if closure.kind == layout.WHOLE:
+        of_rows = _ONE if together else _TWO
+    for j in range(of_rows + closure.directions):
+        scale = length if j < of_rows and closure.kind != layout.COUPLED else 1.0
+        if together:
+            e = closure.offset + layout.VECTORS + (j - _ONE) * layout.VECTOR if j > _ZERO else _ZERO
+            speed, size = _compute_position_sums(plan, work, k, closure, e)
+        else:
+            speed, size = _compute_row_sums(plan, work, k, closure, j)
+        largest[0] = max(largest[0], scale * speed)
+        largest[1] = max(largest[1], scale * size)
+    if closure.state_a > _ZERO:
+        one = _compute_acceleration_size(work[closure.state_a :], k, length)
+        other = _compute_acceleration_size(work[closure.state_b :], k, length)
+        largest[2] = max(largest[2], one + other)
+
+
+@jit_lanes
 def convert_efforts(plan, fixed, work, lanes):
     """Turn efforts of the cut tree into those of the drives [N m], [N]; return how often a rank is in doubt."""
+    _write_zeros(plan, work, lanes)
     scratch = work[plan[layout.SCRATCH] :]
-    for i in range(plan[layout.FILLS + 1]):  # what is zero at first
+    at = plan[layout.STEPS]
+    doubts = 0
+    for _ in range(plan[layout.STEPS + 1]):
+        if plan[at] == layout.ALL_SIX:
+            doubts += _solve_free_body(plan, work, at, lanes)
+        else:
+            doubts += _begin_step(plan, work, scratch, at, lanes)
+            _update_pairs(plan, fixed, work, scratch, at, lanes)
+        at += _FIVE + _TWO * plan[at + _ONE]
+    return doubts
+
+
+@jit_lanes
+def _write_zeros(plan, work, lanes):
+    """Clear the entries that are zero at first."""
+    for i in range(plan[layout.FILLS + 1]):
         empty = work[plan[plan[layout.FILLS] + i] :]
         for k in range(lanes):
             empty[k] = 0.0
-    at = plan[layout.STEPS]
-    doubts = 0
-    part = LEAST_PIVOT * LEAST_PIVOT
-    least = LEAST_ENTRY * LEAST_ENTRY
-    for _ in range(plan[layout.STEPS + 1]):
-        kind = plan[at]
-        count = plan[at + _ONE]
-        first = plan[at + _TWO]
-        second = plan[at + _THREE]
-        third = plan[at + 4]
-        at += _FIVE
-        one = work[first : first + LANES]
-        other = work[second : second + LANES]
-        own = work[third : third + LANES]
+
+
+@jit_lanes
+def _count_small_pivots(pivot, size, lanes):
+    """Count pivots that are too small beside their column's size."""
+    count = 0
+    for k in range(lanes):
+        square = pivot[k] * pivot[k]
+        count += 0 if (square >= LEAST_PART * size[k]) & (square >= LEAST_SQUARE) else 1
+    return count
+
+
+@jit_lanes
+def _count_entries(entry, size, lanes):
+    """Count entries of a row that should vanish and do not, beside their column's size."""
+    count = 0
+    for k in range(lanes):
+        count += 0 if entry[k] * entry[k] <= REDUNDANT_ROW * REDUNDANT_ROW * size[k] else 1
+    return count
+
+
+@jit_lanes
+def _solve_free_body(plan, work, at, lanes):
+    """Solve for six forces on a free body; return how often a pivot is too small."""
+    count = plan[at + _ONE]
+    first = plan[at + _TWO]
+    second = plan[at + _THREE]
+    third = plan[at + _FOUR]
+    limits = work[third + _SIX[1] :]  # sizes of the columns are constant
+    for i in range(count):
+        limits[i] = max(LEAST_PIVOT * math.sqrt(work[plan[at + _FIVE + _TWO * i]]), LEAST_ENTRY)
+    few = limits[0], limits[1], limits[2], limits[3], limits[4], limits[5]
+    return solve_six_forces(work[third:], work[second:], work[first:], lanes, few)
+
+
+@jit_lanes
+def _begin_step(plan, work, scratch, at, lanes):
+    """Do the part of a step before its pairs; return how often a rank is in doubt."""
+    kind = plan[at]
+    one = work[plan[at + _TWO] :][:LANES]
+    other = work[plan[at + _THREE] :][:LANES]
+    if kind == layout.PAIR:
+        _choose_pivot(scratch, one, other, lanes)
+    elif kind == layout.SOLVE:
+        size = work[plan[at + _FOUR] :][:LANES]
+        return solve_row(scratch[:LANES], one, other, size, lanes, LEAST_PART, LEAST_SQUARE)
+    elif kind == layout.CHECK_PIVOT:
+        return _count_small_pivots(one, other, lanes)
+    elif kind == layout.CHECK_EMPTY:
+        return _count_entries(one, other, lanes)
+    elif kind == layout.PROJECT:
+        for k in range(lanes):  # the part along a row
+            scratch[layout.LAMBDA + k] /= scratch[layout.SQUARE + k]
+    return 0
+
+
+@jit_lanes
+def _update_pairs(plan, fixed, work, scratch, at, lanes):
+    """Update the pairs of entries or efforts of the step at ``at``."""
+    kind = plan[at]
+    own = scratch[:LANES]
+    if kind == layout.TAKE:
+        own = work[plan[at + _FOUR] :][:LANES]
+    elif kind == layout.NORM:
+        own = scratch[layout.SQUARE :][:LANES]
+    for i in range(plan[at + _ONE]):
+        pair = at + _FIVE + _TWO * i
+        one = work[plan[pair] :][:LANES]
+        other = work[plan[pair + _ONE] :][:LANES]
         if kind == layout.PAIR:
-            _choose_pivot(scratch, one, other, lanes)
-        elif kind == layout.SOLVE:
-            doubts += solve_row(scratch[:LANES], one, other, own, lanes, part, least)
-        elif kind == layout.CHECK_PIVOT:
+            _update_entries(scratch, one, other, lanes)
+        elif kind in (layout.NORM, layout.INNER):
+            keep = 0.0 if i == 0 else 1.0
+            weight = fixed[plan[at + _THREE] + i]
             for k in range(lanes):
-                square = one[k] * one[k]
-                doubts += 0 if (square >= part * other[k]) & (square >= least) else 1
-        elif kind == layout.CHECK_EMPTY:
+                own[k] = keep * own[k] + weight * one[k] * other[k]
+        else:  # the effort that a multiplier has along another coordinate
             for k in range(lanes):
-                doubts += 0 if one[k] * one[k] <= REDUNDANT_ROW * REDUNDANT_ROW * other[k] else 1
-        elif kind == layout.PROJECT:
-            for k in range(lanes):  # the part along a row
-                scratch[layout.LAMBDA + k] /= scratch[layout.SQUARE + k]
-        elif kind == layout.ALL_SIX:
-            limits = work[third + _SIX[1] :]  # sizes of the columns are constant
-            for i in range(count):
-                limits[i] = max(LEAST_PIVOT * math.sqrt(work[plan[at + _TWO * i]]), LEAST_ENTRY)
-            few = limits[0], limits[1], limits[2], limits[3], limits[4], limits[5]
-            doubts += solve_six_forces(work[third:], work[second:], work[first:], lanes, few)
-            at += _TWO * count
-            continue
-        if kind != layout.TAKE:
-            own = scratch[layout.SQUARE :] if kind == layout.NORM else scratch[:LANES]
-        for i in range(count):
-            one = plan[at]
-            other = plan[at + _ONE]
-            at += _TWO
-            one = work[one : one + LANES]
-            other = work[other : other + LANES]
-            if kind == layout.PAIR:
-                _update_entries(scratch, one, other, lanes)
-            elif kind in (layout.NORM, layout.INNER):
-                keep = 0.0 if i == 0 else 1.0
-                weight = fixed[second + i]
-                for k in range(lanes):
-                    own[k] = keep * own[k] + weight * one[k] * other[k]
-            else:  # the effort that a multiplier has along another coordinate
-                for k in range(lanes):
-                    other[k] -= own[k] * one[k]
-    return doubts
+                other[k] -= own[k] * one[k]
 
 
 @jit_lanes

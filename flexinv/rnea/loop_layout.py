@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from enum import IntEnum
@@ -230,28 +231,35 @@ class _Names:
             self.of[place] = f"w{self.others}"
         return self.of[place]
 
+    def fill_pairs(self, pattern: str, step: Step) -> list[str]:
+        """A pattern with the names of each pair of places (a, b) of a step, in the order in which it has them."""
+        return [self._fill(pattern, a=a, b=b, third=step.third) for a, b in step.pairs]
+
+    def _fill(self, pattern: str, **places: int) -> str:
+        return re.sub(r"{(\w+)}", lambda place: self.resolve_name(places[place[1]]), pattern)
+
     def format_step(self, step: Step) -> str:
         """One step as a line: its operation, and what it does."""
         name = self.resolve_name
-        pairs = step.pairs
         match step.operation:
             case Operation.PAIR:
-                more = ", ".join(f"{name(a)} by {name(b)}" for a, b in pairs)
-                text = f"{name(step.first)} is the pivot, {name(step.second)} -> 0; so {more or 'nothing else'}"
-            case Operation.CHECK_PIVOT | Operation.CHECK_EMPTY:
-                how = "is no rounding" if step.operation == Operation.CHECK_PIVOT else "is rounding"
-                text = f"{name(step.first)} {how} beside {name(step.second)}, else a rank is in doubt"
+                more = ", ".join(self.fill_pairs("{a} by {b}", step)) or "nothing else"
+                text = f"{name(step.first)} is the pivot, {name(step.second)} -> 0; so {more}"
+            case Operation.CHECK_PIVOT:
+                text = f"{name(step.first)} is no rounding beside {name(step.second)}, else a rank is in doubt"
+            case Operation.CHECK_EMPTY:
+                text = f"{name(step.first)} is rounding beside {name(step.second)}, else a rank is in doubt"
             case Operation.SOLVE:
                 multiplier = f"lambda = {name(step.second)} / {name(step.first)}, held against {name(step.third)}"
-                text = "; ".join([multiplier, *(f"{name(b)} -= lambda {name(a)}" for a, b in pairs)])
+                text = "; ".join([multiplier, *self.fill_pairs("{b} -= lambda {a}", step)])
             case Operation.NORM:
-                text = f"s = sum of weight ({', '.join(name(a) for a, _ in pairs)})^2"
+                text = f"s = sum of weight ({', '.join(self.fill_pairs('{a}', step))})^2"
             case Operation.INNER:
-                text = f"p = sum of weight {', '.join(f'{name(a)} {name(b)}' for a, b in pairs)}"
+                text = f"p = sum of weight {', '.join(self.fill_pairs('{a} {b}', step))}"
             case Operation.PROJECT:
-                text = "; ".join(f"{name(b)} -= p / s {name(a)}" for a, b in pairs)
+                text = "; ".join(self.fill_pairs("{b} -= p / s {a}", step))
             case Operation.TAKE:
-                text = "; ".join(f"{name(b)} -= {name(step.third)} {name(a)}" for a, b in pairs)
+                text = "; ".join(self.fill_pairs("{b} -= {third} {a}", step))
             case _:
                 found = ", ".join(name(step.third + i * BLOCK) for i in range(SIX))
                 text = f"{found}: six forces on the free body of {name(step.second)}"

@@ -56,36 +56,22 @@ def plan_loops(
     run : the work space of a block with `PLACES` samples, whose joints stand anywhere, after the kernel without steps
     """
     m = mesh.mechanism
-    passive, drives = (np.flatnonzero(which).tolist() for which in (~m.actuated, m.actuated))
+    passive = np.flatnonzero(~m.actuated).tolist()
+    drives = np.flatnonzero(m.actuated).tolist()
     first = build_loop_tables(mesh, candidates[1], rows, limits, np.ones(len(rows.closure), dtype=bool))
     unit = list_velocity_scales(mesh) / rows.scale[:, None]  # of lengths over the mechanism's
-    g = _compute_scaled_jacobian(first, unit, lambda plan: run(candidates[1], plan))
+    g = _compute_scaled_jacobian(first, candidates[1], unit, run)
     rank = int(count_ranks(np.linalg.svd(unit * g[0], compute_uv=False))) if g[0].size else 0
     if rank < len(passive) or not drives:
         return None
     unmoved = ~(first.matrix > 0).any(axis=1) | (rows.direction & ~g.any(axis=(0, 2)))
-    rest = np.zeros((1, m.nv))
-    phi = (
-        evaluate_closures(mesh, compute_rigid_motion(mesh, sample_configurations(m, 1), rest, rest), rows)[0][0, :, 0]
-        / rows.scale
-    )
-    if np.abs(phi[unmoved]).max(initial=0.0) > CLEARLY * limits[0]:
+    if _compute_largest_gap(mesh, rows, unmoved) > CLEARLY * limits[0]:
         return None  # what no joint moves is not in the tables, and is open
-    kept = np.asarray(g.any(axis=(0, 2)))
-    flat = all(body.kind in FLAT for body in first.bodies)
-    b = candidates[0]
-    pairs = dict[int, tuple[int, int]]()
-    plan = build_loop_tables(mesh, b, rows, limits, kept, plane=True) if flat else first
-    if plan is first or not _is_plane(plan, CLEARLY * limits[0] * mesh.length):
-        b = candidates[1]
-        pairs = _find_universal_pairs(m, rows, g)
-        plan = build_loop_tables(mesh, b, rows, limits, kept, pairs=pairs)
+    bodies, plan, pairs = _choose_tables(mesh, candidates, rows, limits, (first, g))
     taken = {v for pair in pairs.values() for v in pair}
     left = [v for v in passive if v not in taken], drives, min(rank - len(passive), len(drives) - 1)
-    found = _add_steps(plan, _compute_scaled_jacobian(plan, unit, lambda plan: run(b, plan)), b, m, left)
-    first_row = {int(c): int(np.argmax(rows.closure == c)) for c in np.unique(rows.closure)}
-    names = (f"{m.closures[c].name}.{k - first_row[c]}" for k, c in enumerate(rows.closure.tolist()))
-    return None if found is None else (b, replace(found, rows=tuple(names)))
+    found = _add_steps(plan, _compute_scaled_jacobian(plan, bodies, unit, run), bodies, m, left)
+    return None if found is None else (bodies, replace(found, rows=_list_row_names(m, rows)))
 
 
 def _add_steps(
@@ -152,9 +138,44 @@ def _is_plane(plan: LoopPlan, most: float) -> bool:
     return bool(height)
 
 
-def _compute_scaled_jacobian(plan: LoopPlan, unit: Array, run: Callable[[LoopPlan], Array]) -> Array:
+def _compute_largest_gap(mesh: Mesh, rows: Rows, some: NDArray[np.bool_]) -> float:
+    """The largest gap of some rows where joints stand anywhere [-]."""
+    q = sample_configurations(mesh.mechanism, 1)
+    rest = np.zeros((1, mesh.mechanism.nv))
+    phi = evaluate_closures(mesh, compute_rigid_motion(mesh, q, rest, rest), rows)[0][0, :, 0] / rows.scale
+    return float(np.abs(phi[some]).max(initial=0.0))
+
+
+def _choose_tables(
+    mesh: Mesh,
+    candidates: tuple[Bodies, Bodies],
+    rows: Rows,
+    limits: tuple[float, float, float],
+    first: tuple[LoopPlan, Array],
+) -> tuple[Bodies, LoopPlan, dict[int, tuple[int, int]]]:
+    """Bodies and tables of the plane where all lies in one, else those of space, and the universal joints taken from closures.
+
+    first : the tables of space with all rows, and G (places, rows, nv)
+    """
+    tables, g = first
+    kept = np.asarray(g.any(axis=(0, 2)))
+    if all(body.kind in FLAT for body in tables.bodies):
+        plan = build_loop_tables(mesh, candidates[0], rows, limits, kept, plane=True)
+        if _is_plane(plan, CLEARLY * limits[0] * mesh.length):
+            return candidates[0], plan, {}
+    pairs = _find_universal_pairs(mesh.mechanism, rows, g)
+    return candidates[1], build_loop_tables(mesh, candidates[1], rows, limits, kept, pairs=pairs), pairs
+
+
+def _list_row_names(mechanism: Mechanism, rows: Rows) -> tuple[str, ...]:
+    """Names of the rows: those of their closures, and their number in it."""
+    first = {int(c): int(np.argmax(rows.closure == c)) for c in np.unique(rows.closure)}
+    return tuple(f"{mechanism.closures[c].name}.{k - first[c]}" for k, c in enumerate(rows.closure.tolist()))
+
+
+def _compute_scaled_jacobian(plan: LoopPlan, bodies: Bodies, unit: Array, run: Run) -> Array:
     """G (places, rows, nv), rounding taken for zero; unit : (rows, nv) what makes lengths numbers."""
-    work = run(plan)
+    work = run(bodies, plan)
     g = np.stack([np.where(plan.matrix > 0, work[plan.matrix + k], 0.0) for k in range(PLACES)])
     size = np.abs(g) * unit
     return np.where(size > ZERO_ENTRY * size.max(initial=0.0), g, 0.0)
@@ -231,44 +252,68 @@ def plan_effort_steps(
 
     effort : (nv,) where efforts stand; beyond : how many rows drives have against each other; weights : where theirs stand
     """
-    e = elimination
     left = [r for r, row in enumerate(elimination.rows) if row]
-    if not beyond and _is_six_by_six(e, left, passive, effort):
-        at = e.take(SIX_ROWS)
-        sizes = [(e.sizes[c][0], 0) for c in passive]
-        e.steps.append(Step(Operation.ALL_SIX, e.rows[left[0]][passive[0]], effort[passive[0]], at, sizes))
-        for i, r in enumerate(left):
-            driven = [(entry, effort[c]) for c, entry in sorted(e.rows[r].items()) if c in drives]
-            e.steps.append(Step(Operation.TAKE, third=at + i * BLOCK, pairs=driven))
+    if not beyond and _is_six_by_six(elimination, left, passive, effort):
+        _plan_six_forces(elimination, effort, left, passive, drives)
         return True
-    order = sorted(passive, reverse=True)
-    solved = list[tuple[int, int]]()
-    against = list[int]()
-    while order:
-        column = min(order, key=lambda c: _compute_pivot_cost(e, left, c))
-        pivot = e.plan_elimination(column, left)
-        if pivot is None:
-            return False
-        order.remove(column)
-        left.remove(pivot)
-        solved.append((column, pivot))
-    for _ in range(beyond):
-        column = max(drives, key=lambda c: float(np.abs(e.numbers[left, c]).max(initial=0.0)))
-        pivot = e.plan_elimination(column, left)
-        if pivot is None:
-            return False
-        left.remove(pivot)
-        against.append(pivot)
-        e.steps.append(Step(Operation.CHECK_PIVOT, e.rows[pivot][column], e.sizes[column][0]))
+    solved = _plan_passive_rows(elimination, left, passive)
+    if solved is None:
+        return False
+    against = _plan_drive_rows(elimination, left, drives, beyond)
+    if against is None:
+        return False
+    e = elimination
     for r in left:
         for c, entry in e.rows[r].items():
-            for size in e.sizes[c]:
-                e.steps.append(Step(Operation.CHECK_EMPTY, entry, size))
+            e.steps += [Step(Operation.CHECK_EMPTY, entry, size) for size in e.sizes[c]]
     for column, pivot in solved:
         others = [(entry, effort[c]) for c, entry in sorted(e.rows[pivot].items()) if c != column]
         e.steps.append(Step(Operation.SOLVE, e.rows[pivot][column], effort[column], e.sizes[column][0], others))
     _plan_projection(e, effort, against, drives, weights)
     return True
+
+
+def _plan_six_forces(
+    elimination: Elimination, effort: Sequence[int], left: list[int], passive: list[int], drives: list[int]
+) -> None:
+    """Solve for six forces on a free body at once, and take from the drives what these do."""
+    e = elimination
+    at = e.take(SIX_ROWS)
+    sizes = [(e.sizes[c][0], 0) for c in passive]
+    e.steps.append(Step(Operation.ALL_SIX, e.rows[left[0]][passive[0]], effort[passive[0]], at, sizes))
+    for i, r in enumerate(left):
+        driven = [(entry, effort[c]) for c, entry in sorted(e.rows[r].items()) if c in drives]
+        e.steps.append(Step(Operation.TAKE, third=at + i * BLOCK, pairs=driven))
+
+
+def _plan_passive_rows(elimination: Elimination, left: list[int], passive: list[int]) -> list[tuple[int, int]] | None:
+    """Combine rows until each passive coordinate has one, which ``left`` loses: pairs (coordinate, row); None without one."""
+    order = sorted(passive, reverse=True)
+    solved = list[tuple[int, int]]()
+    while order:
+        column = min(order, key=lambda c: _compute_pivot_cost(elimination, left, c))
+        pivot = elimination.plan_elimination(column, left)
+        if pivot is None:
+            return None
+        order.remove(column)
+        left.remove(pivot)
+        solved.append((column, pivot))
+    return solved
+
+
+def _plan_drive_rows(elimination: Elimination, left: list[int], drives: list[int], beyond: int) -> list[int] | None:
+    """Combine rows until so many say what drives do against each other, which ``left`` loses; None without one."""
+    e = elimination
+    against = list[int]()
+    for _ in range(beyond):
+        column = max(drives, key=lambda c: float(np.abs(e.numbers[left, c]).max(initial=0.0)))
+        pivot = e.plan_elimination(column, left)
+        if pivot is None:
+            return None
+        left.remove(pivot)
+        against.append(pivot)
+        e.steps.append(Step(Operation.CHECK_PIVOT, e.rows[pivot][column], e.sizes[column][0]))
+    return against
 
 
 def _is_six_by_six(elimination: Elimination, left: list[int], passive: list[int], effort: Sequence[int]) -> bool:

@@ -114,6 +114,15 @@ class _Column(NamedTuple):
     record: ColumnRecord
 
 
+class _End(NamedTuple):
+    """End of a closure: its body and the frame of that; R of its node in the frame, its point in the body's axes [m]."""
+
+    body: int
+    frame: _Frame
+    turn: Array
+    arm: Array
+
+
 def build_loop_tables(
     mesh: Mesh,
     bodies: Bodies,
@@ -128,38 +137,23 @@ def build_loop_tables(
     limits : (3,) of `allocation` [-], on phi, phi', phi''; plane : by the formulas of the plane
     pairs : closure -> velocity coordinates of two passive joints that no other closure moves, see `loop_space`
     """
-    axes = IN_PLANE if plane else IN_SPACE
     matrix = np.zeros((len(rows.closure), mesh.mechanism.nv), dtype=np.int64)
-    t = _Tables(mesh, bodies, plane, pairs or {}, matrix)
-    words = [0] * layout.HEADER
-    t.add_constants(CLEARLY * limits[0], *(CLEARLY / axes * limit for limit in limits[1:]), mesh.length)
-    words[layout.LIMITS] = t.add_rows(layout.LIMIT_ROWS)
-    words[layout.SCRATCH] = t.add_rows(layout.SCRATCH_ROWS)
-    words[layout.PLANE] = int(plane)
+    tables = _Tables(mesh, bodies, plane, pairs or {}, matrix)
+    header = _begin_header(tables, limits)
     own_rows = [np.flatnonzero(rows.closure == closure) for closure in np.unique(rows.closure)]
     loops = [None if rows.gear[own].any() else _find_loop(mesh, bodies, rows, int(own[0])) for own in own_rows]
-    several = Counter((loop.root, body) for loop in loops if loop for way in loop.ways for body in way)
-    t.shared = frozenset(key for key, count in several.items() if count > 1)
+    tables.shared = _find_shared_bodies(loops)
     for own, loop in zip(own_rows, loops, strict=True):
-        t.used = 0
+        tables.used = 0
         if loop is None:
-            _add_coupling(t, rows, int(own[0]))
+            _add_coupling(tables, rows, int(own[0]))
         elif any(loop.ways):  # else both ends are on one body: nothing moves
-            _add_closure(t, rows, own[mask[own] | ~rows.direction[own]], loop)
-    lists: dict[int, Sequence[Sequence[int]]] = {
-        layout.KEEPS: t.keeps, layout.SUMMED: t.summed, layout.ROOTS: t.roots,
-        layout.BODIES: t.moved, layout.COLUMNS: t.columns, layout.CLOSURE_RECORDS: t.closures,
-    }  # fmt: skip
-    for at, records in lists.items():  # behind the header: where each begins, and how many records it has
-        words[at : at + 2] = len(words), len(records)
-        words += [word for record in records for word in record]
-    for v, sizes in t.sizes.items():  # of those that are constant the largest is enough
-        known = sorted((at for at in sizes if at in t.known), key=lambda at: -t.known[at])
-        t.sizes[v] = [at for at in sizes if at not in t.known] + known[:1]
-    plan = np.array(words, dtype=np.uint64)
-    fixed = np.array(t.fixed)
-    constant = frozenset(t.known)
-    return LoopPlan(plan, fixed, t.size, matrix, t.sizes, constant, (), tuple(t.moved), tuple(t.closures))
+            _add_closure(tables, rows, own[mask[own] | ~rows.direction[own]], loop)
+    plan = _join_records(tables, header)
+    sizes = _drop_smaller_constants(tables)
+    fixed = np.array(tables.fixed)
+    constant = frozenset(tables.known)
+    return LoopPlan(plan, fixed, tables.size, matrix, sizes, constant, (), tuple(tables.moved), tuple(tables.closures))
 
 
 def _resolve_carrying_body(mesh: Mesh, bodies: Bodies, node: int) -> tuple[int, Array, Array]:
@@ -206,6 +200,49 @@ def _add_root_frame(tables: _Tables, root: int, ways: tuple[list[int], ...]) -> 
     tables.frames[root, root] = _Frame(rows, rows + int(layout.AT), 0, basis)
 
 
+def _begin_header(tables: _Tables, limits: tuple[float, float, float]) -> list[int]:
+    """The header of a plan, with the rows that every call needs; what closures are held against comes first of all constants."""
+    axes = IN_PLANE if tables.plane else IN_SPACE
+    tables.add_constants(CLEARLY * limits[0], *(CLEARLY / axes * limit for limit in limits[1:]), tables.mesh.length)
+    header = [0] * layout.HEADER
+    header[layout.LIMITS] = tables.add_rows(layout.LIMIT_ROWS)
+    header[layout.SCRATCH] = tables.add_rows(layout.SCRATCH_ROWS)
+    header[layout.PLANE] = int(tables.plane)
+    return header
+
+
+def _find_shared_bodies(loops: Sequence[_Loop | None]) -> frozenset[tuple[int, int]]:
+    """(root, body) of the bodies that move in several closures."""
+    several = Counter((loop.root, body) for loop in loops if loop for way in loop.ways for body in way)
+    return frozenset(key for key, count in several.items() if count > 1)
+
+
+def _join_records(tables: _Tables, header: list[int]) -> NDArray[np.uint64]:
+    """The header with where each table begins and how many records it has, and the records behind it."""
+    lists: dict[int, Sequence[Sequence[int]]] = {
+        layout.KEEPS: tables.keeps, layout.SUMMED: tables.summed, layout.ROOTS: tables.roots,
+        layout.BODIES: tables.moved, layout.COLUMNS: tables.columns, layout.CLOSURE_RECORDS: tables.closures,
+    }  # fmt: skip
+    words = list(header)
+    for at, records in lists.items():
+        words[at : at + 2] = len(words), len(records)
+        words += [word for record in records for word in record]
+    return np.array(words, dtype=np.uint64)
+
+
+def _drop_smaller_constants(tables: _Tables) -> dict[int, list[int]]:
+    """Places of the sizes of each velocity coordinate: of those that are constant the largest is enough."""
+    sizes = {}
+    for v, places in tables.sizes.items():
+        known = sorted((at for at in places if at in tables.known), key=lambda at: -tables.known[at])
+        sizes[v] = [at for at in places if at not in tables.known] + known[:1]
+    return sizes
+
+
+# How bodies move whose joint is no turn about one axis.
+_MOTIONS = {PRISMATIC: layout.SLIDE, HELICAL: layout.SCREW, SPHERICAL: layout.FLOAT, FREE: layout.FLOAT}
+
+
 def _make_frame(tables: _Tables, root: int, body: int) -> _Frame:
     """The frame of a body of a loop, made with those of its parents; one that slides in space has its parent's axes."""
     if (root, body) in tables.frames:
@@ -213,21 +250,17 @@ def _make_frame(tables: _Tables, root: int, body: int) -> _Frame:
     kind, parent, rows = (int(cell) for cell in tables.bodies.tree[body, :3])
     above = _make_frame(tables, root, parent)
     r, p = (above.turned @ x for x in _compute_zero_placement(tables.bodies, body))
-    is_tilt = r[0, 0] == 1.0 and not (r[0, 1:].any() or r[1:, 0].any())  # R is a rotation about x
-    turn = layout.ROOT_TURN if parent == root else layout.TURN if tables.plane or not is_tilt else layout.TILT
+    how = _resolve_motion(tables, kind, parent == root, r)
+    before = _find_kind_before(tables, root, parent, how)
     alone = (root, body) not in tables.shared
-    goes_on = turn == layout.TILT and kind in TURNING_KINDS and (root, parent) not in tables.shared
-    before = tables.moved[-1].kind if goes_on else None  # of the parent, made just now
     if before == layout.ROOT_TURN and not p.any():
         return _make_universal_frame(tables, root, body, tables.add_rows(layout.BODY_ROWS, alone))
     if before in (layout.ROOT_TURN, layout.CHAIN) and alone:
-        turn = layout.CHAIN
+        how = layout.CHAIN
         own = above.axes + int(layout.CHAINED)
         tables.add_rows(int(layout.CHAINED) // BLOCK, True)
     else:
         own = tables.add_rows(layout.PLANE_ROWS if tables.plane else layout.BODY_ROWS, alone)
-    known = {PRISMATIC: layout.SLIDE, HELICAL: layout.SCREW, SPHERICAL: layout.FLOAT, FREE: layout.FLOAT}
-    how = turn if kind in TURNING_KINDS else known[kind]
     numbers = tables.add_constants(r.T, p, tables.bodies.numbers[body, BODY_LEAD])
     tables.moved.append(BodyRecord(how, own, above.axes, rows, numbers, 0 if tables.plane else above.place))
     slides = how == layout.SLIDE
@@ -269,52 +302,95 @@ def _find_loop(mesh: Mesh, bodies: Bodies, rows: Rows, k: int) -> _Loop:
     return _Loop(ends, root, (way_a, way_b))
 
 
+def _find_kind_before(tables: _Tables, root: int, parent: int, how: int) -> int | None:
+    """The kind of the parent, made just now, that a body may go on with; None where it may not."""
+    return tables.moved[-1].kind if how == layout.TILT and (root, parent) not in tables.shared else None
+
+
+def _resolve_motion(tables: _Tables, kind: int, on_root: bool, r: Array) -> int:
+    """The kind of motion of a body beside the one that carries it; r : R_parent,body at the coordinate's zero [-]."""
+    if kind not in TURNING_KINDS:
+        return _MOTIONS[kind]
+    if on_root:
+        return layout.ROOT_TURN
+    is_about_x = r[0, 0] == 1.0 and not (r[0, 1:].any() or r[1:, 0].any())
+    return layout.TILT if is_about_x and not tables.plane else layout.TURN
+
+
 def _add_closure(tables: _Tables, rows: Rows, own: NDArray[np.int64], loop: _Loop) -> None:
     """A closure of two ends: the bodies between them, its record, its columns."""
     k = own[0]
-    root = loop.root
-    pair = tables.pairs.get(int(rows.closure[own[0]]))
+    pair = tables.pairs.get(int(rows.closure[k]))
     before = (len(tables.columns), len(tables.moved))
-    ground = layout.NO_GROUND
-    (a, ra, xa), (b, rb, xb) = loop.ends
-    _add_root_frame(tables, root, loop.ways[::-1])
-    one = _make_frame(tables, root, a)
-    other = _make_frame(tables, root, b)
-    positions, directions = ([int(r) for r in own if rows.direction[r] == which] for which in (False, True))
-    signed = [(body, sign) for way, sign in zip(loop.ways, (-1.0, 1.0), strict=True) for body in way]
-    columns = [column for body, sign in signed for column in _list_joint_columns(tables, root, body, sign)]
+    _add_root_frame(tables, loop.root, loop.ways[::-1])
+    a = _make_end(tables, loop.root, loop.ends[0], rows.place_a[k])
+    b = _make_end(tables, loop.root, loop.ends[1], rows.place_b[k])
+    positions = [int(r) for r in own if not rows.direction[r]]
+    directions = [int(r) for r in own if rows.direction[r]]
+    columns = _list_loop_columns(tables, loop)
     whole = len(positions) == 3 and (tables.plane or pair is not None or len(columns) <= layout.MOST_COLUMNS)
-    vectors = [] if whole else [one.turned @ ra @ rows.u[r] for r in positions]
-    for r in directions:
-        vectors += [one.turned @ ra @ rows.u[r], other.turned @ rb @ rows.w[r]]
-    arms = xa + ra @ rows.place_a[k], xb + rb @ rows.place_b[k]
-    scale = 1.0 / tables.mesh.length ** (2 if whole else 1)
-    turned = (one.turned.T, other.turned.T)
-    fixed = tables.add_constants(one.turned @ arms[0], other.turned @ arms[1], scale, *arms, *turned, *vectors)
-    if whole and not tables.plane and 0 in (a, b):
-        ground, fixed = _resolve_ground_end(tables, (a, b).index(0), (one, other), arms, vectors, fixed)
-    first = tables.add_rows(layout.CLOSURE_ROWS + 3 * (len(directions) + (0 if whole else len(positions))), True)
+    alone = [] if whole else positions  # one by one
+    ground, fixed = _add_closure_constants(tables, (a, b), whole, _list_vectors(rows, (a, b), alone, directions))
+    first = tables.add_rows(layout.CLOSURE_ROWS + 3 * (len(directions) + len(alone)), True)
     if pair is None:
         stride = _add_all_rows(tables, columns, whole, [*positions, *directions])
     else:
-        stride = _add_remaining_row(tables, columns, first, pair, positions[0], (b, arms[1]))
-    states = (0, 0) if tables.plane else (_find_state_offset(tables, a), _find_state_offset(tables, b))
-    kind, count = (layout.WHOLE, 0) if whole else (layout.PARTIAL, len(positions))
-    places = kind, first, one.axes, other.axes, one.place, other.place, *states, fixed, count, len(directions)
+        stride = 0
+        _add_remaining_row(tables, columns, first, pair, positions[0], b)
+    states = (0, 0) if tables.plane else (_find_state_offset(tables, a.body), _find_state_offset(tables, b.body))
+    kind = layout.WHOLE if whole else layout.PARTIAL
+    frames = a.frame.axes, b.frame.axes, a.frame.place, b.frame.place
+    places = kind, first, *frames, *states, fixed, len(alone), len(directions)
     tables.closures.append(ClosureRecord(*places, *tables.list_spans(*before), stride, int(pair is not None), ground))
 
 
+def _make_end(tables: _Tables, root: int, end: tuple[int, Array, Array], place: Array) -> _End:
+    """An end of a closure, whose point stands at ``place`` in the axes of its node [m]."""
+    body, r, x = end
+    frame = _make_frame(tables, root, body)
+    return _End(body, frame, frame.turned @ r, x + r @ place)
+
+
+def _list_loop_columns(tables: _Tables, loop: _Loop) -> list[_Column]:
+    """The columns of all joints of a loop."""
+    signed = [(body, sign) for way, sign in zip(loop.ways, (-1.0, 1.0), strict=True) for body in way]
+    return [column for body, sign in signed for column in _list_joint_columns(tables, loop.root, body, sign)]
+
+
+def _list_vectors(rows: Rows, ends: tuple[_End, _End], positions: list[int], directions: list[int]) -> list[Array]:
+    """The vectors of rows that stand alone, in the frames of their ends: one of a position, two of a direction."""
+    a, b = ends
+    vectors = [a.turn @ rows.u[r] for r in positions]
+    for r in directions:
+        vectors += [a.turn @ rows.u[r], b.turn @ rows.w[r]]
+    return vectors
+
+
+def _add_closure_constants(
+    tables: _Tables, ends: tuple[_End, _End], whole: bool, vectors: list[Array]
+) -> tuple[int, int]:
+    """Append the constants of a closure; return the end that stands in the world, and the offset of the constants."""
+    a, b = ends
+    scale = 1.0 / tables.mesh.length ** (2 if whole else 1)
+    points = a.frame.turned @ a.arm, b.frame.turned @ b.arm
+    turned = a.frame.turned.T, b.frame.turned.T
+    fixed = tables.add_constants(*points, scale, a.arm, b.arm, *turned, *vectors)
+    if whole and not tables.plane and 0 in (a.body, b.body):
+        return _resolve_ground_end(tables, (a.body, b.body).index(0), ends, vectors, fixed)
+    return layout.NO_GROUND, fixed
+
+
 def _resolve_ground_end(
-    tables: _Tables, stands: int, ends: Sequence[_Frame], arms: Sequence[Array], vectors: list[Array], fixed: int
+    tables: _Tables, stands: int, ends: tuple[_End, _End], vectors: list[Array], fixed: int
 ) -> tuple[int, int]:
     """Return the end that stands in the world and the constants of `loop_space`; none where the other end is turned."""
     moves = 1 - stands
-    if not np.array_equal(ends[moves].turned, np.eye(3)):
+    if not np.array_equal(ends[moves].frame.turned, np.eye(3)):
         return layout.NO_GROUND, fixed
     sign = 1.0 if moves else -1.0
     pairs = [v for i in range(0, len(vectors), 2) for v in (sign * vectors[i + moves], vectors[i + stands])]
-    rest, there = (ends[stands].turned @ x for x in (-tables.mesh.mechanism.gravity, arms[stands]))
-    at = tables.add_constants(arms[moves], there, 1.0 / tables.mesh.length**2, rest, float(moves), *pairs)
+    rest, there = (ends[stands].frame.turned @ x for x in (-tables.mesh.mechanism.gravity, ends[stands].arm))
+    at = tables.add_constants(ends[moves].arm, there, 1.0 / tables.mesh.length**2, rest, float(moves), *pairs)
     return layout.B_STANDS if stands else layout.A_STANDS, at
 
 
@@ -364,34 +440,40 @@ def _add_all_rows(tables: _Tables, columns: list[_Column], whole: bool, rows: li
 
 
 def _add_remaining_row(
-    tables: _Tables, columns: list[_Column], own: int, pair: tuple[int, int], row: int, end: tuple[int, Array]
-) -> int:
-    """Columns of a closure from which a universal joint is taken; end : the body of B, and the point in its axes."""
+    tables: _Tables, columns: list[_Column], own: int, pair: tuple[int, int], row: int, end: _End
+) -> None:
+    """Columns of a closure from which a universal joint is taken; end : that of B."""
     for v, at in zip(pair, (layout.SIZE, layout.SIZE_TOO), strict=True):
         column = next(c for c in columns if c.v == v)
         _add_column(tables, column, [], to=own + int(at))
-    body, (x, y, z) = end
-    free = [c for c in columns if c.body == body] if int(tables.bodies.tree[body, TREE_KIND]) == FREE else []
+    is_free = int(tables.bodies.tree[end.body, TREE_KIND]) == FREE
+    free = [c for c in columns if is_free and c.body == end.body]
     for column in (c for c in columns if c.v not in pair and c not in free):
         _add_column(tables, column, [row], to=tables.add_rows(1), entry=tables.add_rows(1))
     if free:
-        if body not in tables.held:
-            tables.held[body] = tables.add_rows(6 * len(tables.pairs))
-        entry = tables.held[body]
-        scale = 1.0 / tables.mesh.length**2
-        tables.held[body] += 6 * BLOCK
-        squares = [scale, scale, scale, scale * (y * y + z * z), scale * (x * x + z * z), scale * (x * x + y * y)]
-        known = tables.add_constant_rows(12, np.pad(squares, (0, 6)))
-        sizes = [int(known) + i * BLOCK for i in range(6)]
-        tables.known.update(zip(sizes, squares, strict=True))
-        record = free[0].record
-        signs = tables.add_constants(*tables.fixed[record.signs : record.signs + 4], end[1])
-        axes = record.axis - int(layout.AXES)
-        joint = int(tables.bodies.tree[body, TREE_ROWS])
-        free[0] = free[0]._replace(record=record._replace(kind=layout.FLOATING, axis=axes, joint=joint, signs=signs))
-        for j, (column, size) in enumerate(zip(free, sizes, strict=True)):
-            _add_column(tables, column, [row], to=size, entry=entry + j * BLOCK)
-    return 0
+        _add_free_body(tables, free, row, end)
+
+
+def _add_free_body(tables: _Tables, columns: list[_Column], row: int, end: _End) -> None:
+    """The six columns of a free body in a row of the closure at its point; their sizes are constant."""
+    body = end.body
+    if body not in tables.held:
+        tables.held[body] = tables.add_rows(6 * len(tables.pairs))
+    entry = tables.held[body]
+    tables.held[body] += 6 * BLOCK
+    x, y, z = end.arm
+    scale = 1.0 / tables.mesh.length**2
+    squares = [scale, scale, scale, scale * (y * y + z * z), scale * (x * x + z * z), scale * (x * x + y * y)]
+    known = tables.add_constant_rows(12, np.pad(squares, (0, 6)))
+    sizes = [int(known) + i * BLOCK for i in range(6)]
+    tables.known.update(zip(sizes, squares, strict=True))
+    record = columns[0].record
+    signs = tables.add_constants(*tables.fixed[record.signs : record.signs + 4], end.arm)
+    axes = record.axis - int(layout.AXES)
+    joint = int(tables.bodies.tree[body, TREE_ROWS])
+    first = columns[0]._replace(record=record._replace(kind=layout.FLOATING, axis=axes, joint=joint, signs=signs))
+    for j, (column, size) in enumerate(zip([first, *columns[1:]], sizes, strict=True)):
+        _add_column(tables, column, [row], to=size, entry=entry + j * BLOCK)
 
 
 def _add_coupling(tables: _Tables, rows: Rows, row: int) -> None:
