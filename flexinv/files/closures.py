@@ -167,23 +167,33 @@ def read_closure(
         expected = "a name of its own: a closure is a joint too, and results are named after both"
         raise where.make_error("", f'"{name}", also a joint', expected, f"[{where.table}_closure]")
     if kind == "coupling":
-        gear = check_table(CouplingTable, data, where)
-        write = "factors = { motor = 1, wheel = -5 }"
-        scalar = [j for j, joint in joints.items() if joint.kind in GEARED]
-        for other in gear.factors:
-            if other not in scalar:
-                expected = f"{COUPLED_JOINTS}: " + (", ".join(scalar[:20]) or "there are none")
-                near = find_nearest_word(other, scalar)
-                raise where.make_error("factors", f'"{other}"', expected, f"{near} = 1" if near else write)
-        used = tuple((j, factor) for j, factor in gear.factors.items() if factor)
-        if len(used) < 2:
-            raise where.make_error(
-                "factors", format_toml(gear.factors), "two joints or more with factors other than 0", write
-            )
-        return Closure(name, gear.kind, Attachment(WORLD), Attachment(WORLD), factors=used, offset=gear.offset)
+        return _read_coupling(check_table(CouplingTable, data, where), joints, where, name)
     table = check_table(CLOSURE_TABLES[kind or "revolute"], data, where)
     first, second = _read_end_pair(table, links, where)
     axes = read_axes(table, where)
+    _check_switching(table, where)
+    active = tuple((start, end) for start, end in table.active_s)
+    return Closure(name, table.kind, first, second, **axes, active=active, capture=table.capture, impact=table.impact)
+
+
+def _read_coupling(table: CouplingTable, joints: Mapping[str, Joint], where: Location, name: str) -> Closure:
+    """A coupling of two joints or more."""
+    write = "factors = { motor = 1, wheel = -5 }"
+    scalar = [j for j, joint in joints.items() if joint.kind in GEARED]
+    for other in table.factors:
+        if other not in scalar:
+            expected = f"{COUPLED_JOINTS}: " + (", ".join(scalar[:20]) or "there are none")
+            near = find_nearest_word(other, scalar)
+            raise where.make_error("factors", f'"{other}"', expected, f"{near} = 1" if near else write)
+    used = tuple((j, factor) for j, factor in table.factors.items() if factor)
+    if len(used) < 2:
+        given = format_toml(table.factors)
+        raise where.make_error("factors", given, "two joints or more with factors other than 0", write)
+    return Closure(name, table.kind, Attachment(WORLD), Attachment(WORLD), factors=used, offset=table.offset)
+
+
+def _check_switching(table: ClosureTable, where: Location) -> None:
+    """Check when a closure acts, and how it begins to."""
     times = [time for interval in table.active_s for time in interval]
     if any(b <= a for a, b in pairwise(times)):
         given = format_toml(table.active_s)
@@ -196,8 +206,6 @@ def read_closure(
         if stated and not table.active_s:
             expected = f"active_s with the time at which it begins to act, or no {word}"
             raise where.make_error(word, f"{word} without active_s", expected, "active_s = [[0.5, 1.0]]")
-    active = tuple((start, end) for start, end in table.active_s)
-    return Closure(name, table.kind, first, second, **axes, active=active, capture=table.capture, impact=table.impact)
 
 
 def read_spring(data: Any, links: Mapping[str, Link], where: Location, name: str) -> Spring:

@@ -72,20 +72,8 @@ def read_urdf(
         expected = f"expected three finite numbers [m/s^2]; write gravity={STANDARD_GRAVITY}"
         raise InputError(f"gravity = {gravity}: {expected}")
     robot = read_robot(path)
-    inertias = _read_by_name(robot, "link", path, _read_inertia)
-    if not inertias:
-        raise make_input_error(str(path), "a robot without links", "at least one <link>", '<link name="base">')
-    if all(inertia is None for inertia in inertias.values()):
-        advice = '<inertial><mass value="..."/><inertia ixx="..." .../></inertial> in the links'
-        raise make_input_error(str(path), "no link with a mass [kg]", "inertia in at least one link", advice)
-    stated = _read_by_name(robot, "joint", path, _read_joint)
-    known = [name for name in sorted(stated) if stated[name].nv]
-    for name in lock:  # such joints become fixed where they are at zero
-        if name not in known:
-            near = find_nearest_word(name, known) or (known[0] if known else "no joint")
-            raise make_input_error(str(path), f'lock of joint "{name}"', "a joint of the robot that moves", f'"{near}"')
-        j = stated[name]
-        stated[name] = Joint(name, "fixed", j.parent, j.child, j.placement, actuated=False)
+    inertias = _read_inertias(robot, path)
+    stated = _replace_locked(_read_by_name(robot, "joint", path, _read_joint), lock, path)
     joints = [stated[name] for name in sorted(stated)]
 
     def describe_place(kind: str, name: str, key: str) -> str:
@@ -95,23 +83,12 @@ def read_urdf(
     inertias, joints = _add_base(inertias, joints, base, describe_location(path, robot))
     ordered = list_depth_first(joints, inertias, describe_place)
     own = {name: () if inertia is None else (Body(name, inertia),) for name, inertia in inertias.items()}
-    links = tuple(Link(j.child, own[j.child]) for j in ordered)
-    moving = [j for j in robot.findall("joint") if j.get("type") != "fixed" and j.get("name") not in lock]
-    mimics = [f"{j.get('name')} (of {one.get('joint')})" for j in moving for one in j.findall("mimic")[:1]]
-    odd = [
-        name
-        for name, inertia in inertias.items()
-        if inertia is not None and describe_impossible_inertia(inertia.tensor)
-    ]
-    kept = "links with an inertia that no body can have, kept as it is"
-    found = ("mimic", "mimic joints are coordinates of their own", mimics), ("inertia", kept, odd)
-    warned = {subject: f"{text}: {', '.join(which)}" for subject, text, which in found if which}
-    massless = [name for name, inertia in inertias.items() if inertia is None]
-    told = ("links without mass", massless), ("joints locked at zero", lock)
+    warned = _list_warnings(robot, inertias, lock)
     mechanism = Mechanism(
-        name=path.stem, links=links, joints=ordered, gravity=pull, title=f"{robot.get('name', path.stem)}",
-        source=f"URDF {path.name}", urdf=path.resolve(), packages=tuple(Path(p).resolve() for p in packages),
-        notes=(*warned.values(), *(f"{text}: {', '.join(which)}" for text, which in told if which)),
+        name=path.stem, links=tuple(Link(j.child, own[j.child]) for j in ordered), joints=ordered, gravity=pull,
+        title=f"{robot.get('name', path.stem)}", source=f"URDF {path.name}", urdf=path.resolve(),
+        packages=tuple(Path(p).resolve() for p in packages),
+        notes=(*warned.values(), *_list_notes(inertias, lock)),
     )  # fmt: skip
     return mechanism, warned
 
@@ -193,65 +170,114 @@ def _read_origin(element: Element, where: str) -> Placement:
     return Placement(xyz, compute_rpy_rotation(read_numbers(origin, "rpy", 3, [0, 0, 0], f"{where}, origin")))
 
 
+def _read_inertias(robot: Element, path: Path) -> dict[str, Inertia | None]:
+    """Link -> its inertia, None where it has none; there is at least one."""
+    inertias = _read_by_name(robot, "link", path, _read_inertia)
+    if not inertias:
+        raise make_input_error(str(path), "a robot without links", "at least one <link>", '<link name="base">')
+    if all(inertia is None for inertia in inertias.values()):
+        advice = '<inertial><mass value="..."/><inertia ixx="..." .../></inertial> in the links'
+        raise make_input_error(str(path), "no link with a mass [kg]", "inertia in at least one link", advice)
+    return inertias
+
+
+def _replace_locked(stated: dict[str, Joint], lock: Sequence[str], path: Path) -> dict[str, Joint]:
+    """The joints by name, some of them fixed where they are at zero."""
+    known = [name for name in sorted(stated) if stated[name].nv]
+    joints = dict(stated)
+    for name in lock:
+        if name not in known:
+            near = find_nearest_word(name, known) or (known[0] if known else "no joint")
+            raise make_input_error(str(path), f'lock of joint "{name}"', "a joint of the robot that moves", f'"{near}"')
+        j = stated[name]
+        joints[name] = Joint(name, "fixed", j.parent, j.child, j.placement, actuated=False)
+    return joints
+
+
+def _list_warnings(robot: Element, inertias: dict[str, Inertia | None], lock: Sequence[str]) -> dict[str, str]:
+    """Texts that deserve a warning, by subject."""
+    moving = [j for j in robot.findall("joint") if j.get("type") != "fixed" and j.get("name") not in lock]
+    mimics = [f"{j.get('name')} (of {one.get('joint')})" for j in moving for one in j.findall("mimic")[:1]]
+    stated = {name: inertia for name, inertia in inertias.items() if inertia is not None}
+    odd = [name for name, inertia in stated.items() if describe_impossible_inertia(inertia.tensor)]
+    warned = {}
+    if mimics:
+        warned["mimic"] = f"mimic joints are coordinates of their own: {', '.join(mimics)}"
+    if odd:
+        warned["inertia"] = f"links with an inertia that no body can have, kept as it is: {', '.join(odd)}"
+    return warned
+
+
+def _list_notes(inertias: dict[str, Inertia | None], lock: Sequence[str]) -> list[str]:
+    """Notes that a reader of results must know, and nobody is warned of."""
+    massless = [name for name, inertia in inertias.items() if inertia is None]
+    subjects = ("links without mass", massless), ("joints locked at zero", lock)
+    return [f"{text}: {', '.join(which)}" for text, which in subjects if which]
+
+
 def _read_joint(element: Element, path: Path) -> Joint:
-    kind = element.get("type", "")
+    kind = _read_kind(element, path)
     where = describe_location(path, element)
-    if kind not in URDF_KINDS:
-        near = (
-            "two prismatic and one revolute joint"
-            if kind == "planar"
-            else find_nearest_word(kind, URDF_KINDS) or "revolute"
-        )
-        expected = f"one of {', '.join(URDF_KINDS)}" + ("; planar joints are not supported" if kind == "planar" else "")
-        raise make_input_error(describe_location(path, element, "type"), f'type="{kind[:60]}"', expected, near)
-    ends = []
-    for tag in ("parent", "child"):
-        end = element.find(tag)
-        ends.append("" if end is None else end.get("link", ""))
-        if not ends[-1]:
-            raise make_input_error(f"{where}, {tag}", "nothing", "the name of a link", f'<{tag} link="..."/>')
+    ends = [_read_link_name(element, tag, where) for tag in ("parent", "child")]
     placement = _read_origin(element, where)
     if kind in ("fixed", "floating"):
         return Joint(element.get("name", ""), URDF_KINDS[kind], ends[0], ends[1], placement, actuated=False)
     numbers = read_numbers(element.find("axis"), "xyz", 3, [1, 0, 0], f"{where}, axis")
     axis = scale_to_unit_axis(numbers, f"{where}, axis", '<axis xyz="0 0 1"/>')
-    losses: dict[str, Any] = {}
-    for loss in ("damping", "friction"):
-        value = losses[loss] = read_number(element.find("dynamics"), loss, 0.0, f"{where}, dynamics")
-        if value < 0:
-            raise make_input_error(
-                f"{where}, dynamics", f'{loss}="{value:g}"', f"a {loss} >= 0", f'{loss}="{-value:g}"'
-            )
-    limits = Limits()
-    limit = element.find("limit")
-    at = f"{where}, limit"
-    if limit is not None:  # 0 is how URDF writers say "not stated"; a continuous joint has no position limits
-        effort, velocity = (abs(read_number(limit, k, 0.0, at, NO_LIMIT)) or np.inf for k in ("effort", "velocity"))
-        limits = Limits(effort, velocity)
-        if kind != "continuous":
-            lower, upper = (read_number(limit, k, 0.0, at, NO_LIMIT) for k in ("lower", "upper"))
-            limits = replace(limits, lower=lower, upper=upper)
-            if lower > upper:
-                given = f'lower="{lower:g}" upper="{upper:g}"'
-                raise make_input_error(at, given, "lower <= upper", "the two exchanged, if so meant")
+    losses: dict[str, Any] = {loss: _read_loss(element, loss, where) for loss in ("damping", "friction")}
+    limits = _read_limits(element.find("limit"), kind, f"{where}, limit")
     return Joint(element.get("name", ""), kind, ends[0], ends[1], placement, axis=axis, limits=limits, **losses)
+
+
+def _read_kind(element: Element, path: Path) -> str:
+    """The type of a joint, one of `URDF_KINDS`."""
+    kind = element.get("type", "")
+    if kind in URDF_KINDS:
+        return kind
+    expected = f"one of {', '.join(URDF_KINDS)}"
+    near = find_nearest_word(kind, URDF_KINDS) or "revolute"
+    if kind == "planar":
+        expected += "; planar joints are not supported"
+        near = "two prismatic and one revolute joint"
+    raise make_input_error(describe_location(path, element, "type"), f'type="{kind[:60]}"', expected, near)
+
+
+def _read_link_name(joint: Element, tag: str, where: str) -> str:
+    """The link at an end of a joint."""
+    end = joint.find(tag)
+    name = "" if end is None else end.get("link", "")
+    if not name:
+        raise make_input_error(f"{where}, {tag}", "nothing", "the name of a link", f'<{tag} link="..."/>')
+    return name
+
+
+def _read_loss(joint: Element, loss: str, where: str) -> float:
+    """Damping or friction of a joint."""
+    value = read_number(joint.find("dynamics"), loss, 0.0, f"{where}, dynamics")
+    if value < 0:
+        raise make_input_error(f"{where}, dynamics", f'{loss}="{value:g}"', f"a {loss} >= 0", f'{loss}="{-value:g}"')
+    return value
+
+
+def _read_limits(limit: Element | None, kind: str, where: str) -> Limits:
+    """The limits of a joint: 0 is how URDF writers say "not stated"; a continuous joint has no position limits."""
+    if limit is None:
+        return Limits()
+    effort, velocity = (abs(read_number(limit, k, 0.0, where, NO_LIMIT)) or np.inf for k in ("effort", "velocity"))
+    if kind == "continuous":
+        return Limits(effort, velocity)
+    lower, upper = (read_number(limit, k, 0.0, where, NO_LIMIT) for k in ("lower", "upper"))
+    if lower > upper:
+        given = f'lower="{lower:g}" upper="{upper:g}"'
+        raise make_input_error(where, given, "lower <= upper", "the two exchanged, if so meant")
+    return Limits(effort, velocity, lower=lower, upper=upper)
 
 
 def _add_base(
     links: dict[str, Inertia | None], joints: list[Joint], base: str, where: str
 ) -> tuple[dict[str, Inertia | None], list[Joint]]:
     """Hang the root on the world.  A fixed root named "world" is the world; a moving one gets another name."""
-    carried = {joint.child for joint in joints}
-    roots = [name for name in links if name not in carried]
-    if len(roots) != 1:
-        expected = "a tree with one root link; what closes a loop is a closure of a mechanism file"
-        given = "a joint carries every link: a cycle"
-        advice = "the loop cut at one joint, and [closures.NAME] beside [urdf] for it"
-        if roots:
-            given = f"{len(roots)} links that no joint carries: {', '.join(roots[:5])}"
-            advice = "a fixed joint between the separate parts"
-        raise make_input_error(where, given, expected, advice)
-    root = roots[0]
+    root = _find_root(links, joints, where)
     if root == WORLD and base == "fixed":
         return {name: inertia for name, inertia in links.items() if name != WORLD}, joints
     moved = _find_free_name("world_link", links)
@@ -260,6 +286,21 @@ def _add_base(
     joints = [replace(j, child=moved) if j.child == WORLD else j for j in joints]
     name = _find_free_name("root_joint", [j.name for j in joints])
     return links, [Joint(name, base, WORLD, moved if root == WORLD else root, actuated=False), *joints]
+
+
+def _find_root(links: Iterable[str], joints: list[Joint], where: str) -> str:
+    """The link that no joint carries."""
+    carried = {joint.child for joint in joints}
+    roots = [name for name in links if name not in carried]
+    if len(roots) == 1:
+        return roots[0]
+    expected = "a tree with one root link; what closes a loop is a closure of a mechanism file"
+    given = "a joint carries every link: a cycle"
+    advice = "the loop cut at one joint, and [closures.NAME] beside [urdf] for it"
+    if roots:
+        given = f"{len(roots)} links that no joint carries: {', '.join(roots[:5])}"
+        advice = "a fixed joint between the separate parts"
+    raise make_input_error(where, given, expected, advice)
 
 
 def _find_free_name(name: str, used_names: Collection[str]) -> str:

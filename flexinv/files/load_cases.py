@@ -142,27 +142,8 @@ def _build_case(data: Any, name: str, whole: schema.CasesTable, mechanism: Mecha
     sample = table.sample_s or table.step_s
     mesh = (table.mesh.elements, table.mesh.order) if table.mesh is not None else None
     _check_times(table, motion, end, sample, where)
-    for quantity in table.quantities:
-        if quantity in schema.OF_BEAMS and mechanism.is_rigid:
-            given = f'"{quantity}" of a mechanism without beams'
-            expected = f"torque, wrench or tip: {mechanism.name} is rigid"
-            raise where.make_error("quantities", given, expected, f"quantities without {quantity}")
-    for k, limit in enumerate(table.limits):
-        if limit.quantity not in table.quantities:
-            expected = f"one of the case's quantities: {', '.join(table.quantities)}"
-            write = f'"{limit.quantity}" in quantities, or no limit for it'
-            raise where.make_inner_location(f"limits[{k}]").make_error(
-                "quantity", f'quantity = "{limit.quantity}"', expected, write
-            )
-    measured = None
-    if table.measured is not None:  # in the folder of the cases, like the file of a sampled motion
-        measured = where.file.parent / table.measured
-        if Path(table.measured).name != table.measured or not measured.is_file():
-            near = find_nearest_word(table.measured, sorted(p.name for p in where.file.parent.glob("*.csv")))
-            write = f'measured = "{near}"' if near else "the name of a file that exists"
-            given = f'measured = "{table.measured}"'
-            expected = "the name of a CSV file in the same folder"
-            raise where.make_error("measured", given, expected, write)
+    _check_quantities(table, mechanism, where)
+    measured = None if table.measured is None else _find_measured(table.measured, where)
     limits = *table.limits, *(limit for limit in whole.limits if limit.quantity in table.quantities)
     own = tuple(Limit(**{**dict(limit), "engines": tuple(limit.engines)}) for limit in limits)
     return Case(
@@ -199,6 +180,37 @@ def _is_multiple(value: float, part: float) -> bool:
     return abs(ratio - round(ratio)) <= WHOLE_QUOTIENT * max(ratio, 1.0)
 
 
+def _check_quantities(table: schema.CaseTable, mechanism: Mechanism, where: Location) -> None:
+    """Check that the mechanism has the quantities of a case, and that its limits are of these."""
+    for quantity in table.quantities:
+        if quantity in schema.OF_BEAMS and mechanism.is_rigid:
+            given = f'"{quantity}" of a mechanism without beams'
+            expected = f"torque, wrench or tip: {mechanism.name} is rigid"
+            raise where.make_error("quantities", given, expected, f"quantities without {quantity}")
+    for k, limit in enumerate(table.limits):
+        if limit.quantity not in table.quantities:
+            expected = f"one of the case's quantities: {', '.join(table.quantities)}"
+            write = f'"{limit.quantity}" in quantities, or no limit for it'
+            raise where.make_inner_location(f"limits[{k}]").make_error(
+                "quantity", f'quantity = "{limit.quantity}"', expected, write
+            )
+
+
+def _find_measured(name: str, where: Location) -> Path:
+    """The file of what was measured, in the folder of the cases, like that of a sampled motion."""
+    measured = where.file.parent / name
+    if Path(name).name != name or not measured.is_file():
+        near = find_nearest_word(name, sorted(p.name for p in where.file.parent.glob("*.csv")))
+        write = f'measured = "{near}"' if near else "the name of a file that exists"
+        expected = "the name of a CSV file in the same folder"
+        raise where.make_error("measured", f'measured = "{name}"', expected, write)
+    return measured
+
+
+# Joints that move alike: duration and hold [s], law, delay [s] -> where from and where to.
+Groups = dict[tuple[float, float, str, float], tuple[dict[str, Array], dict[str, Array]]]
+
+
 def read_motion(table: schema.MotionTable, mechanism: Mechanism, where: Location) -> Motion:
     """Make the motion [rad, m, s] that the table describes; InputError where mechanism and table do not fit."""
     if (table.law == "sampled") != (table.csv is not None):
@@ -206,45 +218,17 @@ def read_motion(table: schema.MotionTable, mechanism: Mechanism, where: Location
         key, given, write = without if table.csv is None else ("law", "csv", 'law = "sampled"')
         raise where.make_error(key, given, 'law = "sampled" and csv together', write)
     if table.csv is not None:
-        for name in ("duration_s", "hold_s", "delay_s", "joints", "others"):
-            if getattr(table, name):
-                expected = "the times and joints of the CSV file alone"
-                raise where.make_error(name, f"{name} beside csv", expected, "samples that rest, if so meant")
-        folder = where.file.resolve().parent
-        named = Path(table.csv)
-        samples = (folder / named).resolve()
-        if named.is_absolute() or not samples.is_relative_to(folder):
-            write = f'csv = "{named.name}"'
-            raise where.make_error("csv", f'csv = "{table.csv}"', "a file in the folder of the cases", write)
-        time, columns, gap = read_samples(samples, mechanism, table.largest_gap_s)
-        motion = Motion.from_samples(time, columns, rest=table.rest, max_gap=gap)
-        _check_complete(set(columns), mechanism, where)
-        return motion
-    # joints that move alike: duration and hold [s], law, delay [s] -> where from and where to
-    groups: dict[tuple[float, float, str, float], tuple[dict[str, Array], dict[str, Array]]] = {}
+        return _read_sampled_motion(table, table.csv, mechanism, where)
+    groups: Groups = {}
     for name, data in table.joints.items():
-        here = where.make_inner_location(f"joints.{name}")
-        model, parts, write = schema.MOVES[KINDS[_find_joint(name, mechanism, where).kind].units]
-        move = check_table(model, data, here)
-        duration = move.duration_s or table.duration_s
-        if duration is None:
-            expected = schema.MotionTable.model_fields["duration_s"].description or ""
-            raise where.make_error("duration_s", "nothing", expected, "duration_s = 1.0")
-        hold = table.hold_s if move.hold_s is None else move.hold_s
-        delay = table.delay_s if move.delay_s is None else move.delay_s
-        first, last = groups.setdefault((duration, hold, move.law or table.law, delay), ({}, {}))
-        ends = zip(*(_read_ends(move, part, write, here) for part in parts), strict=True)
-        first[name], last[name] = map(np.concatenate, ends)
+        _add_move(groups, name, data, table, mechanism, where)
     if table.others is None:  # a missing joint that has an actuator is an error; else it is held at zero
         _check_complete(set(table.joints), mechanism, where)
     elif not groups:
         write = "joints.elbow = { from_deg = 0, to_deg = 90 }"
         raise where.make_error("joints", "nothing", "at least one joint that moves", write)
     else:
-        first, last = next(iter(groups.values()))
-        for joint in mechanism.joints:
-            if joint.nv and joint.name not in table.joints and (joint.actuated or KINDS[joint.kind].layout == POSE):
-                first[joint.name] = last[joint.name] = mechanism.neutral[mechanism.q_slices[joint.name]]
+        _add_held_joints(*next(iter(groups.values())), table, mechanism)
     moves = ((*ends, time, hold, law, delay) for (time, hold, law, delay), ends in groups.items())
     return Motion.merge(*(Motion.point_to_point(*move) for move in moves))
 
@@ -321,6 +305,51 @@ def read_places(
     return out
 
 
+def _read_sampled_motion(table: schema.MotionTable, name: str, mechanism: Mechanism, where: Location) -> Motion:
+    """The motion of the CSV file of that name, which has all joints and times."""
+    for key in ("duration_s", "hold_s", "delay_s", "joints", "others"):
+        if getattr(table, key):
+            expected = "the times and joints of the CSV file alone"
+            raise where.make_error(key, f"{key} beside csv", expected, "samples that rest, if so meant")
+    folder = where.file.resolve().parent
+    named = Path(name)
+    samples = (folder / named).resolve()
+    if named.is_absolute() or not samples.is_relative_to(folder):
+        write = f'csv = "{named.name}"'
+        raise where.make_error("csv", f'csv = "{name}"', "a file in the folder of the cases", write)
+    time, columns, gap = read_samples(samples, mechanism, table.largest_gap_s)
+    motion = Motion.from_samples(time, columns, rest=table.rest, max_gap=gap)
+    _check_complete(set(columns), mechanism, where)
+    return motion
+
+
+def _add_held_joints(
+    first: dict[str, Array], last: dict[str, Array], table: schema.MotionTable, mechanism: Mechanism
+) -> None:
+    """Hold the driven and free joints that the motion does not name at zero."""
+    for joint in mechanism.joints:
+        if joint.nv and joint.name not in table.joints and (joint.actuated or KINDS[joint.kind].layout == POSE):
+            first[joint.name] = last[joint.name] = mechanism.neutral[mechanism.q_slices[joint.name]]
+
+
+def _add_move(
+    groups: Groups, name: str, data: Any, table: schema.MotionTable, mechanism: Mechanism, where: Location
+) -> None:
+    """Add the move of a joint to those that are alike; what it does not say of times and law the motion says."""
+    here = where.make_inner_location(f"joints.{name}")
+    model, parts, write = schema.MOVES[KINDS[_find_joint(name, mechanism, where).kind].units]
+    move = check_table(model, data, here)
+    duration = move.duration_s or table.duration_s
+    if duration is None:
+        expected = schema.MotionTable.model_fields["duration_s"].description or ""
+        raise where.make_error("duration_s", "nothing", expected, "duration_s = 1.0")
+    hold = table.hold_s if move.hold_s is None else move.hold_s
+    delay = table.delay_s if move.delay_s is None else move.delay_s
+    first, last = groups.setdefault((duration, hold, move.law or table.law, delay), ({}, {}))
+    ends = zip(*(_read_ends(move, part, write, here) for part in parts), strict=True)
+    first[name], last[name] = map(np.concatenate, ends)
+
+
 def read_samples(path: Path, mechanism: Mechanism, largest_gap: float | None) -> tuple[Array, dict[str, Array], float]:
     """Read time (samples,) [s], joint -> (samples, numbers) [rad, m, -], and the longest interval allowed [s].
 
@@ -330,43 +359,12 @@ def read_samples(path: Path, mechanism: Mechanism, largest_gap: float | None) ->
     rows = list(_read_rows(path))
     header = [name.strip() for name in rows[0][1]] if rows else []
     columns = _read_columns(header, mechanism, path)
-    samples: list[list[float]] = []
-    for line, row in rows[1:]:
-        if len(row) != len(header):
-            given = f"{len(row)} cells"
-            expected = f"{len(header)}, as in the first line"
-            raise make_input_error(f"{path}: line {line}", given, expected, "a number in each column")
-        samples.append([])
-        for name, cell in zip(header, row, strict=True):
-            try:
-                value = float(cell)
-            except ValueError:
-                value = math.nan
-            if not math.isfinite(value):
-                where = f"{path}: line {line}, column {name}"
-                raise make_input_error(where, repr(cell[:40]), "a finite number", "the number, or leave the line out")
-            samples[-1].append(value)
-    table = np.array(samples)
-    lines = [line for line, _ in rows[1:]]
+    table = np.array([_read_row(header, row, f"{path}: line {line}") for line, row in rows[1:]])
     if len(table) < 2:
         raise make_input_error(str(path), f"{len(table)} rows of numbers", "two or more samples", "one row per time")
     time = table[:, 0]
-    steps = np.diff(table[:, 0])
-    gap = LOST_SAMPLES * float(np.median(steps)) if largest_gap is None else largest_gap
-    k = int(np.argmax(steps <= 0))
-    if steps[k] <= 0:
-        where = f"{path}: line {lines[k + 1]}, column time_s"
-        given = f"{time[k + 1]:g} after {time[k]:g}"
-        raise make_input_error(where, given, "times that increase [s]", "the rows sorted by time, each time once")
-    if time[0] != 0.0:
-        where = f"{path}: line {lines[0]}, column time_s"
-        raise make_input_error(where, f"{time[0]:g}", "a first time of 0 [s]", f"all times less {time[0]:g}")
-    k = int(np.argmax(steps))
-    if steps[k] > gap:
-        given = f"a gap of {steps[k]:g} s, from {time[k]:g} to {time[k + 1]:g}"
-        write = f"the samples between, or largest_gap_s = {steps[k] * 1.001:.4g} if the spline may cross it"
-        where = f"{path}: line {lines[k + 1]}, column time_s"
-        raise make_input_error(where, given, f"at most {gap:g} s between samples", write)
+    gap = LOST_SAMPLES * float(np.median(np.diff(time))) if largest_gap is None else largest_gap
+    _check_sample_times(time, gap, [f"{path}: line {line}, column time_s" for line, _ in rows[1:]])
     joints = {}
     for joint in mechanism.joints:
         own = sorted((k, column) for column, (name, k, _) in enumerate(columns) if name == joint.name)
@@ -394,16 +392,43 @@ def _read_rows(path: Path) -> Iterator[tuple[int, list[str]]]:
         ) from None
 
 
+def _read_row(header: list[str], row: list[str], where: str) -> list[float]:
+    """The numbers of a line."""
+    if len(row) != len(header):
+        expected = f"{len(header)}, as in the first line"
+        raise make_input_error(where, f"{len(row)} cells", expected, "a number in each column")
+    numbers = []
+    for name, cell in zip(header, row, strict=True):
+        try:
+            value = float(cell)
+        except ValueError:
+            value = math.nan
+        if not math.isfinite(value):
+            place = f"{where}, column {name}"
+            raise make_input_error(place, repr(cell[:40]), "a finite number", "the number, or leave the line out")
+        numbers.append(value)
+    return numbers
+
+
+def _check_sample_times(time: Array, gap: float, places: list[str]) -> None:
+    """Check that times begin at zero and increase by at most ``gap``; places : of each in its file, in words."""
+    steps = np.diff(time)
+    k = int(np.argmax(steps <= 0))
+    if steps[k] <= 0:
+        given = f"{time[k + 1]:g} after {time[k]:g}"
+        write = "the rows sorted by time, each time once"
+        raise make_input_error(places[k + 1], given, "times that increase [s]", write)
+    if time[0] != 0.0:
+        raise make_input_error(places[0], f"{time[0]:g}", "a first time of 0 [s]", f"all times less {time[0]:g}")
+    k = int(np.argmax(steps))
+    if steps[k] > gap:
+        given = f"a gap of {steps[k]:g} s, from {time[k]:g} to {time[k + 1]:g}"
+        write = f"the samples between, or largest_gap_s = {steps[k] * 1.001:.4g} if the spline may cross it"
+        raise make_input_error(places[k + 1], given, f"at most {gap:g} s between samples", write)
+
+
 def _read_columns(header: list[str], mechanism: Mechanism, path: Path) -> list[Column]:
-    known: dict[str, Column] = {}
-    for joint in mechanism.joints:
-        kind = KINDS[joint.kind]
-        units = LENGTH_UNITS if any(kind.translations) else ANGLE_UNITS
-        for k, suffix in enumerate(("",) if kind.circle else kind.q):
-            if suffix.startswith(".q"):
-                known[joint.name + suffix] = (joint.name, k, 1.0)
-            else:
-                known |= {f"{joint.name}{suffix}_{unit}": (joint.name, k, UNITS[unit][unit]) for unit in units}
+    known = _list_known_columns(mechanism)
     where = f"{path}: line 1"
     if not header or header[0] != "time_s":
         given = f"first column {header[0]!r}" if header else "an empty file"
@@ -417,14 +442,33 @@ def _read_columns(header: list[str], mechanism: Mechanism, path: Path) -> list[C
             expected = "a coordinate with its unit: " + ", ".join(list(known)[:12])
             raise make_input_error(f"{where}, column {k}", name, expected, near or "one of these")
     columns = [known[name] for name in header[1:]]
+    _check_coordinates(header, columns, known, where)
+    return columns
+
+
+def _list_known_columns(mechanism: Mechanism) -> dict[str, Column]:
+    """All names that a column may have."""
+    known: dict[str, Column] = {}
+    for joint in mechanism.joints:
+        kind = KINDS[joint.kind]
+        units = LENGTH_UNITS if any(kind.translations) else ANGLE_UNITS
+        for k, suffix in enumerate(("",) if kind.circle else kind.q):
+            if suffix.startswith(".q"):
+                known[joint.name + suffix] = (joint.name, k, 1.0)
+            else:
+                known |= {f"{joint.name}{suffix}_{unit}": (joint.name, k, UNITS[unit][unit]) for unit in units}
+    return known
+
+
+def _check_coordinates(header: list[str], columns: list[Column], known: Mapping[str, Column], where: str) -> None:
+    """Check that each coordinate stands there once, and all of a joint or none."""
     places = [(joint, k) for joint, k, _ in columns]
     for k, found in enumerate(places):
         if found in places[:k]:
             given = f"{header[k + 1]}: joint {found[0]} twice"
             raise make_input_error(f"{where}, column {k + 2}", given, "each coordinate once", "one of the two")
+    moved = {joint for joint, _ in places}
     for name, (owner, k, _) in known.items():
-        if (owner, k) not in places and owner in {other for other, _ in places}:
-            raise make_input_error(
-                where, f"some coordinates of joint {owner}", "all its coordinates", f"a column {name}"
-            )
-    return columns
+        if (owner, k) not in places and owner in moved:
+            given = f"some coordinates of joint {owner}"
+            raise make_input_error(where, given, "all its coordinates", f"a column {name}")

@@ -269,8 +269,24 @@ def _make_link_flexible(
         expected = f"a joint whose parent is {link.name}: {', '.join(outward) or 'it has none'}"
         write = f'to_joint = "{near}"' if near else "a beam for a link that carries a joint"
         raise where.make_error("to_joint", f'to_joint = "{table.to_joint}"', expected, write)
+    root, length = _compute_beam_root(table, outward[table.to_joint], where)
+    section = assemble_section(table.section, sections, where)
+    beam = Beam(length, section, table.elements, table.order, placement=root)
+    at_root = table.own_inertia == "at_root"
+    bodies = tuple(_move_to_root(body, root) for body in link.bodies) if at_root else ()
+    density = section.mass_per_length
+    mass = float(density[0] if density.size == 1 else np.trapezoid(density, section.stations)) * length
+    own = sum(body.inertia.mass for body in link.bodies)
+    kept = "replaced" if table.own_inertia == "replaced" else "kept as a rigid body at its root"
+    note = f"{link.name} is a beam of {length:.6g} m and {mass:.6g} kg; its URDF inertia ({own:.6g} kg) is {kept}"
+    placed = {name: _move_to_beam(j, root, length, name == table.to_joint) for name, j in outward.items()}
+    return Link(link.name, bodies, beam), placed, note
+
+
+def _compute_beam_root(table: schema.OverlayBeamTable, to: Joint, where: Location) -> tuple[Placement, float]:
+    """The frame of a beam's root in its link, x along the beam, and the beam's length [m]."""
     start = np.array(table.root_xyz_m, dtype=np.float64)
-    along = outward[table.to_joint].placement.position - start
+    along = to.placement.position - start
     length = float(np.linalg.norm(along))
     if length == 0.0:
         expected = f"a root away from joint {table.to_joint}: a beam has a length > 0 [m]"
@@ -285,23 +301,14 @@ def _make_link_flexible(
         write = f"y_axis = {np.eye(3)[int(np.argmin(np.abs(x)))].tolist()}"
         expected = f"a direction that is not along the beam, {np.round(x, 6).tolist()} [-]"
         raise where.make_error("y_axis", f"y_axis = {y.tolist()}", expected, write)
-    root = Placement(start, np.column_stack([x, across / size, np.cross(x, across / size)]))
-    section = assemble_section(table.section, sections, where)
-    beam = Beam(length, section, table.elements, table.order, placement=root)
-    bodies = []
-    for body in (
-        link.bodies if table.own_inertia == "at_root" else ()
-    ):  # seen from there: c' = R^T (c - p), I' = R^T I R
-        com = root.rotation.T @ (body.inertia.com - start)
-        tensor = root.rotation.T @ body.inertia.tensor @ root.rotation
-        bodies.append(replace(body, inertia=Inertia.build_unchecked(body.inertia.mass, com, tensor), station=0.0))
-    density = section.mass_per_length
-    mass = float(density[0] if density.size == 1 else np.trapezoid(density, section.stations)) * length
-    own = sum(body.inertia.mass for body in link.bodies)
-    kept = "replaced" if table.own_inertia == "replaced" else "kept as a rigid body at its root"
-    note = f"{link.name} is a beam of {length:.6g} m and {mass:.6g} kg; its URDF inertia ({own:.6g} kg) is {kept}"
-    placed = {name: _move_to_beam(j, root, length, name == table.to_joint) for name, j in outward.items()}
-    return Link(link.name, tuple(bodies), beam), placed, note
+    return Placement(start, np.column_stack([x, across / size, np.cross(x, across / size)])), length
+
+
+def _move_to_root(body: Body, root: Placement) -> Body:
+    """A body of a link as one at a beam's root: c' = R^T (c - p), I' = R^T I R."""
+    com = root.rotation.T @ (body.inertia.com - root.position)
+    tensor = root.rotation.T @ body.inertia.tensor @ root.rotation
+    return replace(body, inertia=Inertia.build_unchecked(body.inertia.mass, com, tensor), station=0.0)
 
 
 def _move_to_beam(joint: Joint, root: Placement, length: float, at_tip: bool) -> Joint:

@@ -333,26 +333,9 @@ def read_inertia(table: BodyTable, where: Location) -> Inertia:
         expected = f"exactly one of {', '.join(INERTIA_SHAPES)}"
         raise where.make_error("inertia_kgm2", " and ".join(given) or "nothing", expected, advice)
     mass = table.mass_kg
+    tensor = _compute_shape_tensor(table, mass)
     long = table.rod or table.cylinder
-    com = None
-    if long is not None:
-        if isinstance(long, RodTable):
-            axial = long.axial_inertia_kgm2
-            across = mass * long.length_m**2 / 12
-        else:
-            axial = mass * long.radius_m**2 / 2
-            across = mass * (3 * long.radius_m**2 + long.length_m**2) / 12
-        moments = np.full(3, across)
-        moments["xyz".index(long.along)] = axial
-        tensor = np.diag(moments)
-        com = compute_far_end(long) / 2
-    elif table.box is not None:  # m (b^2 + c^2)/12
-        squares = np.square(table.box.size_m)
-        tensor = np.diag(mass * (squares.sum() - squares) / 12)
-    elif table.sphere is not None:
-        tensor = np.eye(3) * (0.4 * mass * table.sphere.radius_m**2)
-    else:
-        tensor = np.asarray(table.inertia_kgm2, dtype=np.float64)
+    com = None if long is None else compute_far_end(long) / 2
     if table.com_m is not None:
         com = np.array(table.com_m, dtype=np.float64)
     if com is None:
@@ -363,6 +346,28 @@ def read_inertia(table: BodyTable, where: Location) -> Inertia:
         rows = np.array2string(tensor, separator=", ").replace("\n", "")
         raise where.make_error(given[0], f"{rows}: {reason}", expected, advice)
     return Inertia(mass, com, (tensor + tensor.T) / 2)
+
+
+def _compute_shape_tensor(table: BodyTable, mass: float) -> Array:
+    """Return the inertia about the centre of mass of the one shape that a body states, or the tensor that it does."""
+    if table.rod is not None:
+        return _build_long_tensor(table.rod, table.rod.axial_inertia_kgm2, mass * table.rod.length_m**2 / 12)
+    if table.cylinder is not None:
+        radius = table.cylinder.radius_m
+        across = mass * (3 * radius**2 + table.cylinder.length_m**2) / 12
+        return _build_long_tensor(table.cylinder, mass * radius**2 / 2, across)
+    if table.box is not None:  # m (b^2 + c^2)/12
+        squares = np.square(table.box.size_m)
+        return np.diag(mass * (squares.sum() - squares) / 12)
+    if table.sphere is not None:
+        return np.eye(3) * (0.4 * mass * table.sphere.radius_m**2)
+    return np.asarray(table.inertia_kgm2, dtype=np.float64)
+
+
+def _build_long_tensor(table: RodTable | CylinderTable, axial: float, across: float) -> Array:
+    moments = np.full(3, across)
+    moments["xyz".index(table.along)] = axial
+    return np.diag(moments)
 
 
 def read_payloads(tables: list[PayloadTable], beam: bool, own: str, where: Location) -> tuple[Body, ...]:

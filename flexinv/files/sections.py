@@ -202,33 +202,43 @@ def assemble_section(value: Any, sections: Mapping[str, CrossSection], where: Lo
     Stations begin at 0, end at 1 and increase, two equal ones are a step; one name is a uniform beam.  Between two sections of
     one shape dimensions and material are linear (more stations say so), between others stiffness and mass are.
     """
-    uniform = isinstance(value, str)
-    rows = [{"at": 0.0, "section": value}] if uniform else value
-    advice = 'section = [{ at = 0, section = "A" }, { at = 1, section = "B" }]'
-    if not isinstance(rows, list) or len(rows) < (1 if uniform else 2):
-        expected = "the name of a [sections.NAME], or two or more stations"
-        raise where.make_error("section", f"section = {format_toml(value)}", expected, advice)
-    tables = [check_table(StationTable, row, where.make_inner_location(f"section[{k}]")) for k, row in enumerate(rows)]
-    at = np.array([table.at for table in tables])
-    if not uniform and (at[0] != 0.0 or at[-1] != 1.0 or not _is_station_list(at)):
-        expected = "at increasing from 0 to 1 [-]; two equal ones between are a step"
-        raise where.make_error("section", f"at = {at.tolist()}", expected, advice)
-    for name in (table.section for table in tables):
-        if name not in sections:
-            near = find_nearest_word(name, sections)
-            expected = f"one of the sections {', '.join(sections)}" if sections else "a section that the file has"
-            write = f'section = "{near}"' if near else f"a table [sections.{name}]"
-            raise where.make_error("section", f'section = "{name}"', expected, write)
-    own = [sections[table.section] for table in tables]
-    stations = [(float(at[0]), own[0])]  # with more between those of one shape, wherever linear would not be the taper
-    for (start, first), (end, last) in pairwise(zip(at.tolist(), own, strict=True)):
+    tables = _read_stations(value, where)
+    own = [_find_section(table.section, sections, where) for table in tables]
+    at = [table.at for table in tables]
+    stations = [(at[0], own[0])]  # with more between those of one shape, wherever linear would not be the taper
+    for (start, first), (end, last) in pairwise(zip(at, own, strict=True)):
         if end > start and first.table is not None and type(first.table) is type(last.table):
             stations += _list_stations_between(first, last, start, end)
         stations.append((end, last))
     numbers = np.array([part.numbers for _, part in stations])
     stiffness, mass, rotary, retardation = np.split(numbers, [6, 7, 10], axis=1)
-    at = np.array([place for place, _ in stations])
-    return Section(at, stiffness, mass[:, 0], rotary, retardation * stiffness if retardation.any() else None)
+    places = np.array([place for place, _ in stations])
+    return Section(places, stiffness, mass[:, 0], rotary, retardation * stiffness if retardation.any() else None)
+
+
+def _read_stations(value: Any, where: Location) -> list[StationTable]:
+    """The stations that a file states, one at the root where it has nothing but a name."""
+    if isinstance(value, str):
+        return [check_table(StationTable, {"at": 0.0, "section": value}, where.make_inner_location("section[0]"))]
+    advice = 'section = [{ at = 0, section = "A" }, { at = 1, section = "B" }]'
+    if not isinstance(value, list) or len(value) < 2:
+        expected = "the name of a [sections.NAME], or two or more stations"
+        raise where.make_error("section", f"section = {format_toml(value)}", expected, advice)
+    tables = [check_table(StationTable, row, where.make_inner_location(f"section[{k}]")) for k, row in enumerate(value)]
+    at = np.array([table.at for table in tables])
+    if at[0] != 0.0 or at[-1] != 1.0 or not _is_station_list(at):
+        expected = "at increasing from 0 to 1 [-]; two equal ones between are a step"
+        raise where.make_error("section", f"at = {at.tolist()}", expected, advice)
+    return tables
+
+
+def _find_section(name: str, sections: Mapping[str, CrossSection], where: Location) -> CrossSection:
+    if name in sections:
+        return sections[name]
+    near = find_nearest_word(name, sections)
+    expected = f"one of the sections {', '.join(sections)}" if sections else "a section that the file has"
+    write = f'section = "{near}"' if near else f"a table [sections.{name}]"
+    raise where.make_error("section", f'section = "{name}"', expected, write)
 
 
 def _is_station_list(at: NDArray[np.floating]) -> bool:

@@ -214,27 +214,30 @@ def _describe_error(model: type[Table], error: Any, top: Location) -> tuple[str,
     inner = Location(top.file, (top.table + parts).removeprefix("."))
     owner, info = _find_field(model, [part for part in loc if isinstance(part, str)])
     if error["type"] == "extra_forbidden":
-        known = list(owner.model_fields)
-        given = f"{name} = {format_toml(error['input'])}"
-        better = find_correction(name, error["input"], known)
-        if better:
-            right, number = better
-            info = owner.model_fields[right]
-            write = f"{right} = {format_toml(number)}" if number is not None else (info.examples or [right])[0]
-            expected = f"{right}, {info.description} (a key ends in its unit)"
-            return str(make_input_error(inner.describe_key(name), given, expected, write)), ".".join(
-                map(str, [*loc[:-1], right])
-            )
-        near = arguments.find_nearest_word(name, known)
-        advice = f"{near} instead of {name}" if near else "one of these, or remove it"
-        fixed = ".".join(map(str, [*loc[:-1], near])) if near else ""
-        return str(make_input_error(inner.describe_key(name), given, f"one of {', '.join(known)}", advice)), fixed
+        complaint, instead = _describe_unknown_key(owner, name, error["input"], inner)
+        return complaint, ".".join(map(str, [*loc[:-1], instead])) if instead else ""
     expected, write = (info.description or "", info.examples[0]) if info and info.examples else (error["msg"], name)
     if error["type"] == "missing":
         return str(inner.make_error(name, "nothing", expected, write)), ""
     said = error["msg"].removeprefix("Value error, ").removeprefix("Input ")
     given = f"{name}{index} = {format_toml(error['input'])}  ({said[0].lower()}{said[1:]})"
     return str(inner.make_error(name, given, expected, write)), ""
+
+
+def _describe_unknown_key(owner: type[Table], name: str, value: Any, where: Location) -> tuple[str, str]:
+    """The complaint about a key that a table does not have, and the one that it tells to write, or "" without one."""
+    known = list(owner.model_fields)
+    given = f"{name} = {format_toml(value)}"
+    better = find_correction(name, value, known)
+    if better:
+        right, number = better
+        info = owner.model_fields[right]
+        write = f"{right} = {format_toml(number)}" if number is not None else (info.examples or [right])[0]
+        expected = f"{right}, {info.description} (a key ends in its unit)"
+        return str(make_input_error(where.describe_key(name), given, expected, write)), right
+    near = arguments.find_nearest_word(name, known) or ""
+    advice = f"{near} instead of {name}" if near else "one of these, or remove it"
+    return str(make_input_error(where.describe_key(name), given, f"one of {', '.join(known)}", advice)), near
 
 
 def _find_field(model: type[Table], keys: list[str]) -> tuple[type[Table], FieldInfo | None]:

@@ -26,16 +26,25 @@ def is_same(one: Any, other: Any) -> bool:
         return len(one) == len(other) and all(map(is_same, one, other))
     if isinstance(one, Mapping):
         return one.keys() == other.keys() and all(is_same(value, other[key]) for key, value in one.items())
-    if isinstance(one, BaseException):
-        return is_same(one.args, other.args)
-    if isinstance(one, partial):
-        return is_same((one.func, one.args, one.keywords), (other.func, other.args, other.keywords))
-    if is_dataclass(one):
-        compared = [field.name for field in fields(one) if field.compare]
-        return all(is_same(getattr(one, name), getattr(other, name)) for name in compared)
-    kind: Any = type(one)
-    if kind.__eq__ is object.__eq__ and hasattr(one, "__dict__") and not isinstance(one, FunctionType):
-        return is_same(vars(one), vars(other))
+    data = _take_data(one)
+    return _is_same_plain(one, other) if data is one else is_same(data, _take_data(other))
+
+
+def _take_data(value: Any) -> Any:
+    """The parts of a record; a value that compares by itself is its own data."""
+    if isinstance(value, BaseException):
+        return value.args
+    if isinstance(value, partial):
+        return value.func, value.args, value.keywords
+    if is_dataclass(value):
+        return [getattr(value, field.name) for field in fields(value) if field.compare]
+    kind: Any = type(value)
+    if kind.__eq__ is object.__eq__ and hasattr(value, "__dict__") and not isinstance(value, FunctionType):
+        return vars(value)
+    return value
+
+
+def _is_same_plain(one: Any, other: Any) -> bool:
     return bool(one == other) or bool(one != one and other != other)
 
 

@@ -119,6 +119,15 @@ class Mechanism(Frozen):
 
     def _check(self, where: str) -> None:
         """Raise InputError unless links and joints are a tree, named once each, parents first, and attachments are on them."""
+        self._check_names(where)
+        self._check_tree(where)
+        placed = {WORLD, *(link.name for link in self.links)}
+        for end in self.attachments:
+            if end.link not in placed:
+                raise InputError(f"{where}something is attached to {end.link!r}, which is no link and not {WORLD!r}")
+
+    def _check_names(self, where: str) -> None:
+        """Raise InputError where two of a kind, or two coordinates, have one name."""
         for kind in ("links", "joints", "closures", "springs", "forces"):
             names = [one.name for one in getattr(self, kind)]
             if twice := sorted(
@@ -131,6 +140,9 @@ class Mechanism(Frozen):
                 raise InputError(
                     f"{where}coordinates named twice: {', '.join(several)}; expected other names of joints"
                 )
+
+    def _check_tree(self, where: str) -> None:
+        """Raise InputError unless each link is carried by one joint, which comes after those that carry its parent."""
         links = {link.name: link for link in self.links}
         placed = {WORLD}
         for joint in self.joints:
@@ -145,9 +157,6 @@ class Mechanism(Frozen):
             placed.add(joint.child)
         if lost := [name for name in links if name not in placed]:
             raise InputError(f"{where}no joint carries {', '.join(lost)}; expected one joint for each link")
-        for end in self.attachments:
-            if end.link not in placed:
-                raise InputError(f"{where}something is attached to {end.link!r}, which is no link and not {WORLD!r}")
 
     @cached_property
     def link_of(self) -> dict[str, Link]:
