@@ -312,16 +312,8 @@ def add_rate_derivatives(point, rate, damping, w, parts):
     by_u = rows(d_n, mscale(-1.0, mul(whirl, transpose(s))))
     slides = mul(vec3.msub(skew(slid), mul(whirl, skew(stretch))), h)
     by_psi = rows(d_n, madd(slides, mul(skew(stretch), compute_tangent_slope(psi, psi_rate, q, 1.0))))
-    x, y, z = EYE
-    a = compute_tangent_slope(psi, x, q, 1.0)
-    b = compute_tangent_slope(psi, y, q, 1.0)
-    c = compute_tangent_slope(psi, z, q, 1.0)
-    grown = transpose((apply(a, psi_rate), apply(b, psi_rate), apply(c, psi_rate)))
-    a = compute_tangent_curvature(psi, x, dpsi, q)
-    b = compute_tangent_curvature(psi, y, dpsi, q)
-    c = compute_tangent_curvature(psi, z, dpsi, q)
-    twice = apply(a, psi_rate), apply(b, psi_rate), apply(c, psi_rate)
-    by_slope = rows(d_m, grown)
+    by_slope = rows(d_m, _compute_tangent_rate(psi, psi_rate, q))
+    twice = _compute_curvature_rate(psi, dpsi, psi_rate, q)
     by_bend = rows(d_m, madd(compute_tangent_slope(psi, dpsi_rate, q, 1.0), twice))
     _add_part(parts[0], 0, 0, mscale(w, mul(s, by_u)))
     _add_part(parts[0], 3, 3, mscale(w, tmul(h, by_slope)))
@@ -330,6 +322,26 @@ def add_rate_derivatives(point, rate, damping, w, parts):
     _add_part(parts[2], 3, 0, mscale(w, tmul(spin, by_u)))
     _add_part(parts[2], 3, 3, mscale(w, tmul(bend, by_slope)))
     _add_part(parts[3], 3, 3, mscale(w, madd(tmul(spin, by_psi), tmul(bend, by_bend))))
+
+
+@jit_inner
+def _compute_tangent_rate(psi, rate, q):
+    """dH/dt, column by column d(H e)/dpsi psi'."""
+    x, y, z = EYE
+    a = apply(compute_tangent_slope(psi, x, q, 1.0), rate)
+    b = apply(compute_tangent_slope(psi, y, q, 1.0), rate)
+    c = apply(compute_tangent_slope(psi, z, q, 1.0), rate)
+    return transpose((a, b, c))
+
+
+@jit_inner
+def _compute_curvature_rate(psi, dpsi, rate, q):
+    """The rate of d(H dpsi)/dpsi, from the second derivatives of H dpsi."""
+    x, y, z = EYE
+    a = apply(compute_tangent_curvature(psi, x, dpsi, q), rate)
+    b = apply(compute_tangent_curvature(psi, y, dpsi, q), rate)
+    c = apply(compute_tangent_curvature(psi, z, dpsi, q), rate)
+    return a, b, c
 
 
 @jit_inner

@@ -72,21 +72,12 @@ def _add_point(k, g, count, elements, scratch, rates, internal, want_tangent):
     if rates is not None:
         damping = vec_at(elements.damping[k, g], 0), vec_at(elements.damping[k, g], 3)
         rate = make_rate(count, shape, slope, point, rates)
-        n_lost = vec3.times(damping[0], rate.gamma)
-        m_lost = vec3.times(damping[1], rate.kappa)
-        n = add(n, n_lost)
-        m = add(m, m_lost)
-        lost = w * (dot(n_lost, rate.gamma) + dot(m_lost, rate.kappa))
+        n, m, power = _add_damping(rate, damping, n, m)
+        lost = w * power
     put(internal, 0, n)
     put(internal, 3, m)
     couple = vec3.cross(n, point.stretch)
-    # dE/du', dE/dpsi'
-    by_du = scale(w, vec3.apply(point.s, n))
-    by_dpsi = scale(w, vec3.tapply(point.h, m))
-    by_psi = scale(w, add(vec3.tapply(point.h, couple), vec3.tapply(point.bend, m)))
-    for i in range(1, count):
-        vec3.add_to(scratch.gradient[i], 0, scale(slope[i], by_du))
-        vec3.add_to(scratch.gradient[i], 3, add(scale(shape[i], by_psi), scale(slope[i], by_dpsi)))
+    _add_point_gradient(count, shape, slope, w, point, (n, m, couple), scratch.gradient)
     if want_tangent:
         fill_point_hessian(point, (n, m, couple), stiffness, w, scratch.parts)
         if rates is not None:
@@ -95,6 +86,26 @@ def _add_point(k, g, count, elements, scratch, rates, internal, want_tangent):
             add_to_node_pairs(count, shape, slope, rates.parts, rates.drag, True)
         add_to_node_pairs(count, shape, slope, scratch.parts, scratch.hessian, rates is not None)
     return stored, lost
+
+
+@jit_inner
+def _add_damping(rate, damping, n, m):
+    """The stress resultants with those of damping [N], [N m], and the power that these lose [W/m]."""
+    n_lost = vec3.times(damping[0], rate.gamma)
+    m_lost = vec3.times(damping[1], rate.kappa)
+    return add(n, n_lost), add(m, m_lost), dot(n_lost, rate.gamma) + dot(m_lost, rate.kappa)
+
+
+@jit_inner
+def _add_point_gradient(count, shape, slope, w, point, resultants, gradient):
+    """Add a Gauss point to dE/d(u_i, psi_i), from n, m and n x y."""
+    n, m, couple = resultants
+    by_du = scale(w, vec3.apply(point.s, n))
+    by_dpsi = scale(w, vec3.tapply(point.h, m))
+    by_psi = scale(w, add(vec3.tapply(point.h, couple), vec3.tapply(point.bend, m)))
+    for i in range(1, count):
+        vec3.add_to(gradient[i], 0, scale(slope[i], by_du))
+        vec3.add_to(gradient[i], 3, add(scale(shape[i], by_psi), scale(slope[i], by_dpsi)))
 
 
 @jit_inner

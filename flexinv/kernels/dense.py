@@ -171,13 +171,8 @@ def invert_scaled(m, rows, least, over, left):
         for j in range(rows):
             m[i, j] *= over[i] * over[j]
     for _ in range(rows):
-        p = 0
-        largest = least
-        for i in range(rows):
-            if left[i] and abs(m[i, i]) > largest:
-                p = i
-                largest = abs(m[i, i])
-        if not largest > least:
+        p = _find_pivot(m, rows, least, left)
+        if p < 0:
             break
         left[p] = False
         _sweep(m, p, rows)
@@ -187,6 +182,18 @@ def invert_scaled(m, rows, least, over, left):
 
 
 # ------------------------------------------------------------------- block tridiagonal: one block row for every instant
+
+
+@jit_inner
+def _find_pivot(m, rows, least, left):
+    """The row that is left with the largest diagonal entry above ``least``, -1 without one."""
+    p = -1
+    largest = least
+    for i in range(rows):
+        if left[i] and abs(m[i, i]) > largest:
+            p = i
+            largest = abs(m[i, i])
+    return p
 
 
 @jit
@@ -204,14 +211,10 @@ def _solve_rows(whole, window, x):
             window[i, 2 * n : wide - 1] = 0.0
             window[i, wide - 1] = window[n + i, wide - 1]
         if k + 1 < samples:
-            for i in range(n):
-                for j in range(wide):
-                    window[n + i, j] = whole[k + 1, i, j]
+            _copy_rows(whole[k + 1], window[n:], n, wide)
         if k >= 0:
             eliminate(window, n, 2 * n if k + 1 < samples else n, wide)
-            for i in range(n):
-                for j in range(wide):
-                    whole[k, i, j] = window[i, j]
+            _copy_rows(window, whole[k], n, wide)
     for k in range(samples - 1, -1, -1):
         for i in range(n - 1, -1, -1):
             value = whole[k, i, 3 * n]
@@ -378,32 +381,52 @@ def _subtract_row(m, blocks, b, i, k, pivots):
 
 
 @jit_inner
+def _copy_rows(source, target, rows, columns):
+    for i in range(rows):
+        for j in range(columns):
+            target[i, j] = source[i, j]
+
+
+@jit_inner
 def solve_blocks(m, blocks, pivots, right, x):
     """Solve for x (rows,) with the factors at hand [any unit]; ``right`` (rows,) is overwritten."""
     if m.shape[0] == 2 and pivots.row[0] == INVERTED:
         x[0] = m[0, 0] * right[0] + m[0, 1] * right[1]
         x[1] = m[1, 0] * right[0] + m[1, 1] * right[1]
         return
-    row = pivots.row
-    column = pivots.column
     for k in range(m.shape[0]):
         right[k] *= pivots.over[k]
+    _update_right(m, blocks, pivots, right)
+    _solve_triangle(m, blocks, pivots, right, x)
+    for k in range(m.shape[0]):
+        x[k] *= pivots.over[k]
+
+
+@jit_inner
+def _update_right(m, blocks, pivots, right):
+    """Change the right side as the elimination of each pivot has changed the rows."""
+    row = pivots.row
     for b in range(blocks.start.shape[0]):
         for k in range(blocks.start[b], blocks.end[b]):
             if row[k] < 0:
                 continue
-            # as the elimination of pivot k has changed the rows
             value = right[row[k]]
-            c = column[k]
+            c = pivots.column[k]
             for i in range(k + 1, blocks.end[b]):
                 if row[i] >= 0:
                     right[row[i]] -= m[row[i], c] * value
             for n in range(blocks.first[b], blocks.first[b + 1]):
                 for i in range(blocks.start[blocks.beside[n]], blocks.end[blocks.beside[n]]):
                     right[i] -= m[i, c] * value
+
+
+@jit_inner
+def _solve_triangle(m, blocks, pivots, right, x):
+    """Solve the triangle that the elimination has left, from its last pivot on; zero where there was none."""
+    column = pivots.column
     for b in range(blocks.start.shape[0] - 1, -1, -1):
         for k in range(blocks.end[b] - 1, blocks.start[b] - 1, -1):
-            r = row[k]
+            r = pivots.row[k]
             c = column[k]
             if r < 0:
                 x[c] = 0.0
@@ -415,5 +438,3 @@ def solve_blocks(m, blocks, pivots, right, x):
                 for j in range(blocks.start[blocks.beside[n]], blocks.end[blocks.beside[n]]):
                     value -= m[r, j] * x[j]
             x[c] = value / m[r, c]
-    for k in range(m.shape[0]):
-        x[k] *= pivots.over[k]

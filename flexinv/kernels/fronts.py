@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence, Sized
 from functools import lru_cache
 from typing import NamedTuple
 
@@ -57,32 +58,16 @@ def _build_fronts(shape: tuple[int, int], entries: bytes, last: bytes) -> Fronts
     turn = np.empty(count, dtype=np.int64)
     turn[order] = np.arange(count)
     groups = _join_fronts([[c] for c in order], [sorted(f, key=lambda c: turn[c]) for f in further])
-    rows: list[list[int]] = [[] for _ in groups]
-    front = np.empty(count, dtype=np.int64)
-    for f, (own, _) in enumerate(groups):
-        front[own] = f
-    for r, row in enumerate(pattern):
-        where = np.flatnonzero(row)
-        if len(where):
-            rows[int(front[where].min())].append(r)
+    front = {column: f for f, (own, _) in enumerate(groups) for column in own}
+    rows = _list_rows(pattern, front, len(groups))
     # the arrays: rows and values one front after the other
+    parent = [front[others[0]] if others else -1 for _, others in groups]
+    source, base = _list_sources(rows, groups, parent)
     local = [{column: k for k, column in enumerate(own + others)} for own, others in groups]
-    parent = np.array([front[others[0]] if others else -1 for _, others in groups], dtype=np.int64)
-    source = [list(own) for own in rows]
-    base = np.zeros(len(groups), dtype=np.int64)
-    for f, (_, others) in enumerate(groups):
-        if others:
-            base[f] = len(source[parent[f]])
-            source[parent[f]] += [-1] * min(len(source[f]), len(others))
     place = [[-1] * len(own) + [local[parent[f]][c] for c in others] for f, (own, others) in enumerate(groups)]
-    tall, wide = (np.array([len(part) for part in parts], dtype=np.int64) for parts in (source, local))
+    tall = _count_each(source)
+    wide = _count_each(local)
     start = _compute_offsets(tall * wide)
-    entry = [
-        (r, int(c), int(start[f] + local[f][int(c)] * tall[f] + k))
-        for f in range(len(groups))
-        for k, r in enumerate(rows[f])
-        for c in np.flatnonzero(pattern[r])
-    ]
     return Fronts(
         columns=count,
         first=_compute_offsets(wide),
@@ -92,10 +77,47 @@ def _build_fronts(shape: tuple[int, int], entries: bytes, last: bytes) -> Fronts
         begin=_compute_offsets(tall),
         source=_join_parts(source),
         start=start,
-        parent=parent,
-        base=base,
-        entry=np.array(entry, dtype=np.int64).reshape(-1, 3),
+        parent=np.array(parent, dtype=np.int64),
+        base=np.array(base, dtype=np.int64),
+        entry=_list_entries(pattern, rows, local, start, tall),
     )
+
+
+def _list_rows(pattern: NDArray[np.bool_], front: dict[int, int], fronts: int) -> list[list[int]]:
+    """Rows of the matrix of each front: a row belongs to the first that eliminates one of its columns."""
+    rows: list[list[int]] = [[] for _ in range(fronts)]
+    for r, row in enumerate(pattern):
+        where = np.flatnonzero(row).tolist()
+        if where:
+            rows[min(front[c] for c in where)].append(r)
+    return rows
+
+
+def _list_sources(
+    rows: list[list[int]], groups: list[tuple[list[int], list[int]]], parent: list[int]
+) -> tuple[list[list[int]], list[int]]:
+    """All rows of each front, -1 where a child's comes, and the first that it fills in its parent."""
+    source = [list(own) for own in rows]
+    base = [0] * len(groups)
+    for f, (_, others) in enumerate(groups):
+        if others:
+            above = source[parent[f]]
+            base[f] = len(above)
+            above += [-1] * min(len(source[f]), len(others))
+    return source, base
+
+
+def _list_entries(
+    pattern: NDArray[np.bool_], rows: list[list[int]], local: list[dict[int, int]], start: Indices, tall: Indices
+) -> Indices:
+    """Row and column of every entry of the matrix, and its value's place, column by column of its front."""
+    entry = [
+        (r, int(c), int(start[f] + local[f][int(c)] * tall[f] + k))
+        for f, own in enumerate(rows)
+        for k, r in enumerate(own)
+        for c in np.flatnonzero(pattern[r])
+    ]
+    return np.array(entry, dtype=np.int64).reshape(-1, 3)
 
 
 def find_least_degree_order(
@@ -140,6 +162,10 @@ def _join_fronts(own: list[list[int]], further: list[list[int]]) -> list[tuple[l
                 holder[column] = parent
             gone.add(f)
     return [(own[f], further[f]) for f in range(len(own)) if f not in gone]
+
+
+def _count_each(parts: Sequence[Sized]) -> Indices:
+    return np.array([len(part) for part in parts], dtype=np.int64)
 
 
 def _compute_offsets(counts: Indices) -> Indices:

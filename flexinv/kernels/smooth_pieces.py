@@ -202,15 +202,16 @@ def fit_pieces(function: Callable[[Array], Array], breaks: ArrayLike, size: Arra
         coefficients[jumps] = _compute_lines(values[jumps])
         smooth |= jumps
         done.append((begin[smooth], end[smooth], coefficients[smooth]))
-        left = begin[~smooth]
-        right = end[~smooth]
         before = np.repeat(tail[~smooth], 2)
-        middle = 0.5 * (left + right)
-        begin = np.stack([left, middle], axis=1).reshape(-1)
-        end = np.stack([middle, right], axis=1).reshape(-1)
+        begin, end = _split_in_halves(begin[~smooth], end[~smooth])
     first, last, fitted = (np.concatenate([part[k] for part in done]) for k in range(3))
     order = np.argsort(first)
     return Pieces(first[order], last[order], fitted[order], scale)
+
+
+def _split_in_halves(begin: Array, end: Array) -> tuple[Array, Array]:
+    middle = 0.5 * (begin + end)
+    return np.stack([begin, middle], axis=1).reshape(-1), np.stack([middle, end], axis=1).reshape(-1)
 
 
 def _compute_lines(values: Array) -> Array:

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from flexinv.kernels.jit import jit, jit_inner
 from flexinv.kernels.records import send_by_address
 from flexinv.kernels.so3 import quadratic
-from flexinv.kernels.vec3 import add, apply, cross, dot, mat, mul, put, put_block, scale, vec, vec_at
+from flexinv.kernels.vec3 import ZERO, add, apply, cross, dot, mat, mul, put, put_block, scale, vec, vec_at
 from flexinv.kinematics.mesh import Mesh
 from flexinv.kinematics.tree import Joints, compute_child_motion, take_sample
 from flexinv.model.joint_kinds import CONTINUOUS, FREE, SPHERICAL
@@ -59,39 +59,52 @@ def move_joint(n, nodes, q, qd, qdd, joints):
     i = nodes.q_index[n]
     k = nodes.v_index[n]
     placed = mat(nodes.rotation[n])
-    none = (0.0, 0.0, 0.0)
     p = vec(nodes.offset[n])
-    dp = none
-    ddp = none
+    if k < 0:
+        _write_joint(n, joints, p, ZERO, ZERO, placed, ZERO, ZERO)
+    elif kind == SPHERICAL:
+        turn = mul(placed, turn_of(q, i))
+        _write_joint(n, joints, p, ZERO, ZERO, turn, vec_at(qd, k), vec_at(qdd, k))
+    elif kind == FREE:
+        turn = mul(placed, turn_of(q, i + 3))
+        v = vec_at(qd, k)
+        w = vec_at(qd, k + 3)
+        dp = apply(turn, v)
+        ddp = apply(turn, add(vec_at(qdd, k), cross(w, v)))
+        _write_joint(n, joints, add(p, apply(placed, vec_at(q, i))), dp, ddp, turn, w, vec_at(qdd, k + 3))
+    else:
+        _move_scalar_joint(n, nodes, q, qd, qdd, joints)
+
+
+@jit_inner
+def _move_scalar_joint(n, nodes, q, qd, qdd, joints):
+    """The same of a joint with one velocity coordinate, which slides, turns or does both along one axis."""
+    i = nodes.q_index[n]
+    k = nodes.v_index[n]
+    placed = mat(nodes.rotation[n])
+    slide = vec(nodes.slide[n, 0])
+    axis = vec(nodes.turn[n, 0])
+    p = vec(nodes.offset[n])
+    dp = ZERO
+    ddp = ZERO
     turn = placed
-    w = none
-    al = none
-    if k >= 0:
-        if kind == SPHERICAL:
-            turn = mul(placed, turn_of(q, i))
-            w = vec_at(qd, k)
-            al = vec_at(qdd, k)
-        elif kind == FREE:
-            turn = mul(placed, turn_of(q, i + 3))
-            v = vec_at(qd, k)
-            w = vec_at(qd, k + 3)
-            al = vec_at(qdd, k + 3)
-            p = add(p, apply(placed, vec_at(q, i)))
-            dp = apply(turn, v)
-            ddp = apply(turn, add(vec_at(qdd, k), cross(w, v)))
-        else:
-            slide = vec(nodes.slide[n, 0])
-            axis = vec(nodes.turn[n, 0])
-            if dot(slide, slide) > 0.0:
-                along = apply(placed, slide)
-                p = add(p, scale(q[i], along))
-                dp = scale(qd[k], along)
-                ddp = scale(qdd[k], along)
-            if dot(axis, axis) > 0.0:
-                c, s = (q[i], q[i + 1]) if kind == CONTINUOUS else (math.cos(q[i]), math.sin(q[i]))
-                turn = mul(placed, quadratic(axis, c, s, 1.0 - c))
-                w = scale(qd[k], axis)
-                al = scale(qdd[k], axis)
+    w = ZERO
+    al = ZERO
+    if dot(slide, slide) > 0.0:
+        along = apply(placed, slide)
+        p = add(p, scale(q[i], along))
+        dp = scale(qd[k], along)
+        ddp = scale(qdd[k], along)
+    if dot(axis, axis) > 0.0:
+        c, s = (q[i], q[i + 1]) if nodes.kind[n] == CONTINUOUS else (math.cos(q[i]), math.sin(q[i]))
+        turn = mul(placed, quadratic(axis, c, s, 1.0 - c))
+        w = scale(qd[k], axis)
+        al = scale(qdd[k], axis)
+    _write_joint(n, joints, p, dp, ddp, turn, w, al)
+
+
+@jit_inner
+def _write_joint(n, joints, p, dp, ddp, turn, w, al):
     put(joints.p[n], 0, p)
     put(joints.dp[n], 0, dp)
     put(joints.ddp[n], 0, ddp)

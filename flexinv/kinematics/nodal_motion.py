@@ -218,34 +218,34 @@ def fill_passive(mesh: Mesh, motion: NodalMotion, passive: set[str], q: Array, q
     for name in passive & mesh.mechanism.joint_of.keys():
         span = mesh.mechanism.v_slices[name]
         for node in np.flatnonzero((mesh.v_index >= span.start) & (mesh.v_index < span.stop)):
-            kind = int(mesh.kind[node])
-            axis = mesh.axis[node]
             nq = mesh.q_index[node]
             nv = mesh.v_index[node]
-            p, dp, ddp, turn, rate, acceleration = _compute_joint_motion(mesh, motion, int(node))
-            if kind == SPHERICAL:
-                q[:, nq : nq + 4] = _compute_quaternions(turn, q[0, nq : nq + 4])
-                qd[:, nv : nv + 3] = rate
-                qdd[:, nv : nv + 3] = acceleration
-            elif kind == FREE:
-                v = np.einsum("sji,sj->si", turn, dp)  # (sample, xyz), child's frame
-                dv = np.einsum("sji,sj->si", turn, ddp) - np.cross(rate, v)
-                q[:, nq : nq + 7] = np.hstack([p, _compute_quaternions(turn, q[0, nq + 3 : nq + 7])])
-                qd[:, nv : nv + 6] = np.hstack([v, rate])
-                qdd[:, nv : nv + 6] = np.hstack([dv, acceleration])
-            elif not mesh.turn[node].any():
-                q[:, nq] = p @ axis
-                qd[:, nv] = dp @ axis
-                qdd[:, nv] = ddp @ axis
-            else:
-                angle = np.unwrap(log_so3(turn) @ axis)
-                if kind == CONTINUOUS:
-                    q[:, nq] = np.cos(angle)
-                    q[:, nq + 1] = np.sin(angle)
-                else:
-                    q[:, nq] = angle + 2 * np.pi * np.round((q[0, nq] - angle[0]) / (2 * np.pi))
-                qd[:, nv] = rate @ axis
-                qdd[:, nv] = acceleration @ axis
+            places, rates, accelerations = _resolve_coordinates(mesh, motion, int(node), q[0, nq:])
+            q[:, nq : nq + places.shape[1]] = places
+            qd[:, nv : nv + rates.shape[1]] = rates
+            qdd[:, nv : nv + accelerations.shape[1]] = accelerations
+
+
+def _resolve_coordinates(mesh: Mesh, motion: NodalMotion, node: int, first: Array) -> tuple[Array, Array, Array]:
+    """Coordinates, rates and accelerations of the joint of a node (samples, each); ``first`` : where they are to begin."""
+    kind = int(mesh.kind[node])
+    axis = mesh.axis[node]
+    p, dp, ddp, turn, rate, acceleration = _compute_joint_motion(mesh, motion, node)
+    if kind == SPHERICAL:
+        return _compute_quaternions(turn, first[:4]), rate, acceleration
+    if kind == FREE:
+        v = np.einsum("sji,sj->si", turn, dp)  # (sample, xyz), child's frame
+        dv = np.einsum("sji,sj->si", turn, ddp) - np.cross(rate, v)
+        places = np.hstack([p, _compute_quaternions(turn, first[3:7])])
+        return places, np.hstack([v, rate]), np.hstack([dv, acceleration])
+    if not mesh.turn[node].any():
+        return (p @ axis)[:, None], (dp @ axis)[:, None], (ddp @ axis)[:, None]
+    angle = np.unwrap(log_so3(turn) @ axis)
+    if kind == CONTINUOUS:
+        places = np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    else:
+        places = (angle + 2 * np.pi * np.round((first[0] - angle[0]) / (2 * np.pi)))[:, None]
+    return places, (rate @ axis)[:, None], (acceleration @ axis)[:, None]
 
 
 def _compute_joint_motion(mesh: Mesh, motion: NodalMotion, node: int) -> tuple[Array, ...]:

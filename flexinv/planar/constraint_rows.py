@@ -46,6 +46,14 @@ def _compute_gap(x, y, arm_a, arm_b, order):
 
 
 @jit_inner
+def _compute_gaps(x, y, arm_a, arm_b):
+    """d, d' and d''."""
+    gap = _compute_gap(x, y, arm_a, arm_b, 0)
+    rate = _compute_gap(x, y, arm_a, arm_b, 1)
+    return gap, rate, _compute_gap(x, y, arm_a, arm_b, 2)
+
+
+@jit_inner
 def _dot(a, b):
     return a[0] * b[0] + a[1] * b[1]
 
@@ -64,31 +72,35 @@ def evaluate_ties(constraints, frames, rated):
             put(constraints.gradient[r], 0, ZERO)
             put(constraints.gradient[r], 3, ZERO)
             continue
-        a = constraints.a[r]
-        b = constraints.b[r]
-        x = read_node_motion(frames, a)
-        y = read_node_motion(frames, b)
+        x = read_node_motion(frames, constraints.a[r])
+        y = read_node_motion(frames, constraints.b[r])
         u = _compute_rates(_apply_rotation(on_a, constraints.u[r]), x[1][2], x[2][2])
         if constraints.kind[r] == DIRECTION:
             w = _compute_rates(_apply_rotation(on_b, constraints.w[r]), y[1][2], y[2][2])
-            across = u[0][0] * w[0][1] - u[0][1] * w[0][0]  # J u . w
-            put(constraints.gradient[r], 0, (0.0, 0.0, across))
-            put(constraints.gradient[r], 3, (0.0, 0.0, -across))
+            _write_direction_gradient(constraints.gradient[r], u[0], w[0])
         else:
             arm_a = _compute_rates(_apply_rotation(on_a, constraints.place_a[r]), x[1][2], x[2][2])
             arm_b = _compute_rates(_apply_rotation(on_b, constraints.place_b[r]), y[1][2], y[2][2])
-            w = (
-                _compute_gap(x, y, arm_a, arm_b, 0),
-                _compute_gap(x, y, arm_a, arm_b, 1),
-                _compute_gap(x, y, arm_a, arm_b, 2),
-            )
-            u1, u2 = u[0]
-            p1, p2 = arm_a[0]
-            q1, q2 = arm_b[0]
-            across = u1 * w[0][1] - u2 * w[0][0]
-            put(constraints.gradient[r], 0, (-u1, -u2, across - (u2 * p1 - u1 * p2)))
-            put(constraints.gradient[r], 3, (u1, u2, u2 * q1 - u1 * q2))
+            w = _compute_gaps(x, y, arm_a, arm_b)
+            _write_position_gradient(constraints.gradient[r], u[0], w[0], arm_a[0], arm_b[0])
         constraints.value[r] = _dot(u[2], w[0]) + 2 * _dot(u[1], w[1]) + _dot(u[0], w[2]) if rated else _dot(u[0], w[0])
+
+
+@jit_inner
+def _write_direction_gradient(gradient, u, w):
+    """Of u . w by both angles: J u . w."""
+    across = u[0] * w[1] - u[1] * w[0]
+    put(gradient, 0, (0.0, 0.0, across))
+    put(gradient, 3, (0.0, 0.0, -across))
+
+
+@jit_inner
+def _write_position_gradient(gradient, u, d, p, q):
+    """Of u . d by the poses of both nodes, from which the arms p and q go to the points."""
+    u1, u2 = u
+    across = u1 * d[1] - u2 * d[0]
+    put(gradient, 0, (-u1, -u2, across - (u2 * p[0] - u1 * p[1])))
+    put(gradient, 3, (u1, u2, u2 * q[0] - u1 * q[1]))
 
 
 @jit_inner

@@ -60,20 +60,31 @@ def update_accelerations(system):
     evaluate_ties(ties, frames, True)
     fill_right_sides(tree, ties, frames, residual)
     for n in range(len(masses.single)):
-        block = tree.block[masses.single[n]]
-        over = masses.over[n]
-        first = tree.offset[block]
-        part = tree.part[block]
-        for side in plan.side[plan.first_side[part] : plan.first_side[part + 1]]:
-            for i in range(3):
-                y[side, first + i] = -residual[side, first + i] * over[i]
+        _solve_single_acceleration(tree, plan, masses.single[n], masses.over[n], residual, y)
     for b in range(len(masses.block)):
         _solve_block_acceleration(b, tree, plan, masses, frames, residual, y)
     compute_border_factors(ties, plan.blocks, y)
     solve_border(ties, plan.blocks, 1.0, y)
     # accelerations and wrenches are linear in those of unknowns and in multipliers
-    changes = masses.change
-    by = y[0]
+    _update_node_accelerations(tree, frames, y[0], masses.change)
+    add_ties(ties, ties.step, masses.change)
+    _add_wrenches(tree, frames, masses.change)
+
+
+@jit_inner
+def _solve_single_acceleration(tree, plan, node, over, residual, y):
+    """Set y = -M^-1 residual of a node alone in its block; over : 1/m, 1/m, 1/J."""
+    block = tree.block[node]
+    first = tree.offset[block]
+    part = tree.part[block]
+    for side in plan.side[plan.first_side[part] : plan.first_side[part + 1]]:
+        for i in range(3):
+            y[side, first + i] = -residual[side, first + i] * over[i]
+
+
+@jit_inner
+def _update_node_accelerations(tree, frames, by, changes):
+    """Change the accelerations of all nodes by those of the unknowns; set what that changes their own wrenches by."""
     for n in range(len(tree.parent)):
         first = tree.offset[tree.block[n]]
         change = ZERO
@@ -85,7 +96,11 @@ def update_accelerations(system):
                 change = add_scaled(change, by[first + i], vec(frames.by_pose[n, i]))
         add_to(frames.acceleration[n], 0, change)
         put(changes[n], 0, (m * change[0], m * change[1], tree.inertia[n] * change[2]))
-    add_ties(ties, ties.step, changes)
+
+
+@jit_inner
+def _add_wrenches(tree, frames, changes):
+    """Add to the wrenches of all nodes what changes in them and in what they carry."""
     for n in range(len(tree.parent) - 1, -1, -1):
         f1, f2, mu = vec(changes[n])
         add_to(frames.wrench[n], 0, (f1, f2, mu))

@@ -21,7 +21,7 @@ from flexinv.planar.detection import Plane, convert_to_plane, find_planar_rows, 
 from flexinv.planar.index1 import BlockMasses
 from flexinv.planar.stepper import Embedding
 from flexinv.planar.tree import PlanarTree
-from flexinv.typing import Array, Indices
+from flexinv.typing import Array, Indices, Mask
 
 TURN_BY_90 = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 0.0]])  # J, a quarter turn about the normal
 
@@ -108,29 +108,46 @@ def _build_tree(mesh: Mesh, topology: Topology, plane: Plane) -> PlanarTree:
     passive = topology.freedoms > 0
     hangs = np.arange(len(topology.size)) < len(topology.span) - 1  # on the world, with passive freedoms only
     size = np.where(hangs, topology.size, topology.size - 3)  # three freedoms of a node instead of six
-    turning = np.any(mesh.turn, axis=(1, 2))
     sliding = np.any(mesh.slide, axis=(1, 2))
-    # (node, xyz)
-    offset_p = convert_to_plane(plane, mesh.parent, mesh.offset)
-    axis = convert_to_plane(plane, np.arange(mesh.size), mesh.axis)
-    scale = np.ones(int(size.sum()))
+    offset_p = convert_to_plane(plane, mesh.parent, mesh.offset)  # (node, xyz)
+    turn, slide = _find_axes(mesh, plane, sliding)
     offset, span = compute_offsets(size, topology.part)
     column = np.where(passive, topology.column - 3 * ~hangs[topology.block], -1)
-    part = topology.part[topology.block[mesh.elements.nodes[:, :1].ravel()]]
     first = offset[topology.block]
-    scale[first[topology.independent, None] + np.arange(2)] = mesh.length
-    scale[(first + column)[passive & sliding]] = mesh.length
+    lengths = (first[topology.independent, None] + np.arange(2), (first + column)[passive & sliding])
+    first_element, element = _list_elements(mesh, topology, len(span))
     driven = (mesh.v_index >= 0) & ~passive
     return PlanarTree(
         parent=mesh.parent, block=topology.block, independent=topology.independent, size=size, offset=offset,
-        part=topology.part, span=span, first_element=np.searchsorted(np.sort(part), np.arange(len(span))),
-        element=np.argsort(part, kind="stable"), scale=scale,
+        part=topology.part, span=span, first_element=first_element, element=element,
+        scale=_build_scales(int(size.sum()), lengths, mesh.length),
         prescribed_column=np.where(driven, np.cumsum(driven) - 1, -1), column=column,
-        turn=np.where(turning, np.sign(axis[:, 2]), 0.0), slide=np.where(sliding[:, None], axis[:, :2], 0.0),
+        turn=turn, slide=slide,
         offset_p=np.ascontiguousarray(offset_p[:, :2]), shifted=sliding | offset_p[:, :2].any(axis=1),
         mass=mesh.mass, inertia=np.einsum("ni,nij,nj->n", frames[:, 2], mesh.inertia, frames[:, 2]),
         gravity=plane.axes.T[:2] @ mesh.mechanism.gravity, drives=topology.drives,
     )  # fmt: skip
+
+
+def _find_axes(mesh: Mesh, plane: Plane, sliding: Mask) -> tuple[Array, Array]:
+    """Turns of joints (nodes,), 1 or -1 about the plane's normal, and directions in which they slide (nodes, 2)."""
+    axis = convert_to_plane(plane, np.arange(mesh.size), mesh.axis)
+    turning = np.any(mesh.turn, axis=(1, 2))
+    return np.where(turning, np.sign(axis[:, 2]), 0.0), np.where(sliding[:, None], axis[:, :2], 0.0)
+
+
+def _list_elements(mesh: Mesh, topology: Topology, ends: int) -> tuple[Indices, Indices]:
+    """Elements in the order of the parts of the mechanism that they are in, and the first of each part."""
+    part = topology.part[topology.block[mesh.elements.nodes[:, :1].ravel()]]
+    return np.searchsorted(np.sort(part), np.arange(ends)), np.argsort(part, kind="stable")
+
+
+def _build_scales(unknowns: int, lengths: tuple[Indices, ...], length: float) -> Array:
+    """The size of each unknown: 1 of an angle, the mechanism's length of those that are ``lengths``."""
+    scale = np.ones(unknowns)
+    for own in lengths:
+        scale[own] = length
+    return scale
 
 
 def _build_elements(mesh: Mesh, plane: Plane, space: Embedding) -> PlanarElements:

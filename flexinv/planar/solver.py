@@ -40,42 +40,19 @@ class PlanarMarch:
     @classmethod
     def build_for(cls, mesh: Mesh, passive: Collection[str]) -> PlanarMarch:
         """Return the arrays of a mesh that lies in a plane, whose joints named in ``passive`` are free."""
-        m = build_planar_model(mesh, frozenset(passive))
-        unknowns = len(m.tree.scale)
-        widest = max(int(m.tree.size.max(initial=0)), 1)
-        sides = 1 + len(m.ties.a)
-        vectors = (mesh.size, 3)
-        variations = (mesh.size, widest, 3)
-        shapes = (*(vectors,) * 4, (mesh.size, 4), *(variations,) * 3, vectors, variations)
-        count = mesh.elements.nodes.shape[1]
-        work = PlanarWork(
-            points=make_aligned_zeros(len(m.elements.constants) // int(CONSTANTS) * int(POINT_BLOCK)),
-            rates=make_aligned_zeros(len(m.elements.damping) // int(COEFFICIENTS) * int(RATE_BLOCK)),
-            u=make_aligned_zeros(max(count, 1), 3),
-            node_forces=make_aligned_zeros(*mesh.elements.nodes.shape, 3),
-            residual=make_aligned_zeros(sides, unknowns),
-            y=make_aligned_zeros(sides, unknowns),
+        model = build_planar_model(mesh, frozenset(passive))
+        system = PlanarSystem(
+            tree=model.tree,
+            elements=model.elements,
+            ties=_copy_arrays(model.ties),
+            masses=_copy_arrays(model.masses),
+            space=model.space,
+            state=State.build_for(0, len(model.tree.scale)),
+            frames=_make_frames(model),
+            factors=_make_factors(model),
+            work=_make_work(model),
         )
-        frames = PlanarFrames(*(make_aligned_zeros(*shape) for shape in shapes))
-        rows, row, own = m.place
-        elements, most, columns = len(own), *(-(-n // ROWS_AT_ONCE) * ROWS_AT_ONCE for n in (own.shape[1], widest))
-        factors = PlanarFactors(
-            rows=rows,
-            row=row,
-            unknowns=own,
-            inverse=make_aligned_zeros(elements, most, most),
-            to_root=make_aligned_zeros(elements, 3, most),
-            b=make_aligned_zeros(elements, widest, most),
-            x=make_aligned_zeros(elements, widest, most),
-            root=make_aligned_zeros(len(m.tree.span) - 1, columns, columns),
-            diagonal=make_aligned_zeros(len(m.tree.size), widest, widest),
-            line=make_aligned_zeros(2, max(most, columns)),
-            scratch=make_aligned_zeros(elements, most),
-        )
-        ties = _copy_arrays(m.ties)
-        masses = _copy_arrays(m.masses)
-        state = State.build_for(0, unknowns)
-        return cls(mesh, m, PlanarSystem(m.tree, m.elements, ties, masses, m.space, state, frames, factors, work))
+        return cls(mesh, model, system)
 
     @classmethod
     def take_reusable(cls, mesh: Mesh, passive: Collection[str]) -> PlanarMarch:
@@ -204,3 +181,63 @@ def _copy_arrays(part: Any) -> Any:
     if isinstance(part, tuple):
         return type(part)(*map(_copy_arrays, part))
     return copy_aligned(part) if part.dtype == float else part.copy()
+
+
+def _make_work(model: PlanarModel) -> PlanarWork:
+    """Scratch of a march: one right side of the tree, and one for each row of the closures."""
+    elements = model.elements
+    unknowns = (1 + len(model.ties.a), len(model.tree.scale))
+    return PlanarWork(
+        points=make_aligned_zeros(len(elements.constants) // int(CONSTANTS) * int(POINT_BLOCK)),
+        rates=make_aligned_zeros(len(elements.damping) // int(COEFFICIENTS) * int(RATE_BLOCK)),
+        u=make_aligned_zeros(max(elements.nodes.shape[1], 1), 3),
+        node_forces=make_aligned_zeros(*elements.nodes.shape, 3),
+        residual=make_aligned_zeros(*unknowns),
+        y=make_aligned_zeros(*unknowns),
+    )
+
+
+def _find_widest(model: PlanarModel) -> int:
+    """Unknowns of the largest block."""
+    return max(int(model.tree.size.max(initial=0)), 1)
+
+
+def _make_frames(model: PlanarModel) -> PlanarFrames:
+    """Room for the motion of all nodes and for its variations."""
+    nodes = len(model.tree.parent)
+    vectors = (nodes, 3)
+    variations = (nodes, _find_widest(model), 3)
+    return PlanarFrames(
+        pose=make_aligned_zeros(*vectors),
+        rate=make_aligned_zeros(*vectors),
+        acceleration=make_aligned_zeros(*vectors),
+        joint=make_aligned_zeros(*vectors),
+        arm=make_aligned_zeros(nodes, 4),
+        by_pose=make_aligned_zeros(*variations),
+        by_rate=make_aligned_zeros(*variations),
+        by_acceleration=make_aligned_zeros(*variations),
+        wrench=make_aligned_zeros(*vectors),
+        dwrench=make_aligned_zeros(*variations),
+    )
+
+
+def _make_factors(model: PlanarModel) -> PlanarFactors:
+    """Room for the factors of the linearisation; lines are as long as products take numbers at once."""
+    rows, row, own = model.place
+    widest = _find_widest(model)
+    elements = len(own)
+    most = -(-own.shape[1] // ROWS_AT_ONCE) * ROWS_AT_ONCE
+    columns = -(-widest // ROWS_AT_ONCE) * ROWS_AT_ONCE
+    return PlanarFactors(
+        rows=rows,
+        row=row,
+        unknowns=own,
+        inverse=make_aligned_zeros(elements, most, most),
+        to_root=make_aligned_zeros(elements, 3, most),
+        b=make_aligned_zeros(elements, widest, most),
+        x=make_aligned_zeros(elements, widest, most),
+        root=make_aligned_zeros(len(model.tree.span) - 1, columns, columns),
+        diagonal=make_aligned_zeros(len(model.tree.size), widest, widest),
+        line=make_aligned_zeros(2, max(most, columns)),
+        scratch=make_aligned_zeros(elements, most),
+    )

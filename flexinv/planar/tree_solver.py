@@ -188,15 +188,27 @@ def solve_tree(tree, elements, factors, residual, y):
 def solve_part(tree, elements, factors, part, residual, y):
     """Do so for one part of the mechanism [m], [rad]."""
     for n in range(tree.first_element[part + 1] - 1, tree.first_element[part] - 1, -1):
-        k = tree.element[n]
-        first = tree.offset[tree.block[elements.nodes[k, 0]]]
-        if _is_small(k, tree, elements, factors):
-            own = tapply(mat(factors.inverse[k]), vec_at(residual, factors.unknowns[k, 0]))
-            put(y, factors.unknowns[k, 0], scale(-1.0, own))
-            add_to(residual, first, scale(-1.0, apply(mat(factors.b[k]), own)))
-        else:
-            _solve_own(k, tree, elements, factors, residual, factors.scratch[k], first)
-    # the block on the world
+        _update_residual(tree.element[n], tree, elements, factors, residual, y)
+    _solve_world_block(tree, factors, part, residual, y)
+    for n in range(tree.first_element[part], tree.first_element[part + 1]):
+        _add_root_motion(tree.element[n], tree, elements, factors, y)
+
+
+@jit_inner
+def _update_residual(k, tree, elements, factors, residual, y):
+    """Solve for an element's own unknowns while its first block stands still, and bring what they do to that."""
+    first = tree.offset[tree.block[elements.nodes[k, 0]]]
+    if _is_small(k, tree, elements, factors):
+        own = tapply(mat(factors.inverse[k]), vec_at(residual, factors.unknowns[k, 0]))
+        put(y, factors.unknowns[k, 0], scale(-1.0, own))
+        add_to(residual, first, scale(-1.0, apply(mat(factors.b[k]), own)))
+    else:
+        _solve_own(k, tree, elements, factors, residual, factors.scratch[k], first)
+
+
+@jit_inner
+def _solve_world_block(tree, factors, part, residual, y):
+    """Solve for the block on the world."""
     size = tree.size[part]
     start = tree.offset[part]
     line = factors.line
@@ -207,17 +219,20 @@ def solve_part(tree, elements, factors, part, residual, y):
     _compute_transposed_product(factors.root[part], line[0], line[1], size)
     for r in range(size):
         y[start + r] = -line[1, r]
-    for n in range(tree.first_element[part], tree.first_element[part + 1]):
-        k = tree.element[n]
-        first = tree.offset[tree.block[elements.nodes[k, 0]]]
-        if _is_small(k, tree, elements, factors):
-            add_to(y, factors.unknowns[k, 0], scale(-1.0, tapply(mat(factors.x[k]), vec_at(y, first))))
-        else:
-            found = factors.scratch[k]
-            for c in range(tree.size[tree.block[elements.nodes[k, 0]]]):
-                subtract(found, -y[first + c], factors.x[k, c], 0, factors.rows[k])
-            for r in range(factors.rows[k]):
-                y[factors.unknowns[k, r]] = -found[r]
+
+
+@jit_inner
+def _add_root_motion(k, tree, elements, factors, y):
+    """Add to an element's own unknowns what its first block moves them by."""
+    first = tree.offset[tree.block[elements.nodes[k, 0]]]
+    if _is_small(k, tree, elements, factors):
+        add_to(y, factors.unknowns[k, 0], scale(-1.0, tapply(mat(factors.x[k]), vec_at(y, first))))
+    else:
+        found = factors.scratch[k]
+        for c in range(tree.size[tree.block[elements.nodes[k, 0]]]):
+            subtract(found, -y[first + c], factors.x[k, c], 0, factors.rows[k])
+        for r in range(factors.rows[k]):
+            y[factors.unknowns[k, r]] = -found[r]
 
 
 @jit_inner
