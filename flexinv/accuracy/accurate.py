@@ -136,14 +136,7 @@ def solve_within_accuracy(problem: Problem) -> Solution:
     """Return the solution [N m, N, m, rad, s] with bars within the accuracy asked; raises ConvergenceError out of reach."""
     refinement = Refinement(problem)
     if not problem.marched:
-        if (exact := refinement.run_level(0, EXACT_SAMPLES)) is None:
-            raise make_accuracy_error(refinement, None)
-        solution = assemble_solution(exact.mesh, exact.first, exact.settings)
-        last = np.finfo(float).eps * solution.mesh.length
-        tips = {name: np.full(len(solution.time), last) for name in solution.tip}
-        words: Words = {"accuracy": problem.accuracy, "extrapolated": False, "order": 0.0}
-        settings = solution.settings | words
-        return replace(solution, torque_error=_compute_rounding(solution), tip_error=tips, settings=settings)
+        return _solve_exactly(refinement)
     answer = find_cheapest_answer(refinement)
     level = answer.levels[-1]
     steps = [take_every_sample(one.first, one.samples_per_step // answer.samples_per_step) for one in answer.levels]
@@ -164,8 +157,20 @@ def solve_within_accuracy(problem: Problem) -> Solution:
     tips = {name: answer.bars[:, count + k] * size for k, (name, size) in enumerate(links)}
     if is_plain := len(answer.levels) == 1:
         solution = replace(solution, notes=(*solution.notes, NOT_EXTRAPOLATED))
-    words = {"accuracy": asked, "extrapolated": not is_plain, "order": round(answer.order, 2)}
+    words: Words = {"accuracy": asked, "extrapolated": not is_plain, "order": round(answer.order, 2)}
     return replace(solution, torque_error=torque, tip_error=tips, settings=solution.settings | words)
+
+
+def _solve_exactly(refinement: Refinement) -> Solution:
+    """The solution of a problem that is exact at any step, with bars of rounding."""
+    if (exact := refinement.run_level(0, EXACT_SAMPLES)) is None:
+        raise make_accuracy_error(refinement, None)
+    solution = assemble_solution(exact.mesh, exact.first, exact.settings)
+    last = np.finfo(float).eps * solution.mesh.length
+    tips = {name: np.full(len(solution.time), last) for name in solution.tip}
+    words: Words = {"accuracy": refinement.problem.accuracy, "extrapolated": False, "order": 0.0}
+    settings = solution.settings | words
+    return replace(solution, torque_error=_compute_rounding(solution), tip_error=tips, settings=settings)
 
 
 def _compute_rounding(solution: Solution) -> Array:

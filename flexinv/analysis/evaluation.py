@@ -70,15 +70,7 @@ def assemble_solution(
     tau, reaction = add_joint_efforts(mechanism, first, found.tau, found.reaction)
     if loops is not None and loops.left.size == 0:  # rigid loops have it from the allocation, a march only here
         loops = replace(loops, left=tau * ~mechanism.actuated)
-    internal = dict[str, Array]()
-    stations = dict[str, Array]()
-    for name, own, order, station in _list_section_points(mesh):
-        part = first.trajectory.internal[:, own]
-        stations[name] = station.copy()
-        if (order == part.shape[2]).all():  # not copied where they stand so in memory
-            internal[name] = part.reshape(len(part), -1, 6)
-        else:
-            internal[name] = np.concatenate([part[:, k, :n] for k, n in enumerate(order)], axis=1)
+    internal, stations = _split_by_beam(mesh, first.trajectory.internal)
     elastic, _, dissipated = first.trajectory.energy.T
     balance = Balance(found.kinetic, found.potential, elastic, found.power, found.work, found.momentum, dissipated)
     # samples left out may hide work
@@ -97,6 +89,20 @@ def assemble_solution(
     if whole and first.ends:
         solution.check_energy()
     return solution
+
+
+def _split_by_beam(mesh: Mesh, resultants: Array) -> tuple[dict[str, Array], dict[str, Array]]:
+    """Stress resultants (samples, points, 6) of each beam, from those of all elements, and where its points are."""
+    internal = dict[str, Array]()
+    stations = dict[str, Array]()
+    for name, own, order, station in _list_section_points(mesh):
+        part = resultants[:, own]
+        stations[name] = station.copy()
+        if (order == part.shape[2]).all():  # not copied where they stand so in memory
+            internal[name] = part.reshape(len(part), -1, 6)
+        else:
+            internal[name] = np.concatenate([part[:, k, :n] for k, n in enumerate(order)], axis=1)
+    return internal, stations
 
 
 def add_joint_efforts(mechanism: Mechanism, first: FirstStep, tau: Array, reaction: Array) -> tuple[Array, Array]:

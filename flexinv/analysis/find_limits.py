@@ -102,31 +102,34 @@ def find_limits(solution: Solution, motion: Motion | None = None) -> tuple[Limit
     if motion is not None:
         check_kind("motion", motion, Motion, ("evaluate", "joints", "jumps", "duration"))
     m = solution.mechanism
-    time = solution.time
-    asked = [
-        _LimitQuery(column, name, float(getattr(joint.limits, name)))
-        for column, joint in enumerate(_list_column_joints(m))
-        for name in LIMITED
-        if np.isfinite(getattr(joint.limits, name)) and (KINDS[joint.kind].scalar or name in ("velocity", "effort"))
-    ]
-    if not asked or len(time) < 2:
+    asked = _list_queries(m)
+    if not asked or len(solution.time) < 2:
         return ()
     exact = np.zeros((len(LIMITED), m.nv), dtype=bool)
     if motion is not None:
         exact = _find_prescribed_columns(solution, motion)
-    found: dict[_LimitQuery, LimitUse] = {}
     groups = {EXACTLY: list[_LimitQuery](), WITHIN_STEPS: list[_LimitQuery](), AT_STEPS: list[_LimitQuery]()}
     for one in asked:
         is_exact = bool(exact[LIMITED.index(one.quantity), one.column])
         groups[EXACTLY if is_exact else AT_STEPS if one.quantity == "effort" else WITHIN_STEPS].append(one)
+    found: dict[_LimitQuery, LimitUse] = {}
     if motion is not None and groups[EXACTLY]:
         found |= _check_exact_limits(solution, motion, groups[EXACTLY])
     found |= _check_interpolated_limits(solution, groups[WITHIN_STEPS])
     for one in groups[AT_STEPS]:
-        found[one] = _check_sampled_limit(
-            m, one, time, one.take_columns(_collect_quantities(m, solution.q, solution.qd, solution.torque_all))
-        )
+        values = one.take_columns(_collect_quantities(m, solution.q, solution.qd, solution.torque_all))
+        found[one] = _check_sampled_limit(m, one, solution.time, values)
     return tuple(found[one] for one in asked)
+
+
+def _list_queries(mechanism: Mechanism) -> list[_LimitQuery]:
+    """The limits that are stated, by velocity coordinate; places of a joint with several are not limited."""
+    return [
+        _LimitQuery(column, name, float(getattr(joint.limits, name)))
+        for column, joint in enumerate(_list_column_joints(mechanism))
+        for name in LIMITED
+        if np.isfinite(getattr(joint.limits, name)) and (KINDS[joint.kind].scalar or name in ("velocity", "effort"))
+    ]
 
 
 def _list_column_joints(mechanism: Mechanism) -> list[Joint]:

@@ -75,15 +75,9 @@ def solve_rigid_loops(task: Task) -> FirstStep:
     forces = compute_nodal_forces(mesh, motion, acting)
     wrenches = compute_local_wrenches(mesh, motion, forces)
     tree = compute_projected_efforts(mesh, motion, forces, wrenches) + compute_internal_efforts(m, q, qd, qdd)
-    parts = [
-        _compute_phase_shares(mesh, one, motion.take_samples(one.span), tree[one.span], g) for one in stretches
-    ]  # phase by phase
-    shares = parts[0]
-    width = max(part.preload.shape[2] for part in parts)
-    if len(parts) > 1:
-        missing = [((0, 0), (0, 0), (0, width - part.preload.shape[2])) for part in parts]
-        parts = [p._replace(preload=np.pad(p.preload, pad)) for p, pad in zip(parts, missing, strict=True)]
-        shares = AllocatedEfforts(*(np.concatenate(one) for one in zip(*parts, strict=True)))
+    shares = _join_shares(
+        [_compute_phase_shares(mesh, one, motion.take_samples(one.span), tree[one.span], g) for one in stretches]
+    )
     largest = _find_largest_magnitude(tree)
     if (
         _find_largest_magnitude(shares.left) > LEFT_OVER * largest
@@ -126,6 +120,16 @@ def _find_largest_magnitude(values: Array) -> float:
     return float(max(values.max(initial=0.0), -values.min(initial=0.0)))
 
 
+def _join_shares(parts: list[AllocatedEfforts]) -> AllocatedEfforts:
+    """The shares of all phases, one after the other; preloads that a phase does not have are zero there."""
+    if len(parts) == 1:
+        return parts[0]
+    width = max(part.preload.shape[2] for part in parts)
+    missing = [((0, 0), (0, 0), (0, width - part.preload.shape[2])) for part in parts]
+    parts = [p._replace(preload=np.pad(p.preload, pad)) for p, pad in zip(parts, missing, strict=True)]
+    return AllocatedEfforts(*(np.concatenate(one) for one in zip(*parts, strict=True)))
+
+
 def _solve_phased_motion(
     mesh: Mesh, history: JointHistory, time: Array, unknown: Mask, knots: tuple[float, ...]
 ) -> tuple[Triple, list[Stretch], list[Impact], tuple[Array, NodalMotion] | None]:
@@ -138,17 +142,13 @@ def _solve_phased_motion(
     pieces = list_phases(m, time)
     original = build_constraint_rows(mesh)
     if len(pieces) == 1 and pieces[0].active.all():
-        only = [Stretch(pieces[0], original)]
-        if unknown.any() or not len(original.closure):
-            return solve_closed_motion(mesh, history, time, unknown, knots=knots), only, [], None
-        given = history(time)
-        motion = NodalMotion.make_uninitialized(len(time), mesh.size)
-        return given, only, [], (PrescribedLoops(mesh).compute_jacobian(*given, motion), motion)
+        joints, known = _solve_lasting_motion(mesh, history, time, unknown, knots)
+        return joints, [Stretch(pieces[0], original)], [], known
     whole = history(time)
     begins = np.zeros(len(m.closures), dtype=bool)
     stretches = list[Stretch]()
     impacts = list[Impact]()
-    before = None
+    before: tuple[Array, Array] | None = None
     for piece in pieces:
         span = slice(piece.first, min(piece.last + 1, len(time)))  # with the instant at which the next phase begins
         stretch = Stretch(piece, original)
@@ -160,18 +160,34 @@ def _solve_phased_motion(
         rows = stretch.rows.take_active(piece.active)
         closed_motion = solve_closed_motion(mesh, history, time[span], unknown, rows, begun, knots)
         if before is not None and _is_plastic(mesh, begins):
-            # which the impulses change at once
-            rates = (before[1], closed_motion[1][0])
-            rest = np.zeros((1, m.nv))
-            one, two = ((compute_rigid_motion(mesh, closed_motion[0][:1], rate[None], rest), rate) for rate in rates)
-            shares = _compute_phase_shares(mesh, stretch, two[0], compute_impulses(mesh, (one, two))[None])
-            impulses = shares.tau[0], shares.multipliers[0]
-            impacts.append(make_impact(mesh, stretch.rows, begins, (one, two), *impulses, at))
+            rates = before[1], closed_motion[1][0]
+            impacts.append(_compute_impact(mesh, stretch, begins, closed_motion[0][:1], rates, at))
         stretches.append(stretch)
         before = closed_motion[0][-1], closed_motion[1][-1]
         for part, values in zip(whole, closed_motion, strict=True):
             part[span] = values
     return whole, stretches, impacts, None
+
+
+def _solve_lasting_motion(
+    mesh: Mesh, history: JointHistory, time: Array, unknown: Mask, knots: tuple[float, ...]
+) -> tuple[Triple, tuple[Array, NodalMotion] | None]:
+    """Motion where all closures act throughout; the Jacobian and the nodes' motion where nothing is left to be solved for."""
+    if unknown.any() or not len(build_constraint_rows(mesh).closure):
+        return solve_closed_motion(mesh, history, time, unknown, knots=knots), None
+    given = history(time)
+    motion = NodalMotion.make_uninitialized(len(time), mesh.size)
+    return given, (PrescribedLoops(mesh).compute_jacobian(*given, motion), motion)
+
+
+def _compute_impact(
+    mesh: Mesh, stretch: Stretch, begins: Mask, q: Array, rates: tuple[Array, Array], time: float
+) -> Impact:
+    """The impact of closures that begin at q (1, nq), whose impulses change the rates at once; rates : before and after."""
+    rest = np.zeros((1, mesh.mechanism.nv))
+    one, two = ((compute_rigid_motion(mesh, q, rate[None], rest), rate) for rate in rates)
+    shares = _compute_phase_shares(mesh, stretch, two[0], compute_impulses(mesh, (one, two))[None])
+    return make_impact(mesh, stretch.rows, begins, (one, two), shares.tau[0], shares.multipliers[0], time)
 
 
 def _begin_stretch(mesh: Mesh, last: Stretch, phase: Phase, motion: NodalMotion, time: float) -> tuple[Stretch, Mask]:

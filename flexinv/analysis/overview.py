@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 import pandas as pd
 
@@ -69,37 +71,62 @@ def build_overview_tables(mechanism: Mechanism) -> dict[str, pd.DataFrame]:
 
     Drives that are not zero stand with their joints, when closures act [s] with these; stiffness and mass of a beam: at its root.
     """
+    return {
+        "joints": _build_joint_table(mechanism),
+        "closures": _build_closure_table(mechanism),
+        "links": _build_link_table(mechanism),
+        "beams": _build_beam_table(mechanism),
+    }
+
+
+def _build_joint_table(mechanism: Mechanism) -> pd.DataFrame:
     moving = [j for j in mechanism.joints if j.nv]
-    closures = mechanism.closures
-    beams = [(link.name, link.beam) for link in mechanism.links if link.beam is not None]
-    joints = {
-        "joint": [j.name for j in moving], "kind": [j.kind for j in moving],
+    columns: dict[str, Sequence[object]] = {
+        "joint": [j.name for j in moving],
+        "kind": [j.kind for j in moving],
         "parent": [j.parent if j.station is None else f"{j.parent} at {j.station:g}" for j in moving],
         "child": [j.child for j in moving],
         "q": [" ".join(mechanism.coordinate_names[mechanism.q_slices[j.name]]) for j in moving],
         "actuated": ["yes" if j.actuated else "no" for j in moving],
-    }  # fmt: skip
+    }
     for key, unit in (("rotor_inertia", "kg m^2, kg"), ("damping", "N m s, N s/m"), ("friction", "N m, N")):
         if any(values := [getattr(j, key) for j in moving]):
-            joints[f"{key.replace('_', ' ')} [{unit}]"] = values
-    tied = {
-        "closure": [c.name for c in closures], "kind": [c.kind for c in closures],
-        "first": [c.first.link for c in closures], "second": [c.second.link for c in closures],
+            columns[f"{key.replace('_', ' ')} [{unit}]"] = values
+    return pd.DataFrame(columns)
+
+
+def _build_closure_table(mechanism: Mechanism) -> pd.DataFrame:
+    closures = mechanism.closures
+    columns = {
+        "closure": [c.name for c in closures],
+        "kind": [c.kind for c in closures],
+        "first": [c.first.link for c in closures],
+        "second": [c.second.link for c in closures],
         "constraints": [CLOSURES[c.kind] for c in closures],
         "acts [s]": [" and ".join(f"{a:g} to {b:g}" for a, b in c.active) or "always" for c in closures],
-    }  # fmt: skip
-    links = {
-        "link": [link.name for link in mechanism.links],
-        "kind": ["rigid" if link.beam is None else "beam" for link in mechanism.links],
-        "mass [kg]": [compute_link_mass(link) for link in mechanism.links],
-        "bodies": [", ".join(body.name for body in link.bodies) or "-" for link in mechanism.links],
     }
-    bending = {
-        "beam": [name for name, _ in beams], "length [m]": [beam.length for _, beam in beams],
-        "mesh": [f"{beam.elements} x order {beam.order}" for _, beam in beams],
-    }  # fmt: skip
+    return pd.DataFrame(columns)
+
+
+def _build_link_table(mechanism: Mechanism) -> pd.DataFrame:
+    links = mechanism.links
+    columns = {
+        "link": [link.name for link in links],
+        "kind": ["rigid" if link.beam is None else "beam" for link in links],
+        "mass [kg]": [compute_link_mass(link) for link in links],
+        "bodies": [", ".join(body.name for body in link.bodies) or "-" for link in links],
+    }
+    return pd.DataFrame(columns)
+
+
+def _build_beam_table(mechanism: Mechanism) -> pd.DataFrame:
+    beams = [link.beam for link in mechanism.links if link.beam is not None]
+    columns: dict[str, Sequence[object]] = {
+        "beam": [link.name for link in mechanism.links if link.beam is not None],
+        "length [m]": [beam.length for beam in beams],
+        "mesh": [f"{beam.elements} x order {beam.order}" for beam in beams],
+    }
     for k, label in ((0, "EA [N]"), (3, "GJ [N m^2]"), (4, "EI_y [N m^2]"), (5, "EI_z [N m^2]")):
-        bending[label] = [beam.section.stiffness[0][k] for _, beam in beams]
-    bending["mass [kg/m]"] = [beam.section.mass_per_length[0] for _, beam in beams]
-    found = {"joints": joints, "closures": tied, "links": links, "beams": bending}
-    return {title: pd.DataFrame(columns) for title, columns in found.items()}
+        columns[label] = [beam.section.stiffness[0][k] for beam in beams]
+    columns["mass [kg/m]"] = [beam.section.mass_per_length[0] for beam in beams]
+    return pd.DataFrame(columns)

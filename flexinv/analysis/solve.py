@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from typing import Any
 
@@ -15,6 +15,7 @@ from flexinv.analysis.task import (
     Progress,
     Settings,
     Start,
+    Task,
     build_time_grid,
     check_settings,
     check_start,
@@ -73,19 +74,12 @@ def solve(
         if incremental or every > 1:
             why = "it chooses the steps, their samples and the mode by itself; leave out incremental, every"
             raise InputError(f"accuracy: {why}")
-        from flexinv.accuracy.accurate import check_accuracy, solve_problem, solve_within_accuracy
-
         options: dict[str, Any] = {"end": end, "start": start, "start_rate": start_rate, "progress": progress}
         settings = check_settings(1.0, spectral_radius, tolerance, initial)
-        return solve_within_accuracy(
-            solve_problem(mechanism, motion, check_accuracy(accuracy, step), settings, options)
-        )
+        return _solve_to_accuracy(mechanism, motion, accuracy, step, settings, options)
     steps = build_time_grid(motion, step, end, every)
-    if every > 1 and incremental:
-        raise InputError(f"every = {every}: the incremental mode takes differences from step to step; write every=1")
-    if every > 1 and mechanism.closures and not mechanism.is_rigid:
-        why = f"mechanism '{mechanism.name}' has closures and beams, of which every step is kept"
-        raise InputError(f"every = {every}: {why}; write every=1")
+    if every > 1:
+        _check_every(mechanism, every, incremental)
     if incremental:
         check_samples(len(steps[::every]), step)
     settings = replace(check_settings(step, spectral_radius, tolerance, initial), incremental=incremental, every=every)
@@ -100,21 +94,63 @@ def solve(
     if not error:
         return solution
 
+    return _add_bars(solution, first, task, _make_refined_run(motion, start, start_rate, progress))
+
+
+def _solve_to_accuracy(
+    mechanism: Mechanism,
+    motion: Motion,
+    accuracy: float | None,
+    step: float | None,
+    settings: Settings,
+    options: Mapping[str, Any],
+) -> Solution:
+    from flexinv.accuracy.accurate import check_accuracy, solve_problem, solve_within_accuracy
+
+    return solve_within_accuracy(solve_problem(mechanism, motion, check_accuracy(accuracy, step), settings, options))
+
+
+def _make_refined_run(motion: Motion, start: Start, start_rate: Start, progress: Progress | None) -> Again:
+    """The first step of the same task with other meshes, instants and settings."""
+
     def solve_refined(
         meshed: Mechanism, instants: Array, _: tuple[int, ...], settings: Settings
     ) -> tuple[Mesh, FirstStep]:
         other = make_prescribed_task(meshed, motion, instants, settings, start, start_rate, progress)
         (found,) = run_first_step(other)
-        return other.mesh, found.apply_differences(settings.step) if incremental else found
+        return other.mesh, found.apply_differences(settings.step) if settings.incremental else found
 
+    return solve_refined
+
+
+def _check_every(mechanism: Mechanism, every: int, incremental: bool) -> None:
+    """Raise InputError where samples cannot be left out."""
+    if incremental:
+        raise InputError(f"every = {every}: the incremental mode takes differences from step to step; write every=1")
+    if mechanism.closures and not mechanism.is_rigid:
+        why = f"mechanism '{mechanism.name}' has closures and beams, of which every step is kept"
+        raise InputError(f"every = {every}: {why}; write every=1")
+
+
+def _add_bars(solution: Solution, first: FirstStep, task: Task, refined: Again) -> Solution:
+    """The solution with its error bars, extrapolated where that can be."""
+    incremental = task.settings.incremental
     # Of the half steps every second is compared, where not all are differenced.
-    stride = 2 if incremental or mechanism.closures else 1
-    # Errors have even powers of the step but where something sticks or closes; what is rigid and moved whole is exact at any.
+    stride = 2 if incremental or solution.mechanism.closures else 1
+    even = not incremental and _has_even_errors(task)
+    solution = add_error_bars(solution, first, task.steps, task.settings, refined, stride, even)
+    return replace(solution, settings=solution.settings | {"extrapolated": True}) if even else solution
+
+
+def _has_even_errors(task: Task) -> bool:
+    """Return True if a march's errors have even powers of the step: but where something sticks or closes.
+
+    What is rigid and moved whole is exact at any step.
+    """
+    mechanism = task.mesh.mechanism
     marched = bool(mechanism.beams) or (bool(task.passive) and not mechanism.closures)
     sticks = any(joint.friction for joint in mechanism.joints if joint.name in task.passive)
-    even = marched and not (incremental or sticks or any(closure.active for closure in mechanism.closures))
-    solution = add_error_bars(solution, first, steps, settings, solve_refined, stride, even)
-    return replace(solution, settings=solution.settings | {"extrapolated": True}) if even else solution
+    return marched and not (sticks or any(closure.active for closure in mechanism.closures))
 
 
 def add_error_bars(

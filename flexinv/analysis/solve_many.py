@@ -45,7 +45,7 @@ from flexinv.model.mechanism import Mechanism
 from flexinv.model.motion import Motion, evaluate_motion
 from flexinv.model.owned_cache import make_owner_cache
 from flexinv.planar.detection import Plane, find_plane
-from flexinv.planar.model import build_planar_model
+from flexinv.planar.model import PlanarModel, build_planar_model
 from flexinv.planar.solver import PlanarMarch
 from flexinv.rigid.prepare import THREADS
 from flexinv.typing import Array, Triple
@@ -94,11 +94,7 @@ def solve_many(
     scenarios = _list_scenarios(mechanisms, motions, each)
     _check_options(options, "")
     check_callable("progress", progress, "a function that is called with 1 after every scenario")
-    count = (
-        count_processors()
-        if threads is None
-        else min(check_whole_number("threads", threads, 1, THREADS), read_thread_limit())
-    )
+    count = _resolve_thread_count(threads)
     lock = Lock()
     results = list[Solution | Exception | None](repeat(None, len(scenarios)))
     prepared = prepare_all(scenarios, {"step": step, **options})
@@ -110,13 +106,10 @@ def solve_many(
         with begin_shared_memory():
             while ahead:
                 try:
-                    mechanism, motion, own = scenarios[k := ahead.popleft()]
+                    scenario = scenarios[k := ahead.popleft()]
                 except IndexError:  # another thread has taken it
                     return
-                try:
-                    results[k] = solve(mechanism, motion, **{"step": step, **options, **own})
-                except Exception as error:  # whatever stops one scenario is kept as its result
-                    results[k] = error
+                results[k] = _solve_alone(scenario, {"step": step, **options})
                 if progress is not None:
                     with lock:
                         progress(1)
@@ -126,8 +119,7 @@ def solve_many(
             results[k] = result
     if len(joined) < len(scenarios):
         run_in_threads(solve_next_tasks, ahead.clear, min(count, len(scenarios) - len(joined)))
-    errors = {k: result for k, result in enumerate(results) if isinstance(result, Exception)}
-    return Batch(tuple(result if isinstance(result, Solution) else None for result in results), errors)
+    return _join_results(results)
 
 
 def run_in_threads(work: Callable[[], None], stop: Callable[[], None], threads: int) -> None:
@@ -168,6 +160,26 @@ def run_in_threads(work: Callable[[], None], stop: Callable[[], None], threads: 
             raise error
 
 
+def _resolve_thread_count(threads: int | None) -> int:
+    if threads is None:
+        return count_processors()
+    return min(check_whole_number("threads", threads, 1, THREADS), read_thread_limit())
+
+
+def _solve_alone(scenario: Asked, options: Mapping[str, Any]) -> Solution | Exception:
+    """The solution of a scenario, or whatever stops it."""
+    mechanism, motion, own = scenario
+    try:
+        return solve(mechanism, motion, **{**options, **own})
+    except Exception as error:
+        return error
+
+
+def _join_results(results: Sequence[Solution | Exception | None]) -> Batch:
+    errors = {k: result for k, result in enumerate(results) if isinstance(result, Exception)}
+    return Batch(tuple(result if isinstance(result, Solution) else None for result in results), errors)
+
+
 def _list_scenarios(
     mechanisms: Mechanism | Sequence[Mechanism], motions: Motion | Sequence[Motion], each: Each
 ) -> list[Asked]:
@@ -175,12 +187,7 @@ def _list_scenarios(
         if isinstance(value, str) or not isinstance(value, (kind, Sequence)):
             expected = f"expected one {kind.__name__} or a list; write list({name})"
             raise InputError(f"solve_many: {name} is a {type(value).__name__}: {expected}")
-    if each is not None and not (isinstance(each, Sequence) and all(isinstance(own, Mapping) for own in each)):
-        such = '[{"step": 1e-3}, {}]; options of all scenarios are arguments of solve_many'
-        expected = f"expected a list with a table of options for every scenario, such as {such}"
-        raise InputError(f"solve_many: each is a {type(each).__name__}: {expected}")
-    for k, own in enumerate(each or ()):
-        _check_options(own, f"each[{k}]: ")
+    _check_each(each)
     given = {"motions": motions, "mechanisms": mechanisms, "each": each}
     lengths = {name: len(value) for name, value in given.items() if isinstance(value, Sequence)}
     if len(set(lengths.values())) > 1:
@@ -279,6 +286,16 @@ def _build_designs(first: Mesh, meshes: tuple[Mesh, ...]) -> Designs:
     return Designs(tree, elements, space, join_records([build_skeleton(mesh) for mesh in meshes]), over)
 
 
+def _check_each(each: Each) -> None:
+    """Raise InputError unless there are options for every scenario, and such that `solve` has."""
+    if each is not None and not (isinstance(each, Sequence) and all(isinstance(own, Mapping) for own in each)):
+        such = '[{"step": 1e-3}, {}]; options of all scenarios are arguments of solve_many'
+        expected = f"expected a list with a table of options for every scenario, such as {such}"
+        raise InputError(f"solve_many: each is a {type(each).__name__}: {expected}")
+    for k, own in enumerate(each or ()):
+        _check_options(own, f"each[{k}]: ")
+
+
 def solve_alike(scenarios: Sequence[Scenario], threads: int, progress: Progress | None) -> list[Solution | Exception]:
     """Return the solution of each scenario [m, rad, s, N] or what stopped it, with so many threads [-] at most."""
     first = scenarios[0]
@@ -291,9 +308,9 @@ def solve_alike(scenarios: Sequence[Scenario], threads: int, progress: Progress 
     ended = np.zeros((len(scenarios), 3), dtype=np.int64)
     results = list[Any](scenarios)
     made = Results(out, found, ended, left)
-    most = (
-        1 if progress is not None else min(max(1, INSTANTS_AT_ONCE // len(first.time)), -(-len(scenarios) // threads))
-    )
+    most = 1
+    if progress is None:
+        most = min(max(1, INSTANTS_AT_ONCE // len(first.time)), -(-len(scenarios) // threads))
 
     def solve_next_scenarios() -> None:
         own = PlanarMarch.take_reusable(first.mesh, ())
@@ -302,20 +319,9 @@ def solve_alike(scenarios: Sequence[Scenario], threads: int, progress: Progress 
         while ahead[0] < len(scenarios):
             done = integrate_scenarios(ahead, mine, designs, tasks, own.system, line, made)
             for n in mine[:done].tolist():
-                one = scenarios[n]
-                second = SecondStepArrays(*(part[n] for part in found))
-                q, qd, qdd = (part.copy() for part in one.table)
-                step = FirstStep(Trajectory._make(part[n] for part in out), one.time, (q, qd, qdd))
-                results[n] = assemble_solution(one.mesh, step, one.settings, second)
+                results[n] = _assemble_scenario(scenarios[n], made, n)
             if done < most and (n := int(mine[done])) < len(scenarios):
-                one = scenarios[n]
-                status, instant, count = ended[n].tolist()
-                early = instant < 0  # see `batch_kernel`
-                times, parts = (list_early_times(one.time[: EARLY + 1]), SUBSTEPS) if early else (one.time, 1)
-                result = status, -1 - instant if early else instant, count, float(left[n])
-                results[n] = make_march_error(
-                    (one.mesh, ()), result, times, one.settings.step, not early, own.compute_section_turn, parts
-                )
+                results[n] = _make_scenario_error(scenarios[n], made, n, own)
                 own = PlanarMarch.build_for(first.mesh, ())  # what has failed may have left numbers that are none
             elif done == 0:  # others have taken the rest
                 break
@@ -326,6 +332,26 @@ def solve_alike(scenarios: Sequence[Scenario], threads: int, progress: Progress 
 
     run_in_threads(solve_next_scenarios, lambda: ahead.fill(len(scenarios)), min(threads, len(scenarios)))
     return results
+
+
+def _assemble_scenario(scenario: Scenario, made: Results, n: int) -> Solution:
+    """The solution of the scenario number n, from its part of the series."""
+    second = SecondStepArrays(*(part[n] for part in made.second_step))
+    q, qd, qdd = (part.copy() for part in scenario.table)
+    step = FirstStep(Trajectory._make(part[n] for part in made.histories), scenario.time, (q, qd, qdd))
+    return assemble_solution(scenario.mesh, step, scenario.settings, second)
+
+
+def _make_scenario_error(scenario: Scenario, made: Results, n: int, march: PlanarMarch) -> Exception | None:
+    """The error that stopped the scenario number n in a march."""
+    status, instant, count = made.ended[n].tolist()
+    early = instant < 0  # see `batch_kernel`
+    times, parts = (list_early_times(scenario.time[: EARLY + 1]), SUBSTEPS) if early else (scenario.time, 1)
+    result = status, -1 - instant if early else instant, count, float(made.left[n])
+    marched = (scenario.mesh, ())
+    return make_march_error(
+        marched, result, times, scenario.settings.step, not early, march.compute_section_turn, parts
+    )
 
 
 def _build_tasks(scenarios: Sequence[Scenario]) -> Tasks:
@@ -340,9 +366,7 @@ def _build_tasks(scenarios: Sequence[Scenario]) -> Tasks:
     joint[:, model.joints.node] = given[:, 0]
     early = np.zeros((len(firsts), 0, *given.shape[2:]))  # at the parts of the first steps, none if all rest
     if given[:, 0, :, 1:].any() or any(one.mesh.mechanism.gravity.any() for one in scenarios):
-        ends = list_early_times(first.time[: EARLY + 1])
-        tables = [one.motion.evaluate(one.mesh.mechanism, ends, "left") for one in firsts.values()]
-        early = np.stack([model.joints.collect_coordinates(*table) for table in tables])
+        early = _collect_early_coordinates(model, list(firsts.values()))
     return Tasks(
         design=np.array([meshes[one.mesh] for one in scenarios]),
         motion=np.array([number[id(one.table[0])] for one in scenarios]),
@@ -351,6 +375,13 @@ def _build_tasks(scenarios: Sequence[Scenario]) -> Tasks:
         row=instants, time=first.time, none=np.empty((0, 0, 0)), never=np.empty(0),
         scheme=first.settings.scheme, first_scheme=build_start_scheme(first.settings.scheme),
     )  # fmt: skip
+
+
+def _collect_early_coordinates(model: PlanarModel, scenarios: Sequence[Scenario]) -> Array:
+    """The motion of the joints at the parts of the first steps, of one scenario for each motion."""
+    ends = list_early_times(scenarios[0].time[: EARLY + 1])
+    tables = [one.motion.evaluate(one.mesh.mechanism, ends, "left") for one in scenarios]
+    return np.stack([model.joints.collect_coordinates(*table) for table in tables])
 
 
 def _make_result_arrays(first: Scenario, scenarios: int) -> tuple[Trajectory, SecondStepArrays]:

@@ -25,11 +25,13 @@ from flexinv.dynamics.solver import Solver, write_instant
 from flexinv.dynamics.system import Trajectory
 from flexinv.errors import InputError, ModelWarning
 from flexinv.inverse.inverse_dynamics import compute_applied_forces
-from flexinv.kinematics.mesh import build
+from flexinv.kinematics.mesh import Mesh, build
 from flexinv.kinematics.nodal_motion import fill_passive
+from flexinv.kinematics.tree import Joints
 from flexinv.model import rules
 from flexinv.model.links import Frozen
 from flexinv.model.mechanism import Attachment, Force, Mechanism, Placement
+from flexinv.typing import Array
 from flexinv.validation import check_kind, check_kinds, convert_to_floats, shown
 
 SETTINGS = Settings(statics=True)
@@ -84,38 +86,18 @@ def statics(mechanism: Mechanism, loads: Sequence[Load] = (), q: ArrayLike | Non
         expected = f"expected ({mechanism.nq},) finite numbers: {mechanism.coordinate_names}"
         raise InputError(f"statics: q has shape {at.shape}, {expected}")
     forces = [_make_force(mechanism, load, k) for k, load in enumerate(check_kinds("loads", loads, Load))]
-    loaded = replace(mechanism, forces=(*mechanism.forces, *forces))
-    mesh = build(loaded)
-    now = np.zeros(1)
-    rest = np.zeros((1, mechanism.nv))
+    mesh = build(replace(mechanism, forces=(*mechanism.forces, *forces)))
     passive = {j.name for j in mechanism.joints if j.nv and not j.actuated} if mechanism.closures else set()
     if mechanism.closures and q is not None:
         with replace_advice(GIVE_Q):
             at = find_closed_at(mesh, at)
-    held = make_rest_history(at, rest[0], rest[0])
     if mechanism.is_rigid:
+        rest = np.zeros(mechanism.nv)
+        held = make_rest_history(at, rest, rest)
         with replace_advice(GIVE_Q):
-            (first,) = run_first_step(Task(mesh, now, held, held, passive, SETTINGS))
+            (first,) = run_first_step(Task(mesh, np.zeros(1), held, held, passive, SETTINGS))
         return assemble_solution(mesh, first, SETTINGS)
-    solver = Solver.build_for(mesh, passive)
-    (phase,) = list_phases(loaded, now)
-    switching = PhaseHistory(mesh, phase, solver.border.ties)
-    if mechanism.closures:
-        rows = build_constraint_rows(mesh).take_active(phase.active)
-        with replace_advice(GIVE_Q):
-            at = solve_closed_start(mesh, (at, rest[0], rest[0]), 0.0, build_joint_mask(mechanism, passive), rows)[0]
-    solver.update_loads(0.0, at, rest[0], rest[0])
-    begin_undeformed(solver, at, rest[0], rest[0])
-    joints = find_equilibrium(solver, at, "statics")
-    out = Trajectory.make_zero(1, mesh, solver.instant.multipliers.shape[1])
-    iterations = solver.solve_instant(STATICS, joints, "statics")
-    write_instant(solver, 0, out)
-    out.iterations[0] = iterations
-    joint_motion = at[None].copy(), rest, rest.copy()
-    fill_passive(mesh, out.motion, passive, *joint_motion)
-    first = FirstStep(out, now, joint_motion, compute_applied_forces(mesh, out.motion, now), smooth=passive)
-    if mechanism.closures:
-        first = add_reaction_forces(mesh, first, switching)
+    solver, joints, first = _solve_equilibrium(mesh, passive, at)
     from flexinv.linearized.natural_modes import SLOWEST, count_unstable_motions
 
     solution = assemble_solution(mesh, first, SETTINGS)
@@ -127,14 +109,45 @@ def statics(mechanism: Mechanism, loads: Sequence[Load] = (), q: ArrayLike | Non
     notes = solution.notes if all_of_them else (*solution.notes, *slowest)
     if not unstable:
         return replace(solution, stable=True, notes=notes)
+    note = _describe_instability(mechanism, unstable)
+    warnings.warn(note, ModelWarning, stacklevel=2)
+    return replace(solution, stable=False, notes=(*notes, note))
+
+
+def _solve_equilibrium(mesh: Mesh, passive: set[str], at: Array) -> tuple[Solver, Joints, FirstStep]:
+    """The solver and the joints at rest, and the first step of one sample there; at : (nq,) of the joints, a guess in a loop."""
+    now = np.zeros(1)
+    rest = np.zeros((1, mesh.mechanism.nv))
+    solver = Solver.build_for(mesh, passive)
+    (phase,) = list_phases(mesh.mechanism, now)
+    switching = PhaseHistory(mesh, phase, solver.border.ties)
+    if mesh.mechanism.closures:
+        rows = build_constraint_rows(mesh).take_active(phase.active)
+        unknown = build_joint_mask(mesh.mechanism, passive)
+        with replace_advice(GIVE_Q):
+            at = solve_closed_start(mesh, (at, rest[0], rest[0]), 0.0, unknown, rows)[0]
+    solver.update_loads(0.0, at, rest[0], rest[0])
+    begin_undeformed(solver, at, rest[0], rest[0])
+    joints = find_equilibrium(solver, at, "statics")
+    out = Trajectory.make_zero(1, mesh, solver.instant.multipliers.shape[1])
+    iterations = solver.solve_instant(STATICS, joints, "statics")
+    write_instant(solver, 0, out)
+    out.iterations[0] = iterations
+    joint_motion = at[None].copy(), rest, rest.copy()
+    fill_passive(mesh, out.motion, passive, *joint_motion)
+    first = FirstStep(out, now, joint_motion, compute_applied_forces(mesh, out.motion, now), smooth=passive)
+    if mesh.mechanism.closures:
+        first = add_reaction_forces(mesh, first, switching)
+    return solver, joints, first
+
+
+def _describe_instability(mechanism: Mechanism, unstable: int) -> str:
     count = f"{unstable} unstable eigenvalue{'s' * (unstable > 1)} (negative: divergence; complex: flutter)"
-    note = (
+    return (
         f"statics of '{mechanism.name}': this equilibrium is unstable, its tangent stiffness has {count}: a structure "
         "leaves it, as a column does under more than its buckling load; write a smaller load, or let flexinv.solve show where it "
         "goes, with a load across and damped beams"
     )
-    warnings.warn(note, ModelWarning, stacklevel=2)
-    return replace(solution, stable=False, notes=(*notes, note))
 
 
 def _make_force(mechanism: Mechanism, load: Load, number: int) -> Force:

@@ -35,7 +35,7 @@ from flexinv.kinematics.tree import Joints
 from flexinv.planar.detection import NotPlanar, find_plane
 from flexinv.planar.solver import PlanarMarch
 from flexinv.planar.stepper import integrate_planar_motion
-from flexinv.typing import Array, Indices
+from flexinv.typing import Array, Indices, Triple
 
 # Instants of nodes handed to the compiled loop at once: short enough for a live progress bar, some hundredths of a second, long
 # enough to cost nothing, and few enough that what the joints do takes some megabytes; in a plane, whose steps are short, samples.
@@ -87,16 +87,10 @@ def integrate_flexible_motion(task: Task) -> Iterator[FirstStep]:
     Raises ConvergenceError with the time, the size of the increment and what to try.
     """
     march = _March(task)
-    steps = task.steps
-    kept = len(task.time)
     every = task.settings.every
-    last = len(steps) - 1
-    step = steps[1] - steps[0] if len(steps) > 1 else 1.0
-    stops = {*task.seams}
-    if not stops:  # all steps are equal: samples at which accelerations jump
-        found = {round((jump - steps[0]) / step) for jump in task.jumps}
-        stops = {k for k in found if 0 < k <= last and np.abs(steps[k] - np.array(task.jumps)).min() < SAME_TIME * step}
-    ends = set() if task.part is None else {every * row for row in range(task.part, kept - 1, task.part)}
+    last = len(task.steps) - 1
+    stops = _find_jumps(task)
+    ends = set() if task.part is None else {every * row for row in range(task.part, len(task.time) - 1, task.part)}
     switches = {phase.first: phase for phase in march.phases[1:]}
     start = march.begin()
     chunk = PLANAR_CHUNK if march.flat is not None else max(1, SPATIAL_CHUNK // task.mesh.size)
@@ -115,6 +109,16 @@ def integrate_flexible_motion(task: Task) -> Iterator[FirstStep]:
     if march.solver is None and march.flat is not None:  # its arrays are for the next that is in the plane alone
         march.flat.make_reusable(task.passive)
     yield march.collect_first_step(ends=task.part is None)
+
+
+def _find_jumps(task: Task) -> set[int]:
+    """Samples at which steps change, or where all are equal those at which accelerations jump."""
+    if task.seams:
+        return {*task.seams}
+    steps = task.steps
+    step = steps[1] - steps[0] if len(steps) > 1 else 1.0
+    found = {round((jump - steps[0]) / step) for jump in task.jumps}
+    return {k for k in found if 0 < k < len(steps) and np.abs(steps[k] - np.array(task.jumps)).min() < SAME_TIME * step}
 
 
 def build_planar_march(mesh: Mesh, passive: set[str]) -> PlanarMarch | None:
@@ -211,7 +215,6 @@ class _March:
         Last what takes the result of the call and returns the first sample that is not done, or raises the error of
         `make_march_error`.
         """
-        mesh = self.task.mesh
         scheme = self.scheme
         parts = 1
         begins = first == 0
@@ -230,16 +233,11 @@ class _March:
             start = self.task.after(time[:1]) if begins else None
             arguments = self.flat.prepare_arguments(scheme, start, given, row, self.out)
         else:
+            if not ((np.diff(row) == 1).all() and row[0] >= 0):
+                whole = Trajectory.make_zero(len(row), self.task.mesh, self.out.multipliers.shape[1])
+            out = whole or self.out.take_samples(int(row[0]), int(row[-1]) + 1)
             solver = self._resolve_spatial_solver()
-            if (np.diff(row) == 1).all() and row[0] >= 0:
-                out = self.out.take_samples(int(row[0]), int(row[-1]) + 1)
-            else:
-                out = whole = Trajectory.make_zero(len(row), mesh, self.out.multipliers.shape[1])
-            rel = Joints(*(np.ascontiguousarray(part) for part in compute_relative_motion(mesh, *given)))
-            instants = Instants(
-                rel, build_load_table(mesh, time), solver.evaluate_drives(time), solver.compute_coupling_terms(*given)
-            )
-            arguments = solver.prepare_arguments(scheme, instants, out)
+            arguments = solver.prepare_arguments(scheme, self._make_instants(time, given), out)
 
         def end_leg(result: Status) -> int:
             if whole is not None:
@@ -274,6 +272,14 @@ class _March:
     def _resolve_spatial_solver(self) -> Solver:
         assert self.solver is not None
         return self.solver
+
+    def _make_instants(self, time: Array, given: Triple) -> Instants:
+        """The data of instants in space: motion of the joints, loads, efforts of drives, and terms of couplings."""
+        mesh = self.task.mesh
+        solver = self._resolve_spatial_solver()
+        rel = Joints(*(np.ascontiguousarray(part) for part in compute_relative_motion(mesh, *given)))
+        loads = build_load_table(mesh, time)
+        return Instants(rel, loads, solver.evaluate_drives(time), solver.compute_coupling_terms(*given))
 
     def update_step(self, sample: int) -> None:
         """Take the step [s] that the task makes after a sample; nothing to do where all steps are equal."""

@@ -14,7 +14,7 @@ import numpy as np
 import pandas as pd
 
 from flexinv.analysis import overview
-from flexinv.analysis.find_limits import find_limits
+from flexinv.analysis.find_limits import LimitUse, find_limits
 from flexinv.analysis.motor_side import motor_side
 from flexinv.analysis.solution import Solution
 from flexinv.analysis.solve import solve as solve_motion
@@ -91,15 +91,11 @@ def solve(
     table shows each joint's peak and RMS torque, speed and power, and how much of its stated limits that takes, at the samples.
     Below it stands each limit that is reached or passed, and when: between samples, too, where the motion says what is there.
     """
-    if plot is not None and plot.suffix not in PLOTS:
-        raise InputError(f"--plot {plot}: expected a name that ends in {', '.join(PLOTS)}")
-    if plot is not None and importlib.util.find_spec("matplotlib") is None:
-        raise InputError("--plot needs matplotlib: write pip install 'flexinv[plot]'")
+    _check_plot(plot)
     check_outputs(out, overwrite, [plot])
     mechanism = load_mechanism(model)
     case = choose(load_cases(resolve_model_folder(model), mechanism), name, model)
-    asked = case.accuracy if step is None and accuracy is None else accuracy
-    size = case.step if step is None and asked is None else step
+    size, asked = _resolve_step(case, step, accuracy)
     written = compute_sample_stride(case.sample, case.step, size) if out is not None and size and size > 0.0 else 1
     # with error bars: once more at half the step, once more on a finer mesh
     samples = round(case.end / size) * (4 if error else 1) if size else 0
@@ -110,29 +106,60 @@ def solve(
             initial=case.initial, start=case.start, progress=bar.update, accuracy=asked,
         )  # fmt: skip
     click.echo(f"{mechanism.name}, case {case.name}: {case.title}" if case.title else f"{mechanism.name}, {case.name}")
-    table = solution.summary()
-    if solution.torque_error is not None:
-        table.loc[list(solution.torque_names), "error of effort"] = solution.torque_error.max(axis=0)
-    write_table(table, digits=5, index=True, missing="-")
-    uses = find_limits(solution, case.motion)
-    for one in uses:
-        if one.reached is not None:
-            click.echo(f"limit: {one}")
-    if uses:
-        click.echo(f"{len(uses)} limits looked at, {sum(one.passed for one in uses)} passed")
-    if any(joint.drive for joint in mechanism.joints):  # peak values of every motor, or why its motion does not follow
-        try:
-            found = motor_side(solution)
-            columns = ["motor", "peak speed [rad/s]", "peak torque [N m]", "peak current [A]"]
-            rows = [(name, *(np.abs(a).max() for a in (m.rate, m.torque, m.current))) for name, m in found.items()]
-            write_table(pd.DataFrame(rows, columns=columns), digits=5, missing="-")
-        except InputError as reason:
-            click.echo(f"motors: {_join_lines(reason)}")
+    _write_summary(solution)
+    _write_limits(find_limits(solution, case.motion))
+    if any(joint.drive for joint in mechanism.joints):
+        _write_motors(solution)
     if out is not None:
         write(solution.whole_frame().iloc[::written], out)
     if plot is not None:
         draw(solution, f"{mechanism.name}, {case.name}").savefig(plot, dpi=150)
         click.echo(f"drew {plot}")
+
+
+def _resolve_step(case: Case, step: float | None, accuracy: float | None) -> tuple[float | None, float | None]:
+    """The step [s] or the accuracy to solve with: those that are given, else the case's."""
+    if step is None and accuracy is None:
+        accuracy = case.accuracy
+    return (case.step if step is None and accuracy is None else step), accuracy
+
+
+def _check_plot(plot: Path | None) -> None:
+    """Raise InputError for a drawing that could not be made."""
+    if plot is None:
+        return
+    if plot.suffix not in PLOTS:
+        raise InputError(f"--plot {plot}: expected a name that ends in {', '.join(PLOTS)}")
+    if importlib.util.find_spec("matplotlib") is None:
+        raise InputError("--plot needs matplotlib: write pip install 'flexinv[plot]'")
+
+
+def _write_summary(solution: Solution) -> None:
+    """Print peak values of every joint, with error bars where there are some."""
+    table = solution.summary()
+    if solution.torque_error is not None:
+        table.loc[list(solution.torque_names), "error of effort"] = solution.torque_error.max(axis=0)
+    write_table(table, digits=5, index=True, missing="-")
+
+
+def _write_limits(uses: tuple[LimitUse, ...]) -> None:
+    """Print the limits that are reached, and how many were looked at."""
+    for one in uses:
+        if one.reached is not None:
+            click.echo(f"limit: {one}")
+    if uses:
+        click.echo(f"{len(uses)} limits looked at, {sum(one.passed for one in uses)} passed")
+
+
+def _write_motors(solution: Solution) -> None:
+    """Print peak values of every motor, or why its motion does not follow."""
+    try:
+        found = motor_side(solution)
+        columns = ["motor", "peak speed [rad/s]", "peak torque [N m]", "peak current [A]"]
+        rows = [(name, *(np.abs(a).max() for a in (m.rate, m.torque, m.current))) for name, m in found.items()]
+        write_table(pd.DataFrame(rows, columns=columns), digits=5, missing="-")
+    except InputError as reason:
+        click.echo(f"motors: {_join_lines(reason)}")
 
 
 @app.command(short_help="Show what a mechanism file (or a URDF) is.")
@@ -146,11 +173,7 @@ def info(model: Path) -> None:
     fixed = f"{sum(not j.nv for j in mechanism.joints)} of {len(mechanism.joints)} joints fixed"
     size = f"nq = {mechanism.nq}, nv = {mechanism.nv}"
     click.echo(f"total mass {mass:.6g} kg, gravity ({gravity}) m/s^2, {size}, {fixed}")
-    cases = (
-        load_cases(resolve_model_folder(model), mechanism)
-        if (resolve_model_folder(model) / "cases.toml").is_file()
-        else {}
-    )
+    cases = _read_own_cases(model, mechanism)
     if mechanism.closures:
         click.echo(overview.describe_mobility(mechanism, next(iter(cases.values()), None)))
     for title, table in overview.build_overview_tables(mechanism).items():
@@ -246,15 +269,17 @@ app.add_command(warm)
 app.add_command(simulate_file)
 
 
+def _read_own_cases(model: Path, mechanism: Mechanism) -> dict[str, Case]:
+    """The cases that stand beside a mechanism, none where there is no file of them."""
+    folder = resolve_model_folder(model)
+    return load_cases(folder, mechanism) if (folder / "cases.toml").is_file() else {}
+
+
 def _describe_closing_case(model: Path, mechanism: Mechanism, name: str | None) -> str:
     """Advice for loops that do not close in the configuration of the modes."""
     if name is not None:
         return f"write another start of the joints in case '{name}'"
-    cases = (
-        load_cases(resolve_model_folder(model), mechanism)
-        if (resolve_model_folder(model) / "cases.toml").is_file()
-        else {}
-    )
+    cases = _read_own_cases(model, mechanism)
     known = ", ".join(cases)
     return (
         f"write --case with one of {known}"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 import numpy as np
@@ -15,6 +16,9 @@ from flexinv.errors import InputError
 from flexinv.files.load_mechanism import load_mechanism
 from flexinv.model.mechanism import Mechanism
 from flexinv.typing import Array
+
+if TYPE_CHECKING:
+    from flexinv.tracking.task_file import PathTask
 
 TIME = "time [s]"
 
@@ -82,6 +86,16 @@ def _read_efforts(mechanism: Mechanism, file: Path | None, duration: float | Non
     return table[TIME].to_numpy(float), table[drives].to_numpy(float)
 
 
+def _choose_task(tasks: dict[str, PathTask], name: str | None, model: Path) -> PathTask:
+    """The task of that name, or the only one there is."""
+    if name is None and len(tasks) == 1:
+        return next(iter(tasks.values()))
+    if name is not None and name in tasks:
+        return tasks[name]
+    known = ", ".join(tasks) or "none: write a table [tasks.NAME] in its cases.toml"
+    raise InputError(f"{model}: {'give --task' if name is None else f'no task {name!r}'}; tasks there: {known}")
+
+
 @click.command("follow", short_help="Compute the torques with which a tip follows a path.")
 @MODEL
 @click.option("--task", "name", help="Which task of cases.toml; may be left out where there is only one.")
@@ -106,10 +120,7 @@ def follow_task(
     check_outputs(out, overwrite)
     mechanism = load_mechanism(model)
     tasks = load_tasks(model, mechanism)
-    if (name is None and len(tasks) != 1) or (name is not None and name not in tasks):
-        known = ", ".join(tasks) or "none: write a table [tasks.NAME] in its cases.toml"
-        raise InputError(f"{model}: {'give --task' if name is None else f'no task {name!r}'}; tasks there: {known}")
-    task = next(iter(tasks.values())) if name is None else tasks[name]
+    task = _choose_task(tasks, name, model)
     size = task.step if step is None and accuracy is None else step
     subject = task.meshed(mechanism), task.path, task.frame
     following = follow(*subject, size, task.before, task.after, task.start, accuracy=accuracy)

@@ -112,28 +112,41 @@ def split_by_svd(g: Array, tau_tree: Array, driven: Mask, root: Array) -> Alloca
     # N^T, zero for what cannot move (sample, freedom, nv)
     motions = np.where((np.arange(first, nv) < rank[:, None])[:, :, None], 0.0, right[:, first:])
     u, s, vt = np.linalg.svd(motions[:, :, driven] / root)
-    driving = count_ranks(s)
     most = s.shape[1]
     tau = np.zeros((samples, nv))
-    # one over singular values, zero for those that are redundant
-    pairs = ((one, one > REDUNDANT * one.max(axis=-1, initial=0.0)[..., None]) for one in (s, values))
-    by_drives, by_closures = (np.divide(1.0, one, out=np.zeros_like(one), where=sure) for one, sure in pairs)
     along = np.einsum("sfk,sf->sk", u[:, :, :most], np.einsum("sfv,sv->sf", motions, tau_tree))
-    tau[:, driven] = np.einsum("skd,sk->sd", vt[:, :most], by_drives * along) / root
+    tau[:, driven] = np.einsum("skd,sk->sd", vt[:, :most], _compute_inverses(s) * along) / root
     # G^T lambda = rest, of least norm: lambda = U S^-1 V^T rest
     rest = np.einsum("skv,sv->sk", right[:, :few], tau_tree - tau)
-    multipliers = np.einsum("srk,sk->sr", left[:, :, :few], by_closures * rest)
-    smallest = np.where(np.arange(most) < nv - rank[:, None], s, 1.0).min(axis=1, initial=1.0)
-    condition = np.full(samples, np.inf)
-    known = (smallest > 0.0) & (rank < nv) & (len(root) > 0)
-    np.divide(s.max(axis=1, initial=1.0), smallest, out=condition, where=known)
+    multipliers = np.einsum("srk,sk->sr", left[:, :, :few], _compute_inverses(values) * rest)
+    open_effort = tau_tree - tau - np.einsum("srv,sr->sv", g, multipliers)
+    condition = _compute_condition(s, nv - rank, len(root))
+    return AllocatedEfforts(tau, multipliers, open_effort, _find_preloads(s, vt, driven, root), condition)
+
+
+def _compute_inverses(values: Array) -> Array:
+    """One over singular values (samples, k), zero for those that are redundant."""
+    sure = values > REDUNDANT * values.max(axis=-1, initial=0.0)[..., None]
+    return np.divide(1.0, values, out=np.zeros_like(values), where=sure)
+
+
+def _compute_condition(values: Array, freedoms: NDArray[np.int64], drives: int) -> Array:
+    """The drives' authority over the motions that are left (samples,), infinite where there is none or nothing moves."""
+    smallest = np.where(np.arange(values.shape[1]) < freedoms[:, None], values, 1.0).min(axis=1, initial=1.0)
+    condition = np.full(len(values), np.inf)
+    known = (smallest > 0.0) & (freedoms > 0) & (drives > 0)
+    np.divide(values.max(axis=1, initial=1.0), smallest, out=condition, where=known)
+    return condition
+
+
+def _find_preloads(values: Array, vt: Array, driven: Mask, root: Array) -> Array:
+    """Efforts (samples, nv, k) that only stress the mechanism: right vectors beyond the rank of the drives."""
+    driving = count_ranks(values)
     least = len(root) - int(driving.max(initial=0))
     beyond = (driving[:, None] + np.arange(least))[:, :, None]
-    preload = np.zeros((samples, nv, least))
+    preload = np.zeros((len(values), len(driven), least))
     preload[:, driven] = np.take_along_axis(vt, beyond, axis=1).transpose(0, 2, 1) / root[:, None]
-    return AllocatedEfforts(
-        tau, multipliers, tau_tree - tau - np.einsum("srv,sr->sv", g, multipliers), preload, condition
-    )
+    return preload
 
 
 def count_ranks(values: NDArray[np.floating[Any]]) -> NDArray[np.int64]:

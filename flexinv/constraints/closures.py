@@ -41,26 +41,7 @@ GRADIENT_ROUNDING = 1e-13
 def build_constraint_rows(mesh: Mesh) -> Rows:
     """Return the constraints of a mesh's closures [m], [-]; raises InputError for a coupling of joints that it cannot tie."""
     m = mesh.mechanism
-    table = list[tuple[Any, ...]]()
-    for index, closure in enumerate(m.closures):
-        a = find_attachment_node(mesh, closure.first)
-        b = find_attachment_node(mesh, closure.second)
-        gear = np.zeros(m.nv)
-        first = closure.first.placement
-        second = closure.second.placement
-        for direction, u, w in _list_equations(closure):
-            vectors = (first.position, second.position, first.rotation @ u, second.rotation @ w)
-            table.append((index, direction, a, b, *vectors, gear, 0.0))
-        if closure.kind == "coupling":
-            what = f"closure '{closure.name}': a coupling"
-            for name, factor in closure.factors:
-                if name not in m.joint_of or m.joint_of[name].kind not in GEARED:
-                    known = ", ".join(j.name for j in m.joints if j.kind in GEARED) or "none"
-                    raise InputError(f"{what} ties {COUPLED_JOINTS} ({known}), not {name!r}")
-                gear[m.v_slices[name].start] = factor
-            if closure.active:
-                raise InputError(f"{what} acts all the time; leave its active intervals out")
-            table.append((index, True, -1, -1, *np.zeros((4, 3)), gear, closure.offset))
+    table = [row for index, closure in enumerate(m.closures) for row in _list_rows(mesh, index, closure)]
     kinds: list[tuple[type, tuple[int, ...]]] = [(kind, ()) for kind in (np.int64, bool, np.int64, np.int64)]
     kinds += [*4 * [(float, (3,))], (float, (m.nv,)), (float, ())]
     parts = zip(kinds, zip(*table, strict=True) if table else 10 * [()], strict=True)
@@ -68,13 +49,49 @@ def build_constraint_rows(mesh: Mesh) -> Rows:
     _, directed, of_first, of_second, *_, gears, _ = columns
     geared = (np.abs(gears) * list_velocity_scales(mesh)).max(axis=1, initial=0.0)
     scale = np.where(geared > 0.0, geared, np.where(directed, 1.0, mesh.length))
-    place = np.full(m.nv, -1, dtype=np.int64)
-    for joint in m.joints:
-        if joint.kind in GEARED:
-            place[m.v_slices[joint.name].start] = m.q_slices[joint.name].start
     last = np.searchsorted(columns[0], columns[0], side="right")
-    columns += [_build_jacobian_pattern(mesh, of_first, of_second, gears), scale, last, place]
+    pattern = _build_jacobian_pattern(mesh, of_first, of_second, gears)
+    columns += [pattern, scale, last, _find_places(m)]
     return Rows(*columns)
+
+
+def _list_rows(mesh: Mesh, index: int, closure: Closure) -> list[tuple[Any, ...]]:
+    """The first fields of `Rows` for each constraint of a closure."""
+    nv = mesh.mechanism.nv
+    if closure.kind == "coupling":
+        return [(index, True, -1, -1, *np.zeros((4, 3)), _build_gear(mesh.mechanism, closure), closure.offset)]
+    a = find_attachment_node(mesh, closure.first)
+    b = find_attachment_node(mesh, closure.second)
+    first = closure.first.placement
+    second = closure.second.placement
+    out: list[tuple[Any, ...]] = []
+    for direction, u, w in _list_equations(closure):
+        vectors = (first.position, second.position, first.rotation @ u, second.rotation @ w)
+        out.append((index, direction, a, b, *vectors, np.zeros(nv), 0.0))
+    return out
+
+
+def _build_gear(mechanism: Mechanism, closure: Closure) -> Array:
+    """The factors of a coupling (nv,)."""
+    what = f"closure '{closure.name}': a coupling"
+    gear = np.zeros(mechanism.nv)
+    for name, factor in closure.factors:
+        if name not in mechanism.joint_of or mechanism.joint_of[name].kind not in GEARED:
+            known = ", ".join(j.name for j in mechanism.joints if j.kind in GEARED) or "none"
+            raise InputError(f"{what} ties {COUPLED_JOINTS} ({known}), not {name!r}")
+        gear[mechanism.v_slices[name].start] = factor
+    if closure.active:
+        raise InputError(f"{what} acts all the time; leave its active intervals out")
+    return gear
+
+
+def _find_places(mechanism: Mechanism) -> NDArray[np.int64]:
+    """Places (nv,) of the coordinates that a coupling may tie, -1 for others."""
+    place = np.full(mechanism.nv, -1, dtype=np.int64)
+    for joint in mechanism.joints:
+        if joint.kind in GEARED:
+            place[mechanism.v_slices[joint.name].start] = mechanism.q_slices[joint.name].start
+    return place
 
 
 def compute_coupling_residuals(rows: Rows, q: Array, qd: Array, qdd: Array) -> Triple:
@@ -108,8 +125,6 @@ def _list_equations(closure: Closure) -> list[tuple[bool, Array, Array]]:
     across = np.cross(closure.axis, np.eye(3)[int(np.argmin(np.abs(closure.axis)))])
     across /= np.linalg.norm(across)
     also = np.cross(closure.axis, across)  # a right-handed frame with the axis
-    if closure.kind == "coupling":
-        return []
     position = (across, also) if closure.kind in ("prismatic", "cylindrical", "point-on-line") else (x, y, z)
     direction = {
         "fixed": ((x, y), (y, z), (z, x)),

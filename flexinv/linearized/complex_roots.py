@@ -176,9 +176,14 @@ def _build_pencil(mass: Sparse, damping: Sparse, stiffness: Sparse) -> Pencil:
     lag = 0.0
     if held.shape[1]:
         follow[first:size] = solve_held(inner, a[r + first :][:, rest])
-        lag = float(np.abs(scipy.linalg.eigvals(solve_held(inner, c[first:, first:]))).max())
+        lag = _find_longest_time(inner, c[first:, first:])
     smallest = SMALLEST_SHIFT * (float(np.sqrt(np.abs(k[:r, :r]).max(initial=0.0))) or 1.0)
     return Pencil(basis.toarray(), r, moved.shape[1], a[: r + first], b[: r + first], follow, inner, smallest, lag)
+
+
+def _find_longest_time(stiffness: Sparse, damping: Array) -> float:
+    """Longest of the times in which motions without inertia follow."""
+    return float(np.abs(scipy.linalg.eigvals(solve_held(stiffness, damping))).max())
 
 
 def find_rate_driven_motions(split: Split, damping: Sparse, stiffness: Sparse) -> tuple[Sparse, Sparse]:
@@ -207,19 +212,23 @@ def find_rate_driven_motions(split: Split, damping: Sparse, stiffness: Sparse) -
     moves = times > np.maximum(least, rounding)
     hidden = (times > least) & ~moves
     if held > 0.0 and hidden.any():
-        warnings.warn(
-            f"modes: whether {hidden.sum()} motion(s) without inertia have a root of their own, beyond "
-            f"{1 / times[hidden].max():.3g} 1/s, is not known: their damping is rounding of that of others; they are taken to "
-            "follow at once",
-            ModelWarning,
-            stacklevel=2,
-        )
+        _warn_of_hidden_roots(times[hidden])
     # any basis of what moves does, and one of unit columns loses no digits
     following = int((~moves).sum())
     every = scipy.linalg.qr(turned[:, ~moves])[0] if following else np.eye(len(turned))
     bases = every[:, following:], every[:, :following]
     by_rates, follows = (scipy.sparse.csc_array(none @ scipy.sparse.csc_array(part / size[:, None])) for part in bases)
     return by_rates, follows
+
+
+def _warn_of_hidden_roots(times: Array) -> None:
+    warnings.warn(
+        f"modes: whether {len(times)} motion(s) without inertia have a root of their own, beyond "
+        f"{1 / times.max():.3g} 1/s, is not known: their damping is rounding of that of others; they are taken to "
+        "follow at once",
+        ModelWarning,
+        stacklevel=3,
+    )
 
 
 def _compute_left_vectors(own: Pencil, root: Complex, w: Complex) -> Complex:

@@ -178,23 +178,14 @@ def linear_model(
         free = check_names("free", free, "joints")
     accelerated = check_names("accelerated", accelerated, "joints")
     moving = [j.name for j in mechanism.joints if j.nv and j.name not in set(accelerated)]
-    freed = (*(moving if free is None else free), *accelerated)
-    for name in accelerated:
-        if name not in mechanism.joint_of or mechanism.joint_of[name].nv != 1:
-            known = ", ".join(j.name for j in mechanism.joints if j.nv == 1)
-            raise InputError(f"linear model: accelerated joint {name!r}: expected one of {known}")
-    if accelerated and mechanism.closures:
-        raise InputError(
-            f"linear model: mechanism '{mechanism.name}' has closures, where the acceleration of one joint moves others; "
-            "leave accelerated empty: efforts of the drives are the inputs"
-        )
-    mesh, at, chosen_names = resolve_setup(mechanism, q, freed, None)
+    freed = tuple(moving if free is None else free)
+    _check_accelerated(mechanism, accelerated)
+    mesh, at, chosen_names = resolve_setup(mechanism, q, (*freed, *accelerated), None)
     motion = build_steady_motion(mesh, at, rates, set(chosen_names))
     joints = np.array([mechanism.v_slices[name].start for name in accelerated], dtype=np.int64)
     coordinates = build_coordinate_map(mesh, motion.solver.topology)  # (nv, unknowns)
     basis = _build_basis(motion, coordinates[joints], modes)
-    moved = np.flatnonzero(mechanism.actuated & coordinates.any(axis=1)).tolist()
-    driven = [v for v in moved if v not in joints]
+    driven = _list_driven(mechanism, coordinates, joints)
     state_space = build_state_space(basis, motion.matrices, coordinates[driven].T)
     c, d, outputs, output_units = _build_outputs(motion.solver, coordinates, basis, state_space)
     states, state_units = _list_states(mechanism, accelerated, basis)
@@ -213,9 +204,28 @@ def linear_model(
         output_units=output_units,
         bias=np.concatenate([held, np.zeros(len(accelerated))]),
         notes=_list_notes(motion, basis, modes),
-        origin=Origin(mechanism, at, rates, freed[: len(freed) - len(accelerated)], tuple(accelerated), modes),
+        origin=Origin(mechanism, at, rates, freed, tuple(accelerated), modes),
         left_out=state_space.left_out,
     )
+
+
+def _check_accelerated(mechanism: Mechanism, accelerated: Collection[str]) -> None:
+    """Raise InputError for joints that cannot be accelerated."""
+    for name in accelerated:
+        if name not in mechanism.joint_of or mechanism.joint_of[name].nv != 1:
+            known = ", ".join(j.name for j in mechanism.joints if j.nv == 1)
+            raise InputError(f"linear model: accelerated joint {name!r}: expected one of {known}")
+    if accelerated and mechanism.closures:
+        raise InputError(
+            f"linear model: mechanism '{mechanism.name}' has closures, where the acceleration of one joint moves others; "
+            "leave accelerated empty: efforts of the drives are the inputs"
+        )
+
+
+def _list_driven(mechanism: Mechanism, coordinates: Array, accelerated: NDArray[np.int64]) -> list[int]:
+    """Velocity coordinates with a drive that unknowns move, but for those whose acceleration is given."""
+    moved = np.flatnonzero(mechanism.actuated & coordinates.any(axis=1)).tolist()
+    return [v for v in moved if v not in accelerated]
 
 
 def _list_coordinate_units(mechanism: Mechanism, accelerated: Collection[str]) -> list[str]:

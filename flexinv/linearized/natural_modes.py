@@ -280,12 +280,7 @@ def resolve_setup(
         check_whole_number("count", count, 1, "1 or more, or None for all")
     at = mechanism.neutral if q is None else np.array(convert_to_floats("modes: q", q))
     moves = [j.name for j in mechanism.joints if j.nv]
-    for name in free or ():
-        if name not in moves:
-            raise InputError(f"modes: free joint {name!r}: '{mechanism.name}' moves by {', '.join(moves)}")
-    if free is None:
-        free = [name for name in moves if mechanism.closures and not mechanism.joint_of[name].actuated]
-    moving = tuple(name for name in moves if name in free)
+    moving = _resolve_free_joints(mechanism, moves, free)
     mesh = build(mechanism)
     if at.shape != (mechanism.nq,) or not np.isfinite(at).all():
         raise InputError(f"modes: q has shape {at.shape}, expected ({mechanism.nq},) finite numbers [rad], [m]")
@@ -298,6 +293,16 @@ def resolve_setup(
             f"write free=[...] with names of {', '.join(moves) or 'joints'}"
         )
     return mesh, at, moving
+
+
+def _resolve_free_joints(mechanism: Mechanism, moves: list[str], free: Collection[str] | None) -> tuple[str, ...]:
+    """The free joints among those that move, as they are asked for, else those of loops that have no drive."""
+    for name in free or ():
+        if name not in moves:
+            raise InputError(f"modes: free joint {name!r}: '{mechanism.name}' moves by {', '.join(moves)}")
+    if free is None:
+        free = [name for name in moves if mechanism.closures and not mechanism.joint_of[name].actuated]
+    return tuple(name for name in moves if name in free)
 
 
 def find_rest_position(solver: Solver, q: Array) -> tuple[Joints, Solver]:

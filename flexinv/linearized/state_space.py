@@ -92,6 +92,54 @@ class StateSpace:
     left_out: LeftOut | None = None
 
 
+@dataclass(frozen=True)
+class _Equations:
+    """M, C, K and the efforts in the columns of a basis, (own, own) and (own, efforts)."""
+
+    basis: Basis
+    mass: Array
+    damping: Array
+    stiffness: Array
+    push: Array
+
+    @property
+    def inertial(self) -> int:
+        """Columns that are prescribed or have inertia, the first ones."""
+        return self.basis.prescribed + self.basis.massive
+
+    @property
+    def moving(self) -> int:
+        """Columns that are states: these, and those that move by their rates; others follow."""
+        return self.inertial + self.basis.moved
+
+    @property
+    def inputs(self) -> int:
+        return int(self.push.shape[1]) + self.basis.prescribed
+
+    @property
+    def follows(self) -> slice:
+        """Columns that follow the states."""
+        return slice(self.moving, len(self.mass))
+
+    @property
+    def rows(self) -> slice:
+        """Rows of eta and d, from which eta'' and d' are solved for."""
+        return slice(self.basis.prescribed, self.moving)
+
+    @property
+    def unknown(self) -> list[int]:
+        """Places of d' and eta'' among x'."""
+        n = self.basis.states
+        return [*range(self.inertial, self.moving), *range(n - self.basis.massive, n)]
+
+    @property
+    def velocity(self) -> Array:
+        """(inertial, states) p' and eta' by the states."""
+        velocity = np.zeros((self.inertial, self.basis.states))
+        velocity[:, self.moving :] = np.eye(self.inertial)
+        return velocity
+
+
 def build_state_space(basis: Basis, matrices: tuple[Array, Array, Array], efforts: Array) -> StateSpace:
     """Return the state space of M, C and K (unknowns, unknowns) [kg, N, m, s] with efforts (unknowns, inputs) [-].
 
@@ -99,48 +147,61 @@ def build_state_space(basis: Basis, matrices: tuple[Array, Array, Array], effort
     inertia and damper, so that a rate would follow the effort's rate.
     """
     mass, damping, stiffness = (basis.left.T @ part @ basis.right for part in matrices)
-    push = basis.left.T @ efforts
-    g = basis.prescribed
-    r = basis.massive
-    d = basis.moved
+    own = _Equations(basis, mass, damping, stiffness, basis.left.T @ efforts)
     n = basis.states
-    own = len(mass)
-    inputs = push.shape[1] + g
-    # each of y and of its rates by states x, by x' (rates of d and eta are among these) and by inputs u
-    place = np.zeros((own, n))
-    direct = np.zeros((own, inputs))
-    place[: g + r + d, : g + r + d] = np.eye(g + r + d)
-    velocity = np.zeros((g + r, n))
-    velocity[:, g + r + d :] = np.eye(g + r)
-    e = slice(g + r + d, own)
-    if basis.held:
-        by_state = stiffness[e, : g + r + d] @ place[: g + r + d] + damping[e, : g + r] @ velocity
-        place[e] = -np.linalg.solve(stiffness[e, e], by_state)
-        direct[e, : push.shape[1]] = np.linalg.solve(stiffness[e, e], push[e])
-        _refuse_rates(direct[e], damping[: g + r + d, e], float(np.abs(damping).max()))
-    rows = slice(g, g + r + d)
-    unknown = [*range(g + r, g + r + d), *range(n - r, n)]  # d' and eta'' among x'
-    known = np.zeros((n, n + inputs))  # p', eta' and p'' among x', by x and u
-    known[: g + r, :n] = velocity
-    known[g + r + d : 2 * g + r + d, n + push.shape[1] :] = np.eye(g)
-    by_rates = damping[rows] @ place
-    by_rates[:, g + r + d :] += mass[rows, : g + r]
-    if basis.held:
-        first = damping[e, e] @ place[e]
-        first[:, g + r : g + r + d] += damping[e, g + r : g + r + d]
-        later = np.linalg.solve(stiffness[e, e], first)
-        by_rates -= stiffness[rows, e] @ later
-    side = np.hstack([-stiffness[rows] @ place, -stiffness[rows] @ direct])
-    side[:, n : n + push.shape[1]] += push[rows]
-    known[unknown] = np.linalg.solve(by_rates[:, unknown], side - by_rates @ known)
-    left_out = None
-    if basis.held and later.any():
-        times = np.linalg.solve(stiffness[e, e], damping[e, e])
-        second = stiffness[rows, e] @ times @ later - damping[rows, e] @ later
-        left_out = LeftOut(np.zeros((n, n)), float(np.abs(np.linalg.eigvals(times)).max()))
-        left_out.matrix[unknown] = -np.linalg.solve(by_rates[:, unknown], second)
+    efforts_end = n + own.push.shape[1]
+    place, direct = _compute_places(own)
+    known = np.zeros((n, n + own.inputs))  # p', eta' and p'' among x', by x and u
+    known[: own.inertial, :n] = own.velocity
+    known[own.moving : own.moving + basis.prescribed, efforts_end:] = np.eye(basis.prescribed)
+    by_rates = damping[own.rows] @ place
+    by_rates[:, own.moving :] += mass[own.rows, : own.inertial]
+    later = _find_delay(own, place)
+    if later is not None:
+        by_rates -= stiffness[own.rows, own.follows] @ later
+    side = np.hstack([-stiffness[own.rows] @ place, -stiffness[own.rows] @ direct])
+    side[:, n:efforts_end] += own.push[own.rows]
+    known[own.unknown] = np.linalg.solve(by_rates[:, own.unknown], side - by_rates @ known)
+    left_out = None if later is None or not later.any() else _find_left_out(own, by_rates, later)
     rate = place @ known
     return StateSpace(known[:, :n], known[:, n:], place, direct, rate[:, :n], rate[:, n:], left_out)
+
+
+def _compute_places(own: _Equations) -> tuple[Array, Array]:
+    """Each of the own unknowns by the states (own, states) and by the inputs (own, inputs)."""
+    place = np.zeros((len(own.mass), own.basis.states))
+    direct = np.zeros((len(own.mass), own.inputs))
+    ahead = own.moving
+    place[:ahead, :ahead] = np.eye(ahead)
+    if own.basis.held:
+        e = own.follows
+        by_state = own.stiffness[e, :ahead] @ place[:ahead] + own.damping[e, : own.inertial] @ own.velocity
+        place[e] = -np.linalg.solve(own.stiffness[e, e], by_state)
+        direct[e, : own.push.shape[1]] = np.linalg.solve(own.stiffness[e, e], own.push[e])
+        _refuse_rates(direct[e], own.damping[:ahead, e], float(np.abs(own.damping).max()))
+    return place, direct
+
+
+def _find_delay(own: _Equations, place: Array) -> Array | None:
+    """K_ee^-1 F: what follows is less by so much of the rates of the states; None where nothing follows."""
+    if not own.basis.held:
+        return None
+    e = own.follows
+    moved = slice(own.inertial, own.moving)
+    first = own.damping[e, e] @ place[e]
+    first[:, moved] += own.damping[e, moved]
+    return np.asarray(np.linalg.solve(own.stiffness[e, e], first))
+
+
+def _find_left_out(own: _Equations, by_rates: Array, later: Array) -> LeftOut:
+    """The terms of second order in the times of what follows; by_rates : of the rows of eta and d, later : `_find_delay`."""
+    e = own.follows
+    n = own.basis.states
+    times = np.linalg.solve(own.stiffness[e, e], own.damping[e, e])
+    second = own.stiffness[own.rows, e] @ times @ later - own.damping[own.rows, e] @ later
+    left_out = LeftOut(np.zeros((n, n)), float(np.abs(np.linalg.eigvals(times)).max()))
+    left_out.matrix[own.unknown] = -np.linalg.solve(by_rates[:, own.unknown], second)
+    return left_out
 
 
 def _refuse_rates(direct: Array, across: Array, largest: float) -> None:

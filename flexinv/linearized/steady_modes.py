@@ -127,38 +127,58 @@ def add_coupled_rates(mesh: Mesh, rates: Mapping[str, float]) -> dict[str, float
     Raises InputError where rates contradict a coupling, where they leave one open, and where a joint would slide along.
     """
     m = mesh.mechanism
-    out = dict(rates)
-    table = [closure for closure in m.closures if closure.kind == "coupling"]
-    moved = {name for closure in table for name, _ in closure.factors}
-    grown = {name for name in moved if out.get(name, 0.0) != 0.0}
-    while more := {n for c in table if grown & {n for n, _ in c.factors} for n, _ in c.factors} - grown:
-        grown |= more
-    tied = [closure for closure in table if grown & {name for name, _ in closure.factors}]
+    couplings = [closure for closure in m.closures if closure.kind == "coupling"]
+    grown = _find_moved_joints(couplings, {name for name, rate in rates.items() if rate != 0.0})
+    tied = [closure for closure in couplings if grown & {name for name, _ in closure.factors}]
     if not tied:
-        return out
+        return dict(rates)
     open_ones = sorted(grown - set(rates), key=list(m.joint_of).index)
-    factors = np.array([[dict(c.factors).get(name, 0.0) for name in open_ones] for c in tied]).reshape(len(tied), -1)
-    given = np.array([sum(factor * rates.get(name, 0.0) for name, factor in c.factors) for c in tied])
-    found = np.linalg.lstsq(factors, -given, rcond=None)[0] if open_ones else np.zeros(0)
-    if open_ones and np.linalg.matrix_rank(factors) < len(open_ones):
-        raise InputError(
-            f"rates of '{m.name}': couplings leave the rates of {', '.join(open_ones)} open; write one of them, 0 if it rests"
-        )
-    out |= {name: float(rate) for name, rate in zip(open_ones, found, strict=True)}
+    out = dict(rates) | _solve_coupled_rates(m, tied, rates, open_ones)
     for closure in tied:
-        terms = [factor * out.get(name, 0.0) for name, factor in closure.factors]
-        if abs(sum(terms)) > CONTRADICTS * max(map(abs, terms)):
-            said = " + ".join(f"{factor:g} x {out.get(name, 0.0):g} ('{name}')" for name, factor in closure.factors)
-            raise InputError(
-                f"rates of '{m.name}' contradict coupling '{closure.name}': {said} = {sum(terms):g} rad/s, expected 0; "
-                "write the rate of one joint, the others follow"
-            )
+        _check_coupling(m, closure, out)
     for name in grown:
         if out.get(name, 0.0) != 0.0 and not KINDS[m.joint_of[name].kind].repeats:
             raise InputError(
                 f"joint '{name}' of '{m.name}' cannot move steadily: it slides along with '{tied[0].name}'"
             )
     return out
+
+
+def _find_moved_joints(couplings: list[Closure], moving: set[str]) -> set[str]:
+    """The joints in couplings that move with those that do."""
+    names = [{name for name, _ in closure.factors} for closure in couplings]
+    grown = moving & set[str]().union(*names)
+    while more := set[str]().union(*(own for own in names if grown & own)) - grown:
+        grown |= more
+    return grown
+
+
+def _solve_coupled_rates(
+    mechanism: Mechanism, tied: list[Closure], rates: Mapping[str, float], open_ones: list[str]
+) -> dict[str, float]:
+    """The rates of joints that couplings leave no choice."""
+    if not open_ones:
+        return {}
+    factors = np.array([[dict(c.factors).get(name, 0.0) for name in open_ones] for c in tied]).reshape(len(tied), -1)
+    given = np.array([sum(factor * rates.get(name, 0.0) for name, factor in c.factors) for c in tied])
+    found = np.linalg.lstsq(factors, -given, rcond=None)[0]
+    if np.linalg.matrix_rank(factors) < len(open_ones):
+        names = ", ".join(open_ones)
+        raise InputError(
+            f"rates of '{mechanism.name}': couplings leave the rates of {names} open; write one of them, 0 if it rests"
+        )
+    return {name: float(rate) for name, rate in zip(open_ones, found, strict=True)}
+
+
+def _check_coupling(mechanism: Mechanism, closure: Closure, rates: Mapping[str, float]) -> None:
+    """Raise InputError where rates contradict a coupling."""
+    terms = [factor * rates.get(name, 0.0) for name, factor in closure.factors]
+    if abs(sum(terms)) > CONTRADICTS * max(map(abs, terms)):
+        said = " + ".join(f"{factor:g} x {rates.get(name, 0.0):g} ('{name}')" for name, factor in closure.factors)
+        raise InputError(
+            f"rates of '{mechanism.name}' contradict coupling '{closure.name}': {said} = {sum(terms):g} rad/s, expected 0; "
+            "write the rate of one joint, the others follow"
+        )
 
 
 def _check_steady(mesh: Mesh, joint: Joint, others: list[Joint]) -> None:

@@ -25,7 +25,7 @@ from flexinv.dynamics.linearization import fill_dense_matrices
 from flexinv.dynamics.loads import build_load_table, update_loads
 from flexinv.dynamics.solver import Solver, build_coordinate_map
 from flexinv.dynamics.stepper import evaluate, write_sample
-from flexinv.dynamics.system import Trajectory
+from flexinv.dynamics.system import System, Trajectory
 from flexinv.kernels.dense import solve_tridiagonal
 from flexinv.kernels.jit import jit
 from flexinv.kernels.records import send_by_address
@@ -71,6 +71,16 @@ class SampleEquations(NamedTuple):
     tangent: Array
     reach: Array
     histories: Trajectory
+
+
+def _make_sample_equations(whole: Trajectory, part: slice, unknowns: int, want: bool) -> SampleEquations:
+    """Zeros for some instants; their histories are written where they stand in those of all."""
+    samples = part.stop - part.start
+    wanted = samples if want else 0
+    tangent = np.zeros((wanted, 3, unknowns, unknowns))
+    reach = np.zeros((wanted, 6, unknowns))
+    histories = whole.take_samples(part.start, part.stop)
+    return SampleEquations(np.zeros((samples, unknowns)), tangent, reach, histories)
 
 
 @jit
@@ -288,27 +298,31 @@ class Horizon:
         pick = self.layout.pick
         beams = solver.elements._replace(stiffness=make_read_only(stiffness * solver.elements.stiffness))
         system = solver.system._replace(elements=beams)
-        unknowns = u.shape[1]
         for first in range(0, size, CHUNK):
             part = slice(first, min(first + CHUNK, size))
-            x, r = self.layout.list_node_poses(NodePoses(at.flat[part], at.turn[part]))
-            samples = out.trajectory.take_samples(part.start, part.stop)
-            wanted = len(x) if want else 0
-            tangent = np.zeros((wanted, 3, unknowns, unknowns))
-            reach = np.zeros((wanted, 6, unknowns))
-            now = SampleEquations(np.zeros((len(x), unknowns)), tangent, reach, samples)
-            free = Joints(*(given.copy() for given in self.layout.joints))  # they are overwritten
-            motion = FreeMotion(x, r, at.flat[part], u[part], du[part], build_load_table(mesh, self.time[part]))
-            instant_, element = evaluate_instants(system, free, motion, self.way.frame.node, now)
-            if instant_ >= 0:
-                raise RotationTooLarge(f"t = {self.time[first + instant_]:g} s, element {element}")
+            motion = self._take_motion(at, u, du, part)
+            now = _make_sample_equations(out.trajectory, part, u.shape[1], want)
+            self._evaluate_part(system, motion, now, first)
             out.residual[part] = now.residual @ pick.T
-            out.missed[part], by = self._compute_task_errors(part, at, samples, reach)
+            out.missed[part], by = self._compute_task_errors(part, at, now.histories, now.reach)
             if want:
                 for which in range(3):
-                    out.tangent[which, part] = pick @ tangent[:, which] @ pick.T
+                    out.tangent[which, part] = pick @ now.tangent[:, which] @ pick.T
                 out.by[part] = by @ pick.T
         return out
+
+    def _take_motion(self, at: NodePoses, u: Array, du: Array, part: slice) -> FreeMotion:
+        """Poses, velocities and accelerations of some instants, and what loads do then."""
+        x, r = self.layout.list_node_poses(NodePoses(at.flat[part], at.turn[part]))
+        loads = build_load_table(self.layout.solver.mesh, self.time[part])
+        return FreeMotion(x, r, at.flat[part], u[part], du[part], loads)
+
+    def _evaluate_part(self, system: System, motion: FreeMotion, now: SampleEquations, first: int) -> None:
+        """Fill the equations of some instants, of which the ``first`` is known by its number."""
+        free = Joints(*(given.copy() for given in self.layout.joints))  # they are overwritten
+        instant, element = evaluate_instants(system, free, motion, self.way.frame.node, now)
+        if instant >= 0:
+            raise RotationTooLarge(f"t = {self.time[first + instant]:g} s, element {element}")
 
     def _compute_task_errors(self, part: slice, at: NodePoses, own: Trajectory, reach: Array) -> tuple[Array, Array]:
         """c(y) (samples, tasks) [m], [rad] and its derivative (samples, tasks, unknowns)."""

@@ -147,51 +147,73 @@ def follow(
     error = check_flag("error", error)
     asked = check_accuracy(accuracy, step) if accuracy is not None or step is None else None
     list_drive_columns(mechanism)
+    _check_open(mechanism)
+    if step is None:  # the coarsest one: steps divide the path's time
+        step = path.duration / FEWEST_IN_STRETCH
+    settings = _make_settings(check_seconds("step", step, "a positive number of seconds, for example step=1e-3"))
+    runs = _Runs(path, frame, start, asked is None)
+    way = runs.make_way(mechanism)
+    time = _build_window(way, settings.step, before, after)
+    if mechanism.is_rigid and all(j.actuated for j in mechanism.joints if j.nv):
+        return _build_rigid_following(way, way.solve_joint_motion(time), time)
+    if asked is None:
+        mesh, first = runs.run(mechanism, time, (), settings)
+        solution = assemble_solution(mesh, first, settings)
+        horizon, left = runs.take_last()
+        if error:
+            solution = add_error_bars(solution, first, time, settings, runs.run, 2, True)
+        return replace(_build_rigid_following(way, horizon.reach, time), solution=solution, unrest=left)
+    problem = Problem(mechanism, StepGrid(time[[0, -1]], (len(time) - 1,)), runs.run, settings, asked)
+    solution = solve_within_accuracy(problem)
+    horizon, left = runs.take_last()
+    _check_rest(horizon, left)
+    way = runs.make_way(solution.mechanism)
+    rigid = _build_rigid_following(way, way.solve_joint_motion(solution.time), solution.time)
+    return replace(rigid, solution=solution, unrest=left)
+
+
+def _check_open(mechanism: Mechanism) -> None:
+    """Raise InputError for what a path cannot be followed with yet."""
     for what, items in (("closures", mechanism.closures), ("springs between points", mechanism.springs)):
         if items:
             raise InputError(
                 f"mechanism '{mechanism.name}' has {what}: a path of a frame is followed by open mechanisms so far; "
                 "give the joints a motion with solve instead"
             )
-    if step is None:  # the coarsest one: steps divide the path's time
-        step = path.duration / FEWEST_IN_STRETCH
-    settings = _make_settings(check_seconds("step", step, "a positive number of seconds, for example step=1e-3"))
-    # Of the last run: its equations, and what moves at both ends of the window.
-    runs: list[tuple[Horizon, tuple[float, float]]] = []
 
-    def make_way(meshed: Mechanism) -> RigidPath:
-        return RigidPath(mesh := build(meshed), resolve_frame(mesh, frame), path, start)
 
-    def run(meshed: Mechanism, steps: Array, _: tuple[int, ...], settings: Settings) -> tuple[Mesh, FirstStep]:
-        way = make_way(meshed)
+@dataclass
+class _Runs:
+    """Inversions of one path on any mesh, at any instants.
+
+    checked : whether each has to be at rest at both ends; last : the equations of the last, and what moves at both ends
+    """
+
+    path: Path
+    frame: str | Attachment
+    start: Mapping[str, ArrayLike] | None
+    checked: bool
+    last: tuple[Horizon, tuple[float, float]] | None = None
+
+    def make_way(self, meshed: Mechanism) -> RigidPath:
+        """The path of the mechanism as if nothing bent."""
+        mesh = build(meshed)
+        return RigidPath(mesh, resolve_frame(mesh, self.frame), self.path, self.start)
+
+    def run(self, meshed: Mechanism, steps: Array, _: tuple[int, ...], settings: Settings) -> tuple[Mesh, FirstStep]:
+        """Solve at the instants ``steps`` [s], as `refinement.Problem.run`."""
+        way = self.make_way(meshed)
         horizon = Horizon(FreeLayout(way.mesh), way, way.solve_joint_motion(steps), steps, settings.step)
         first, left = _solve_inversion(horizon)
-        runs[:] = [(horizon, left)]
-        if asked is None:
+        self.last = (horizon, left)
+        if self.checked:
             _check_rest(horizon, left)
         return way.mesh, first
 
-    way = make_way(mechanism)
-    time = _build_window(way, settings.step, before, after)
-    if mechanism.is_rigid and all(j.actuated for j in mechanism.joints if j.nv):
-        return _build_rigid_following(way, way.solve_joint_motion(time), time)
-    if asked is None:
-        mesh, first = run(mechanism, time, (), settings)
-        solution = assemble_solution(mesh, first, settings)
-        horizon, left = runs[0]
-        if error:
-            solution = add_error_bars(solution, first, time, settings, run, 2, True)
-        return replace(_build_rigid_following(way, horizon.reach, time), solution=solution, unrest=left)
-    solution = solve_within_accuracy(
-        Problem(mechanism, StepGrid(time[[0, -1]], (len(time) - 1,)), run, settings, asked)
-    )
-    _check_rest(*runs[-1])
-    way = make_way(solution.mechanism)
-    return replace(
-        _build_rigid_following(way, way.solve_joint_motion(solution.time), solution.time),
-        solution=solution,
-        unrest=runs[-1][1],
-    )
+    def take_last(self) -> tuple[Horizon, tuple[float, float]]:
+        """The equations of the last run, and what moves at both ends of the window."""
+        assert self.last is not None
+        return self.last
 
 
 def _solve_inversion(horizon: Horizon) -> tuple[FirstStep, tuple[float, float]]:
