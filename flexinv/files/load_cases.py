@@ -37,6 +37,8 @@ LOST_SAMPLES = 3.0  # an interval this many times the median one is samples lost
 ANGLE_UNITS = ("rad", "deg", "mrad")
 LENGTH_UNITS = ("m", "mm", "cm")
 Column = tuple[str, int, float]  # joint, which of its numbers, factor to SI
+# Joints that move alike: duration and hold [s], law, delay [s] -> where from and where to.
+Groups = dict[tuple[float, float, str, float], tuple[dict[str, Array], dict[str, Array]]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -205,10 +207,6 @@ def _find_measured(name: str, where: Location) -> Path:
         expected = "the name of a CSV file in the same folder"
         raise where.make_error("measured", f'measured = "{name}"', expected, write)
     return measured
-
-
-# Joints that move alike: duration and hold [s], law, delay [s] -> where from and where to.
-Groups = dict[tuple[float, float, str, float], tuple[dict[str, Array], dict[str, Array]]]
 
 
 def read_motion(table: schema.MotionTable, mechanism: Mechanism, where: Location) -> Motion:

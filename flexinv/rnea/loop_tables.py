@@ -26,6 +26,8 @@ CLEARLY = 0.5
 IN_PLANE = np.sqrt(3.0)
 IN_SPACE = 3.0
 _AXES = (int(layout.AXES), int(layout.AXIS_Y), int(layout.AXIS_Z))
+# How bodies move whose joint is no turn about one axis.
+_MOTIONS = {PRISMATIC: layout.SLIDE, HELICAL: layout.SCREW, SPHERICAL: layout.FLOAT, FREE: layout.FLOAT}
 
 
 @dataclass(frozen=True, eq=False)
@@ -237,10 +239,6 @@ def _drop_smaller_constants(tables: _Tables) -> dict[int, list[int]]:
         known = sorted((at for at in places if at in tables.known), key=lambda at: -tables.known[at])
         sizes[v] = [at for at in places if at not in tables.known] + known[:1]
     return sizes
-
-
-# How bodies move whose joint is no turn about one axis.
-_MOTIONS = {PRISMATIC: layout.SLIDE, HELICAL: layout.SCREW, SPHERICAL: layout.FLOAT, FREE: layout.FLOAT}
 
 
 def _make_frame(tables: _Tables, root: int, body: int) -> _Frame:
