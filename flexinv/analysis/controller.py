@@ -44,7 +44,7 @@ from flexinv.inverse.inverse_dynamics import (
 from flexinv.inverse.nodal_sums import Drives, Masses, fill_instant_torques
 from flexinv.kernels.compiler.choice import NUMBA
 from flexinv.kinematics.configuration import build_nodes, fill_given, fill_relative
-from flexinv.kinematics.mesh import build
+from flexinv.kinematics.mesh import Mesh, build
 from flexinv.kinematics.nodal_motion import sample_between_instants
 from flexinv.kinematics.tree import Frames, Joints
 from flexinv.model.joint_kinds import KINDS
@@ -87,6 +87,17 @@ def list_writable_arrays(part: Any) -> Iterator[Array]:
             yield from list_writable_arrays(getattr(part, field.name))
 
 
+def _build_drives(mesh: Mesh) -> Drives:
+    """The laws of the joints at the nodes, with the freedoms of those that have a drive."""
+    mechanism = mesh.mechanism
+    freedoms = mesh.freedoms.copy()
+    table = np.zeros((5, mesh.size))
+    moves = mesh.v_index >= 0
+    table[:, moves] = mechanism.drive_table[:, mesh.v_index[moves]]
+    freedoms[moves] *= mechanism.actuated[mesh.v_index[moves]]
+    return Drives(freedoms, mesh.slide, mesh.turn, table)
+
+
 class FlexibleState:
     """State and work space of the time steps of a flexible mechanism, allocated once.
 
@@ -99,6 +110,7 @@ class FlexibleState:
         """Allocate the arrays of a mechanism, its kernels compiled; efforts are written into ``tau`` (nv,) [N m], [N]."""
         mesh = build(mechanism)
         still = np.zeros(mechanism.nv)
+        driven = mechanism.actuated.astype(float)
         self.mechanism = mechanism
         self.nq = mechanism.nq
         self.nv = mechanism.nv
@@ -110,43 +122,42 @@ class FlexibleState:
         in_space = isinstance(find_plane(mesh), NotPlanar) or self.passive or self.applied
         self.flat = None if in_space else PlanarMarch.build_for(mesh, set())
         self.joints = Joints(*(part.copy() for part in compute_joint_motion(mesh, mechanism.neutral, still, still)))
-        masses = Masses(mesh.mass, mesh.inertia, self.solver.topology.gravity)
-        out = self.solver.instant
-        driven = mechanism.actuated.astype(float)
-        self.frames = Frames(*(part[0] for part in out[:6]))
-        self.instant = Instant(out.energy[0], driven, np.zeros((mesh.size, 6)), np.zeros(7))
-        freedoms = mesh.freedoms.copy()
-        table = np.zeros((5, mesh.size))
-        moves = mesh.v_index >= 0
-        table[:, moves] = mechanism.drive_table[:, mesh.v_index[moves]]
-        freedoms[moves] *= mechanism.actuated[mesh.v_index[moves]]
+        self.frames = Frames(*(part[0] for part in self.solver.instant[:6]))
+        self.instant = Instant(self.solver.instant.energy[0], driven, np.zeros((mesh.size, 6)), np.zeros(7))
         self.nodes = build_nodes(mesh)
-        drives = Drives(freedoms, mesh.slide, mesh.turn, table)
         self.scheme = scheme
         self.early = build_start_scheme(scheme)
-        self.system: System | PlanarSystem
-        march_in: Any
-        if self.flat is None:
-            march_in, self.system, one = (
-                integrate_instants,
-                self.solver.system,
-                Joints(*(part[None] for part in self.joints)),
-            )
-            loads = build_load_table(mesh, np.zeros(1)), np.empty((1, 0)), np.empty((1, 0, 3))
-            self.arguments: tuple[Any, ...] = Instants(one, *loads), self.solver.increment, out
-        else:
-            march_in = integrate_planar_motion
-            self.system = self.flat.system
-            row = np.zeros(1, dtype=np.int64)
-            self.given = np.zeros((1, int(moves.sum()), 3))
-            self.arguments = np.zeros((0, 3)), False, self.given, row, out
-        self.march = NUMBA.resolve_compiled(march_in, self.system, scheme, *self.arguments)
-        self.parts = (self.nodes, drives, masses, self.frames)
+        self._prepare_march()
+        masses = Masses(mesh.mass, mesh.inertia, self.solver.topology.gravity)
+        self.parts = (self.nodes, _build_drives(mesh), masses, self.frames)
         now = (mechanism.neutral.copy(), driven, driven)
         self.torques = NUMBA.resolve_compiled(evaluate_guarded_torques, *self.parts, now, self.instant, driven)
         self.early_steps = 0
         self.previous = list[Array]()
         self.wound = dict[str, float]()
+
+    def _prepare_march(self) -> None:
+        """Take the march in the plane, or that in space, and what it is called with."""
+        self.system: System | PlanarSystem
+        self.arguments: tuple[Any, ...]
+        march_in: Any
+        if self.flat is None:
+            march_in = integrate_instants
+            self.system = self.solver.system
+            self.arguments = self._make_spatial_arguments()
+        else:
+            march_in = integrate_planar_motion
+            self.system = self.flat.system
+            self.given = np.zeros((1, int((self.solver.mesh.v_index >= 0).sum()), 3))
+            row = np.zeros(1, dtype=np.int64)
+            self.arguments = np.zeros((0, 3)), False, self.given, row, self.solver.instant
+        self.march = NUMBA.resolve_compiled(march_in, self.system, self.scheme, *self.arguments)
+
+    def _make_spatial_arguments(self) -> tuple[Any, ...]:
+        """The arguments of the march in space behind its scheme: one instant without loads, and where it is written."""
+        one = Joints(*(part[None] for part in self.joints))
+        loads = build_load_table(self.solver.mesh, np.zeros(1)), np.empty((1, 0)), np.empty((1, 0, 3))
+        return Instants(one, *loads), self.solver.increment, self.solver.instant
 
     def copy_state(self) -> WorkSpaceSnapshot:
         """Return a copy of all that a step changes [m, rad, s, N]."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -59,40 +60,9 @@ def simulate(
     check_callable("progress", progress, "a function of the number of samples done since its last call")
     table = _check_torque_table(mechanism, time, torque)
     at_rest = bool(mechanism.closures) and initial == "static" and not mechanism.is_rigid
-    began: list[
-        tuple[StatedStart, Array, Array]
-    ] = []  # what was stated for a task, and q, qd with which its loops close
-
-    def make_free_task(meshed: Mechanism, steps: Array, settings: Settings) -> Task:
-        mesh = build(meshed)
-        moves = {j.name for j in meshed.joints if j.nv}
-        start_values = _collect_start_values(
-            meshed, *resolve_start_coordinates(meshed, moves, start, start_rate), at_rest
-        )
-        first = float(steps[0])
-        state = start_values.q, start_values.qd, start_values.qdd
-        if meshed.closures:
-            state = find_consistent_start(
-                mesh, start_values, build_constraint_rows(mesh).take_active(find_acting_closures(meshed, first)), first
-            )
-        began.append((start_values, state[0], state[1]))
-        history = make_rest_history(*state)
-        jumps = tuple(_find_jumps(table[0]))
-        efforts = _make_effort_function(meshed, table, settings.step)
-        return Task(mesh, steps, history, history, moves, settings, jumps, efforts=efforts, progress=progress)
-
+    tasks = _FreeTasks(table, start, start_rate, at_rest, progress)
     if accuracy is None and step is not None:
-        step = check_number("step", step, "a positive number of seconds, for example step=1e-3")
-        span = table[0][-1] - table[0][0]
-        settings = check_settings(step, spectral_radius, EXACT, initial)
-        count = round(span / step)
-        if count < 1:
-            raise InputError(f"step = {step:g} s is longer than the torque's {span:g} s: write a smaller step")
-        if count > MOST_SAMPLES:
-            raise InputError(f"step = {step:g} s gives {count} samples, more than {MOST_SAMPLES}: write a larger step")
-        task = make_free_task(mechanism, table[0][0] + settings.step * np.arange(count + 1), settings)
-        (one,) = run_first_step(task)
-        solution = assemble_solution(task.mesh, one, settings)
+        solution = _run_by_steps(mechanism, tasks, step, spectral_radius, initial)
     else:
         from flexinv.accuracy.accurate import check_accuracy, make_problem, solve_within_accuracy
 
@@ -101,11 +71,62 @@ def simulate(
         span = (float(table[0][0]), float(table[0][-1]))
         jumps = _find_jumps(table[0])
         solution = solve_within_accuracy(
-            make_problem(mechanism, make_free_task, settings, asked, table[0], jumps, span)
+            make_problem(mechanism, tasks.make_task, settings, asked, table[0], jumps, span)
         )
-    if at_rest:  # an equilibrium may leave what was stated of the start
-        check_static(solution.mesh, *began[-1], solution.q[0], solution.qd[0], float(solution.time[0]))
+    if at_rest and tasks.began is not None:  # an equilibrium may leave what was stated of the start
+        check_static(solution.mesh, *tasks.began, solution.q[0], solution.qd[0], float(solution.time[0]))
     return solution
+
+
+@dataclass
+class _FreeTasks:
+    """Tasks of one table of torques, every joint free, on any mesh and with any steps.
+
+    table : times [s] and torques; start, start_rate : as they are stated; at_rest : whether closed loops begin in equilibrium
+    began : of the last task what was stated, and q (nq,), qd (nv,) with which its loops close
+    """
+
+    table: tuple[Array, Array]
+    start: Mapping[str, ArrayLike] | None
+    start_rate: Mapping[str, ArrayLike] | None
+    at_rest: bool
+    progress: Progress | None
+    began: tuple[StatedStart, Array, Array] | None = None
+
+    def make_task(self, meshed: Mechanism, steps: Array, settings: Settings) -> Task:
+        """Return the task of a mechanism at the instants ``steps`` [s]."""
+        mesh = build(meshed)
+        moves = {j.name for j in meshed.joints if j.nv}
+        stated = resolve_start_coordinates(meshed, moves, self.start, self.start_rate)
+        start_values = _collect_start_values(meshed, *stated, self.at_rest)
+        first = float(steps[0])
+        state = start_values.q, start_values.qd, start_values.qdd
+        if meshed.closures:
+            rows = build_constraint_rows(mesh).take_active(find_acting_closures(meshed, first))
+            state = find_consistent_start(mesh, start_values, rows, first)
+        self.began = (start_values, state[0], state[1])
+        history = make_rest_history(*state)
+        jumps = tuple(_find_jumps(self.table[0]))
+        efforts = _make_effort_function(meshed, self.table, settings.step)
+        return Task(mesh, steps, history, history, moves, settings, jumps, efforts=efforts, progress=self.progress)
+
+
+def _run_by_steps(
+    mechanism: Mechanism, tasks: _FreeTasks, step: float, spectral_radius: float, initial: str
+) -> Solution:
+    """The motion with a step that is given."""
+    step = check_number("step", step, "a positive number of seconds, for example step=1e-3")
+    time = tasks.table[0]
+    span = time[-1] - time[0]
+    settings = check_settings(step, spectral_radius, EXACT, initial)
+    count = round(span / step)
+    if count < 1:
+        raise InputError(f"step = {step:g} s is longer than the torque's {span:g} s: write a smaller step")
+    if count > MOST_SAMPLES:
+        raise InputError(f"step = {step:g} s gives {count} samples, more than {MOST_SAMPLES}: write a larger step")
+    task = tasks.make_task(mechanism, time[0] + settings.step * np.arange(count + 1), settings)
+    (first,) = run_first_step(task)
+    return assemble_solution(task.mesh, first, settings)
 
 
 def _collect_start_values(
@@ -128,8 +149,7 @@ def _check_torque_table(mechanism: Mechanism, time: ArrayLike, torque: ArrayLike
     at = convert_to_floats("simulate: time", time)
     values = np.zeros((len(np.atleast_1d(at)), 0)) if torque is None else convert_to_floats("simulate: torque", torque)
     names = [n for n, driven in zip(mechanism.velocity_names, mechanism.actuated, strict=True) if driven]
-    in_order = at.ndim == 1 and len(at) > 1 and np.isfinite(at).all() and (np.diff(at) >= 0.0).all()
-    if not in_order or at[0] == at[1] or at[-2] == at[-1] or not (at[2:] > at[:-2]).all():
+    if not _is_torque_time(at):
         twice = "between the first and the last a time may be given twice, where the torque jumps"
         raise InputError(f"simulate: time has shape {at.shape}, expected two or more times that increase [s]; {twice}")
     if values.shape != (len(at), len(names)) or not np.isfinite(values).all():
@@ -141,6 +161,13 @@ def _check_torque_table(mechanism: Mechanism, time: ArrayLike, torque: ArrayLike
             why = "whose force would turn with what it moves; write actuated=False and a force with follower=True on its link"
             raise InputError(f"simulate: free joint '{joint.name}' of '{mechanism.name}' has a drive, {why}")
     return at, values
+
+
+def _is_torque_time(time: Array) -> bool:
+    """Return True for times that increase, where those between the first and the last may be given twice."""
+    if time.ndim != 1 or len(time) < 2 or not np.isfinite(time).all() or not (np.diff(time) >= 0.0).all():
+        return False
+    return bool(time[0] != time[1] and time[-2] != time[-1] and (time[2:] > time[:-2]).all())
 
 
 def _find_jumps(time: Array) -> Array:

@@ -233,7 +233,7 @@ class _March:
             start = self.task.after(time[:1]) if begins else None
             arguments = self.flat.prepare_arguments(scheme, start, given, row, self.out)
         else:
-            if not ((np.diff(row) == 1).all() and row[0] >= 0):
+            if not _is_run(row):
                 whole = Trajectory.make_zero(len(row), self.task.mesh, self.out.multipliers.shape[1])
             out = whole or self.out.take_samples(int(row[0]), int(row[-1]) + 1)
             solver = self._resolve_spatial_solver()
@@ -320,6 +320,11 @@ class _March:
         self.early = EARLY * begin_step(solver, joints, self.scheme, when)
         if flat is not None:
             flat.copy_from_space(s, solver.border.ties)
+
+
+def _is_run(rows: Indices) -> bool:
+    """Return True for rows one after the other, all of which are kept."""
+    return bool((np.diff(rows) == 1).all() and rows[0] >= 0)
 
 
 def make_march_error(

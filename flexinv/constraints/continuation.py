@@ -107,11 +107,17 @@ def solve_closed_motion(
             raise follower.end_of_branch(found, f"above {WORST_CONDITION:.0e}") from None
         k += 1
     follower.check_between((history, knots), time, (q, qd, qdd), condition, problem.change)
+    _solve_doubtful_rates(follower, time, (q, qd, qdd), condition)
+    return q, qd, qdd
+
+
+def _solve_doubtful_rates(follower: Follower, time: Array, motion: Triple, condition: Array) -> None:
+    """Solve for the unknown rates anew at samples whose condition numbers are too large, or not known."""
     doubtful = ~(condition < WORST_CONDITION)
     if doubtful.any():
-        one, two = (np.where(unknown, 0.0, rate[doubtful]) for rate in (qd, qdd))
+        q, qd, qdd = motion
+        one, two = (np.where(follower.unknown, 0.0, rate[doubtful]) for rate in (qd, qdd))
         qd[doubtful], qdd[doubtful] = follower.solve_doubtful_rates(q[doubtful], one, two, time[doubtful])
-    return q, qd, qdd
 
 
 def solve_closed_start(

@@ -177,20 +177,8 @@ def find_branch(chain, problem, time, q, qd, qdd, condition, first):
     """
     _fill_equations(chain, problem, q[first - 1])
     for k in range(first, q.shape[0]):  # Newton ends with the equations where it ends
-        _copy(qd[k - 1], problem.step)
-        for i in range(problem.unknown.shape[0]):
-            problem.step[problem.unknown[i]] = 0.0
-        for r in range(problem.scale.shape[0]):
-            problem.y[r, 0] = 0.0
-            for i in range(problem.step.shape[0]):
-                problem.y[r, 0] += problem.g[r, i] * problem.step[i] / problem.scale[r]
-        if not compute_qr(problem):  # the closures do not tell the unknown rates
+        if not _fill_prediction(chain, problem, q[k - 1], qd[k - 1], time[k] - time[k - 1]):
             return k
-        solve_factored(problem, problem.step)
-        for i in range(problem.step.shape[0]):
-            problem.step[i] *= time[k] - time[k - 1]
-        _copy(q[k - 1], problem.guess)
-        integrate_coordinates(chain.nodes, problem.guess, problem.step)
         for i in range(problem.owner.shape[0]):
             if not problem.owner[i]:
                 problem.guess[i] = q[k, i]
@@ -207,6 +195,26 @@ def find_branch(chain, problem, time, q, qd, qdd, condition, first):
         if problem.change.shape[0] > 0:
             _compute_change(problem, k)
     return q.shape[0]
+
+
+@jit_inner
+def _fill_prediction(chain, problem, q, qd, step):
+    """Move problem.guess from q by the rates at a sample, the unknown ones solved for; False where these are not told."""
+    _copy(qd, problem.step)
+    for i in range(problem.unknown.shape[0]):
+        problem.step[problem.unknown[i]] = 0.0
+    for r in range(problem.scale.shape[0]):
+        problem.y[r, 0] = 0.0
+        for i in range(problem.step.shape[0]):
+            problem.y[r, 0] += problem.g[r, i] * problem.step[i] / problem.scale[r]
+    if not compute_qr(problem):
+        return False
+    solve_factored(problem, problem.step)
+    for i in range(problem.step.shape[0]):
+        problem.step[i] *= step
+    _copy(q, problem.guess)
+    integrate_coordinates(chain.nodes, problem.guess, problem.step)
+    return True
 
 
 @jit_inner

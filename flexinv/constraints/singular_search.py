@@ -193,6 +193,26 @@ def _find_by_coordinate(
     What goes beyond g* by more than EXTRAPOLATED is there when it passes it; what goes less far, or comes as near as
     WORST_CONDITION, when it turns back.
     """
+    found = _find_zero_coordinate(branch, coordinate, span, q)
+    if found is None:
+        return None
+    star, slope = found
+    start, _, last = span
+    inside = [knot for knot in branch.knots if start < knot < last]
+    ahead = 1.0 if star > float(coordinate(np.array([start]))[0]) else -1.0
+    pieces = fit_pieces(lambda at: ahead * coordinate(at)[:, None], [start, *inside, last])
+    most, when = pieces.find_largest(0)
+    if most > ahead * star + EXTRAPOLATED:
+        return pieces.find_crossing(0, ahead * star)
+    near = max(abs(slope) / WORST_CONDITION, EXTRAPOLATED)
+    goes_on = when == last and most < ahead * star - EXTRAPOLATED  # what follows says more
+    return None if goes_on or most < ahead * star - near else when
+
+
+def _find_zero_coordinate(
+    branch: Branch, coordinate: Callable[[Array], Array], span: tuple[float, float, float], q: Array
+) -> tuple[float, float] | None:
+    """The coordinate at which d is zero, and its slope there, from ever nearer before it; None where d is zero nowhere."""
     start, limit, last = span
     end = limit
     first = q
@@ -205,7 +225,7 @@ def _find_by_coordinate(
         d = _compute_smooth_values(matrices)
         kept = _count_leading(d > KEPT * d[0])
         if kept == len(times) and end == limit and star is None:
-            return None  # d is zero nowhere in it
+            return None
         if kept <= DEGREE + 1:
             end = float(times[max(kept, 1)])
             if d[0] < CLOSE or end - start < SAME_ESTIMATE:
@@ -219,17 +239,7 @@ def _find_by_coordinate(
         start = float(times[kept - 1])
         first = places[kept - 1]
         end = last
-    if star is None:
-        return None
-    inside = [knot for knot in branch.knots if span[0] < knot < last]
-    ahead = 1.0 if star > float(coordinate(np.array([span[0]]))[0]) else -1.0
-    pieces = fit_pieces(lambda at: ahead * coordinate(at)[:, None], [span[0], *inside, last])
-    most, when = pieces.find_largest(0)
-    if most > ahead * star + EXTRAPOLATED:
-        return pieces.find_crossing(0, ahead * star)
-    near = max(abs(slope) / WORST_CONDITION, EXTRAPOLATED)
-    goes_on = when == last and most < ahead * star - EXTRAPOLATED  # what follows says more
-    return None if goes_on or most < ahead * star - near else when
+    return None if star is None else (star, slope)
 
 
 def _compute_extrapolation(

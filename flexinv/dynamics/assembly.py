@@ -177,13 +177,7 @@ def add_elements(topology, elements, frames, variation, work, moving, want_tange
         energy = energy + stored
         lost = lost + gone
         fill_element_forces(count, z)
-        for i in range(count):
-            n = nodes[i]
-            force = vec(z.forces[i])
-            moment = vec_at(z.forces[i], 3)
-            add_to(work.wrench[n], 0, force)
-            add_to(work.wrench[n], 3, moment)
-            power += dot(force, vec(frames.v[n])) + dot(moment, vec(frames.w[n]))
+        power = _add_element_forces(count, nodes, z.forces, frames, work.wrench, power)
         if want_tangent:
             if damped:
                 fill_damped_tangent(count, z, work.rates, nodes, variation, work.tangent[k])
@@ -191,9 +185,7 @@ def add_elements(topology, elements, frames, variation, work, moving, want_tange
                 fill_element_tangent(count, z, work.tangent[k])
                 work.tangent[k, :, 6 * elements.nodes.shape[1] :] = 0.0
             _add_diagonal(topology, variation, nodes, count, work.tangent[k], work.dwrench)
-    work.energy[0] = energy
-    work.energy[1] = power
-    work.energy[2] = lost
+    put(work.energy, 0, (energy, power, lost))
     return -1
 
 
@@ -269,27 +261,35 @@ def _add_variation_to_parent(n, m, columns, system, joints):
 
 
 @jit_inner
+def _add_element_forces(count, nodes, forces, frames, wrench, power):
+    """Add the forces of an element to the wrenches of its nodes; return ``power`` with theirs [W]."""
+    for i in range(count):
+        n = nodes[i]
+        force = vec(forces[i])
+        moment = vec_at(forces[i], 3)
+        add_to(wrench[n], 0, force)
+        add_to(wrench[n], 3, moment)
+        power += dot(force, vec(frames.v[n])) + dot(moment, vec(frames.w[n]))
+    return power
+
+
+@jit_inner
 def _fill_passive_rows(n, columns, system, cv, ca):
     """Residual along passive freedoms: wrench on the axes + rotor, damping, friction and spring of the joint, less its drive."""
     # Work by itself: where formulas are inlined Numba takes writes into what a tuple of records was unpacked to for dead code.
     work = system.work
     topology = system.topology
     state = system.state
-    frames = system.frames
     loads = system.loads
-    b = topology.block[n]
     m = topology.parent[n]
-    first = topology.offset[b] + topology.column[n]
-    diagonal = work.diagonal[b]
-    frame = mat(frames.r[m]) if m >= 0 else EYE
+    first = topology.offset[topology.block[n]] + topology.column[n]
+    frame = mat(system.frames.r[m]) if m >= 0 else EYE
     force = tapply(frame, vec(work.wrench[n]))
     moment = vec_at(work.wrench[n], 3)
-    inverse = inverse_tangent(compute_joint_rotation(n, topology, state, first))
     level = loads.level[0]
     whole = take_joint_law(topology.drives, n)
     law = JointLaw(whole.rotor, whole.damping, whole.friction, level * whole.stiffness, whole.rest)
     for i in range(topology.freedoms[n]):
-        row = topology.column[n] + i
         slide = vec(topology.slide[n, i])
         turn = vec(topology.turn[n, i])
         rate = state.u[first + i]
@@ -300,15 +300,31 @@ def _fill_passive_rows(n, columns, system, cv, ca):
         work.residual[0, first + i] = (
             dot(slide, force) + dot(turn, moment) + joint_effort - level * loads.effort[first + i]
         )
-        if columns == 0:
-            continue
-        for k in range(columns):
-            dforce = tapply(frame, vec(work.dwrench[n, k]))
-            if m >= 0:
-                dforce = vec3.sub(dforce, cross(vec(system.variation.t[m, k]), force))
-            diagonal[row, k] = dot(slide, dforce) + dot(turn, vec_at(work.dwrench[n, k], 3))
-        slope = compute_effort_slope(law, direction, cv, ca)
-        if topology.triple[n] >= 0 and i >= topology.triple[n]:  # the turn is unit vector number i - triple
-            add_to(diagonal[row], topology.column[n] + topology.triple[n], scale(slope, tapply(inverse, turn)))
-        else:
-            diagonal[row, row] += slope
+        if columns > 0:
+            slope = compute_effort_slope(law, direction, cv, ca)
+            _fill_passive_derivatives(n, i, columns, system, force, slope)
+
+
+@jit_inner
+def _fill_passive_derivatives(n, i, columns, system, force, slope):
+    """Derivatives of the residual along passive freedom i; force : on the node in the parent's frame, slope : of the joint."""
+    work = system.work
+    topology = system.topology
+    b = topology.block[n]
+    m = topology.parent[n]
+    row = topology.column[n] + i
+    diagonal = work.diagonal[b]
+    frame = mat(system.frames.r[m]) if m >= 0 else EYE
+    slide = vec(topology.slide[n, i])
+    turn = vec(topology.turn[n, i])
+    for k in range(columns):
+        dforce = tapply(frame, vec(work.dwrench[n, k]))
+        if m >= 0:
+            dforce = vec3.sub(dforce, cross(vec(system.variation.t[m, k]), force))
+        diagonal[row, k] = dot(slide, dforce) + dot(turn, vec_at(work.dwrench[n, k], 3))
+    if topology.triple[n] >= 0 and i >= topology.triple[n]:  # the turn is unit vector number i - triple
+        first = topology.offset[b] + topology.column[n]
+        inverse = inverse_tangent(compute_joint_rotation(n, topology, system.state, first))
+        add_to(diagonal[row], topology.column[n] + topology.triple[n], scale(slope, tapply(inverse, turn)))
+    else:
+        diagonal[row, row] += slope

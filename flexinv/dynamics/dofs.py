@@ -20,7 +20,7 @@ from flexinv.kernels.records import send_by_address
 from flexinv.kinematics.mesh import Mesh
 from flexinv.model.joint_kinds import FREE, SECTION, SPHERICAL
 from flexinv.model.owned_cache import make_owner_cache
-from flexinv.typing import Array, Indices
+from flexinv.typing import Array, Indices, Mask
 
 
 @send_by_address
@@ -65,6 +65,35 @@ def build_topology(mesh: Mesh, passive: frozenset[str]) -> Topology:
     Raises InputError for a passive joint that cannot be.
     """
     independent = mesh.kind == SECTION
+    block, part = _find_blocks(mesh, independent)
+    parts = len(part) - int(independent.sum())
+    size = np.where(np.arange(len(part)) < parts, 0, 6)
+    freedoms, column, triple = np.zeros((3, mesh.size), dtype=np.int64)
+    triple[:] = -1
+    slide, turn, drives = *np.zeros((2, mesh.size, 6, 3)), np.zeros((5, mesh.size))
+    for node in np.flatnonzero(_find_free(mesh, passive)[mesh.v_index]).tolist():
+        freedoms[node] = mesh.freedoms[node]
+        column[node] = size[block[node]]
+        size[block[node]] += mesh.freedoms[node]
+        slide[node] = mesh.slide[node] @ mesh.rotation[node].T
+        turn[node] = mesh.turn[node]
+        triple[node] = {SPHERICAL: 0, FREE: 3}.get(int(mesh.kind[node]), -1)
+        drives[:, node] = mesh.mechanism.drive_table[:, mesh.v_index[node]]
+    offset, span = compute_offsets(size, part)
+    gravity = np.array(mesh.mechanism.gravity, dtype=float)
+    first = offset[block]
+    scale = np.ones(
+        int(size.sum())
+    )  # convergence is judged on increments over the length of the mechanism, over 1 for rotations
+    scale[_list_translations(independent, freedoms, first, first + column, turn)] = mesh.length
+    return Topology(
+        mesh.parent, block, independent, size, offset, part, span, freedoms, column, triple, slide, turn,
+        drives, scale, mesh.mass, mesh.inertia, gravity, mesh.length,
+    )  # fmt: skip
+
+
+def _find_blocks(mesh: Mesh, independent: Mask) -> tuple[Indices, Indices]:
+    """The block of each node, and the part of each block: first those on the world, then one for each independent node."""
     roots = np.flatnonzero(mesh.parent < 0)
     parts = max(len(roots), 1)
     block = np.zeros(mesh.size, dtype=np.int64)
@@ -77,11 +106,26 @@ def build_topology(mesh: Mesh, passive: frozenset[str]) -> Topology:
             part[block[node]] = part[before]
         else:
             block[node] = before
-    size = np.where(np.arange(len(part)) < parts, 0, 6)
-    freedoms, column, triple = np.zeros((3, mesh.size), dtype=np.int64)
-    triple[:] = -1
-    slide, turn, drives = *np.zeros((2, mesh.size, 6, 3)), np.zeros((5, mesh.size))
-    free = np.zeros(mesh.mechanism.nv + 1, dtype=bool)  # the last for nodes without a coordinate, -1
+    return block, part
+
+
+def _list_translations(
+    independent: Mask, freedoms: Indices, first: Indices, passive: Indices, turn: Array
+) -> list[int]:
+    """Unknowns that are translations: three of an independent node, and passive freedoms that turn nothing.
+
+    first, passive : (nodes,) first unknown of a node's block, and of its own freedoms there
+    """
+    out = [int(at) + k for at in first[independent] for k in range(3)]
+    for node in np.flatnonzero(freedoms).tolist():
+        slides = np.flatnonzero(~turn[node, : freedoms[node]].any(axis=1))
+        out += (passive[node] + slides).tolist()
+    return out
+
+
+def _find_free(mesh: Mesh, passive: frozenset[str]) -> Mask:
+    """Mask (nv + 1,) of the velocity coordinates of passive joints; the last is for nodes without a coordinate, -1."""
+    free = np.zeros(mesh.mechanism.nv + 1, dtype=bool)
     for joint in mesh.mechanism.joints:
         free[mesh.mechanism.v_slices[joint.name]] = joint.name in passive
         if joint.name in passive and joint.kind == "free" and joint.rotor_inertia:
@@ -89,28 +133,7 @@ def build_topology(mesh: Mesh, passive: frozenset[str]) -> Topology:
                 f"joint {joint.name!r}: rotor_inertia = {joint.rotor_inertia:g} on a free joint without motion, expected 0: "
                 "nothing turns a rotor there; give the mass to the link"
             )
-    for node in np.flatnonzero(free[mesh.v_index]).tolist():
-        freedoms[node] = mesh.freedoms[node]
-        column[node] = size[block[node]]
-        size[block[node]] += mesh.freedoms[node]
-        slide[node] = mesh.slide[node] @ mesh.rotation[node].T
-        turn[node] = mesh.turn[node]
-        triple[node] = {SPHERICAL: 0, FREE: 3}.get(int(mesh.kind[node]), -1)
-        drives[:, node] = mesh.mechanism.drive_table[:, mesh.v_index[node]]
-    offset, span = compute_offsets(size, part)
-    # Convergence is judged on increments over the length of the mechanism for translations, over 1 for rotations.
-    scale = np.ones(int(size.sum()))
-    gravity = np.array(mesh.mechanism.gravity, dtype=float)
-    for first in offset[block[independent]]:
-        scale[first : first + 3] = mesh.length
-    for node in np.flatnonzero(freedoms).tolist():
-        first = offset[block[node]] + column[node]
-        count = freedoms[node]
-        scale[first : first + count][~turn[node, :count].any(axis=1)] = mesh.length
-    return Topology(
-        mesh.parent, block, independent, size, offset, part, span, freedoms, column, triple, slide, turn,
-        drives, scale, mesh.mass, mesh.inertia, gravity, mesh.length,
-    )  # fmt: skip
+    return free
 
 
 def compute_offsets(size: Indices, part: Indices) -> tuple[Indices, Indices]:

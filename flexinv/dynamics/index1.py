@@ -51,13 +51,9 @@ def update_accelerations(system, joints, y):
     full = work.projection[0]
     change = work.projection[1]
     run_forward_pass(topology, state, joints, frames, variation, 0.0, 1.0, True)
-    for n in range(len(topology.parent)):
-        for i in range(6):
-            full[n, i] = work.wrench[n, i]
+    _write_scaled(1.0, work.wrench, full)
     compute_node_wrenches(topology, frames, variation, level, work, False)
-    for n in range(len(topology.parent)):
-        for i in range(6):
-            change[n, i] = -work.wrench[n, i]
+    _write_scaled(-1.0, work.wrench, change)
     evaluate_ties(ties, state, frames, SECOND_RATES)
     fill_right_sides(topology, ties, variation, work.residual)
     for k in range(len(ties.a)):  # springs keep their forces
@@ -70,16 +66,27 @@ def update_accelerations(system, joints, y):
         state.du[i] += y[0, i]
     run_forward_pass(topology, state, joints, frames, variation, 0.0, 1.0, False)
     compute_node_wrenches(topology, frames, variation, level, work, False)
-    for n in range(len(topology.parent)):
-        for i in range(6):
-            change[n, i] += work.wrench[n, i]
+    _add_wrenches(work.wrench, change)
     add_ties(ties, ties.step, change)  # those of springs are zero
     for n in range(len(topology.parent) - 1, -1, -1):
         if topology.parent[n] >= 0 and not topology.independent[n]:
             add_wrench_to_parent(n, topology.parent[n], frames, joints, change)
-    for n in range(len(topology.parent)):
+    _write_scaled(1.0, full, work.wrench)
+    _add_wrenches(change, work.wrench)
+
+
+@jit_inner
+def _write_scaled(factor, wrench, to):
+    for n in range(len(wrench)):
         for i in range(6):
-            work.wrench[n, i] = full[n, i] + change[n, i]
+            to[n, i] = factor * wrench[n, i]
+
+
+@jit_inner
+def _add_wrenches(wrench, to):
+    for n in range(len(wrench)):
+        for i in range(6):
+            to[n, i] += wrench[n, i]
 
 
 @jit_inner

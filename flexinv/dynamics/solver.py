@@ -10,7 +10,7 @@ import numpy as np
 
 from flexinv.constraints.closures import build_constraint_rows, compute_coupling_residuals
 from flexinv.dynamics.assembly import LARGEST_TURN
-from flexinv.dynamics.constraint_rows import build_border_rows
+from flexinv.dynamics.constraint_rows import Ties, build_border_rows
 from flexinv.dynamics.dofs import Topology, build_topology
 from flexinv.dynamics.generalized_alpha import Scheme
 from flexinv.dynamics.loads import Loads, build_load_table, build_loads, build_pulls
@@ -38,6 +38,41 @@ def build_coordinate_map(mesh: Mesh, topology: Topology) -> Array:
     return out
 
 
+def _find_widest_block(topology: Topology) -> int:
+    """Unknowns of the largest block."""
+    return max(int(topology.size.max(initial=0)), 1)
+
+
+def _make_frames(nodes: int) -> Frames:
+    """Room for the motion of all nodes."""
+    vector = [np.zeros((nodes, 3)) for _ in range(5)]
+    return Frames(vector[0], np.zeros((nodes, 3, 3)), *vector[1:])
+
+
+def _make_work(mesh: Mesh, topology: Topology, tied: Ties) -> Work:
+    """Scratch of a step: one right side of the tree, and one for each row of the border."""
+    widest = _find_widest_block(topology)
+    elements, count = mesh.elements.nodes.shape if mesh.elements.nodes.size else (0, 1)
+    size = np.append(topology.size[topology.block], 0)  # of the block of each node, and of no node, -1
+    rows = int(size[mesh.elements.nodes[:, 1:]].sum(axis=1).max(initial=0))
+    damped = len(mesh.elements.damping) > 0
+    sides = int(np.diff(tied.layout.first_side).max(initial=1))
+    return Work(
+        wrench=np.zeros((mesh.size, 6)),
+        dwrench=np.zeros((mesh.size, widest, 6)),
+        residual=np.zeros((1 + len(tied.a), len(topology.scale))),
+        diagonal=np.zeros((len(topology.size), widest, widest)),
+        tangent=np.zeros((elements, 6 * count, 6 * count + 6 * damped)),
+        internal=np.zeros((elements, max(count - 1, 0), 6)),
+        energy=np.zeros(3),
+        element=Scratch.build_for(count),
+        rates=Rates.build_for(count if damped else 0),
+        system=np.zeros((max(rows, widest), max(rows, widest) + widest + sides)),
+        solved=np.zeros((elements, rows, widest + sides)),
+        projection=np.zeros((2, mesh.size, 6)),
+    )
+
+
 @dataclass
 class Solver:
     """All arrays of the implicit solve of one mesh, allocated once."""
@@ -58,34 +93,26 @@ class Solver:
     @classmethod
     def build_for(cls, mesh: Mesh, passive: set[str], efforts: Efforts | None = None) -> Solver:
         """Return the solver of a mesh with the named joints free, moved by the ``efforts`` of their drives [N m], [N]."""
-        t = build_topology(mesh, frozenset(passive))
-        unknowns = len(t.scale)
-        widest = max(int(t.size.max(initial=0)), 1)
+        topology = build_topology(mesh, frozenset(passive))
+        unknowns = len(topology.scale)
+        widest = _find_widest_block(topology)
         state = State.build_for(mesh.size, unknowns)
         state.r[:] = np.eye(3)
-        vector = [np.zeros((mesh.size, 3)) for _ in range(5)]
-        frames = Frames(vector[0], np.zeros((mesh.size, 3, 3)), *vector[1:])
-        variation = Variation(*(np.zeros((mesh.size, widest, 3)) for _ in range(6)))
-        tied = build_border_rows(mesh, t, build_coordinate_map(mesh, t))
-        loads = build_loads(mesh, unknowns)
-        elements, count = mesh.elements.nodes.shape if mesh.elements.nodes.size else (0, 1)
-        size = np.append(t.size[t.block], 0)  # of the block of each node, and of no node, -1
-        rows = int(size[mesh.elements.nodes[:, 1:]].sum(axis=1).max(initial=0))
-        damped = len(mesh.elements.damping) > 0
-        sides = int(np.diff(tied.layout.first_side).max(initial=1))
-        work = Work(
-            wrench=np.zeros((mesh.size, 6)), dwrench=np.zeros((mesh.size, widest, 6)),
-            residual=np.zeros((1 + len(tied.a), unknowns)), diagonal=np.zeros((len(t.size), widest, widest)),
-            tangent=np.zeros((elements, 6 * count, 6 * count + 6 * damped)),
-            internal=np.zeros((elements, max(count - 1, 0), 6)), energy=np.zeros(3),
-            element=Scratch.build_for(count), rates=Rates.build_for(count if damped else 0),
-            system=np.zeros((max(rows, widest), max(rows, widest) + widest + sides)),
-            solved=np.zeros((elements, rows, widest + sides)), projection=np.zeros((2, mesh.size, 6)),
-        )  # fmt: skip
-        instant = Trajectory.make_zero(1, mesh, len(tied.a) - 3 * len(mesh.mechanism.springs))
-        increment = np.zeros((1 + len(tied.a), unknowns))
-        border = Border(tied, build_pulls(mesh, tied))
-        return cls(mesh, t, mesh.elements, state, frames, variation, work, loads, increment, border, instant, efforts)
+        tied = build_border_rows(mesh, topology, build_coordinate_map(mesh, topology))
+        return cls(
+            mesh=mesh,
+            topology=topology,
+            elements=mesh.elements,
+            state=state,
+            frames=_make_frames(mesh.size),
+            variation=Variation(*(np.zeros((mesh.size, widest, 3)) for _ in range(6))),
+            work=_make_work(mesh, topology, tied),
+            loads=build_loads(mesh, unknowns),
+            increment=np.zeros((1 + len(tied.a), unknowns)),
+            border=Border(tied, build_pulls(mesh, tied)),
+            instant=Trajectory.make_zero(1, mesh, len(tied.a) - 3 * len(mesh.mechanism.springs)),
+            efforts=efforts,
+        )
 
     @property
     def passive(self) -> set[str]:

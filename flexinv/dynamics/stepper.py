@@ -95,8 +95,6 @@ def evaluate(system, scheme, joints, want_tangent):
 def run_newton(system, scheme, joints, y, most):
     """Solve one instant in at ``most`` iterations; return status, iterations or the bad element, last increment [-]."""
     topology = system.topology
-    ties = system.border.ties
-    work = system.work
     size = 0.0
     last = False
     for iteration in range(most + 1):
@@ -107,19 +105,7 @@ def run_newton(system, scheme, joints, y, most):
             slipped = find_overturned_element(topology, system.elements, scheme, system.state, system.frames)
             return (SLIPPED, slipped, size) if slipped >= 0 else (CONVERGED, iteration, size)
         stays = iteration > 0 and scheme.mode == DYNAMIC and size < BORDER_STAYS
-        if scheme.mode == ACCELERATION:
-            solve_masses(system, y)
-        else:
-            if scheme.mode == RESOLVED:
-                add_missing_masses(topology, work.diagonal)
-            elif scheme.mode == STATIC and len(ties.a) > 0:
-                _add_passive_stiffness(topology, work.diagonal)
-            solve_tree(topology, system.elements, system.variation, work, ties.layout, stays, y)
-        # At rest loose joints make it nearly singular, and equilibria need not be stable: pivots are sought among all rows.
-        blocks = ties.layout.whole if scheme.mode == STATIC else ties.layout.blocks
-        if not stays:
-            constraint_rows.compute_border_factors(ties, blocks, y)
-        solve_border(ties, blocks, scheme.ca if scheme.mode == RESOLVED else 1.0, y)
+        _solve_linearization(system, scheme, stays, y)
         size = generalized_alpha.find_largest_increment(y[0], topology.scale)
         if not np.isfinite(size):
             return NOT_FINITE, iteration, size
@@ -146,6 +132,27 @@ def _add_passive_stiffness(topology, diagonal):
             diagonal[b, k, k] += HELD_STIFFNESS * largest / topology.scale[topology.offset[b] + k] ** 2
 
 
+@jit_inner
+def _solve_linearization(system, scheme, stays, y):
+    """Set the increment of all unknowns, y[0]; ``stays``: the border's factors are kept."""
+    topology = system.topology
+    ties = system.border.ties
+    work = system.work
+    if scheme.mode == ACCELERATION:
+        solve_masses(system, y)
+    else:
+        if scheme.mode == RESOLVED:
+            add_missing_masses(topology, work.diagonal)
+        elif scheme.mode == STATIC and len(ties.a) > 0:
+            _add_passive_stiffness(topology, work.diagonal)
+        solve_tree(topology, system.elements, system.variation, work, ties.layout, stays, y)
+    # At rest loose joints make it nearly singular, and equilibria need not be stable: pivots are sought among all rows.
+    blocks = ties.layout.whole if scheme.mode == STATIC else ties.layout.blocks
+    if not stays:
+        constraint_rows.compute_border_factors(ties, blocks, y)
+    solve_border(ties, blocks, scheme.ca if scheme.mode == RESOLVED else 1.0, y)
+
+
 @jit
 def integrate_instants(system, scheme, instants, y, out):
     """Solve the instants of one chunk, in DYNAMIC mode step after step; fill the histories.  Without room for increments, y
@@ -159,19 +166,16 @@ def integrate_instants(system, scheme, instants, y, out):
     """
     state = system.state
     ties = system.border.ties
-    topology = system.topology
     rel = instants.joints
+    moves = scheme.mode == DYNAMIC
     count = 0
     size = 0.0
     for sample in range(rel.p.shape[0]):
         j = Joints(rel.p[sample], rel.dp[sample], rel.ddp[sample], rel.r[sample], rel.w[sample], rel.al[sample])
-        update_loads(system.loads, instants.table[sample], instants.efforts[sample])
-        for k in range(instants.coupling_terms.shape[1]):
-            put(ties.coupling_terms[k], 0, vec(instants.coupling_terms[sample, k]))
+        _begin_instant(system, instants, sample)
         if y.shape[0] == 0:
             bad = evaluate(system, scheme, j, True)
             return TURNED_TOO_MUCH if bad >= 0 else CONVERGED, sample, bad, size
-        moves = scheme.mode == DYNAMIC
         predicted = moves and state.order[0] > 0
         status = NOT_CONVERGED
         copy(ties.multiplier, ties.saved_multiplier)
@@ -190,20 +194,36 @@ def integrate_instants(system, scheme, instants, y, out):
             state.order[0] = 0
         if status != CONVERGED:
             return status, sample, count, size
-        projects = moves and constraint_rows.has_acting_closure(ties)
-        if projects:
-            copy(ties.multiplier, ties.saved_multiplier)
-            copy(state.du, state.saved_acceleration)
-            update_accelerations(system, j, y)
-        write_sample(sample, system.frames, system.work, out)
-        for k in range(out.multipliers.shape[1]):
-            out.multipliers[sample, k] = ties.multiplier[k]
+        _write_instant(system, j, y, sample, moves, out)
         out.iterations[sample] = count
-        if projects:  # the integrator goes on with its own
-            copy(ties.saved_multiplier, ties.multiplier)
-            copy(state.saved_acceleration, state.du)
-        end_step(topology, scheme, state)
+        end_step(system.topology, scheme, state)
     return CONVERGED, rel.p.shape[0], count, size
+
+
+@jit_inner
+def _begin_instant(system, instants, sample):
+    """Set the loads, the efforts of drives and the terms of couplings of an instant."""
+    update_loads(system.loads, instants.table[sample], instants.efforts[sample])
+    for k in range(instants.coupling_terms.shape[1]):
+        put(system.border.ties.coupling_terms[k], 0, vec(instants.coupling_terms[sample, k]))
+
+
+@jit_inner
+def _write_instant(system, joints, y, sample, moves, out):
+    """Write an instant into the histories, of a step with closures as projected; the integrator goes on with its own."""
+    state = system.state
+    ties = system.border.ties
+    projects = moves and constraint_rows.has_acting_closure(ties)
+    if projects:
+        copy(ties.multiplier, ties.saved_multiplier)
+        copy(state.du, state.saved_acceleration)
+        update_accelerations(system, joints, y)
+    write_sample(sample, system.frames, system.work, out)
+    for k in range(out.multipliers.shape[1]):
+        out.multipliers[sample, k] = ties.multiplier[k]
+    if projects:
+        copy(ties.saved_multiplier, ties.multiplier)
+        copy(state.saved_acceleration, state.du)
 
 
 @jit_inner

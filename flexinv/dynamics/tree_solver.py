@@ -71,34 +71,42 @@ def _solve_element_blocks(topology, elements, variation, work, k, sides):
     nodes = elements.nodes[k]
     count = elements.order[k] + 1
     system = work.system
-    tangent = work.tangent[k]
     rows = _find_first_row(topology, nodes, count)
     columns = topology.size[topology.block[nodes[0]]]
     for r in range(rows):
         for c in range(rows + columns + len(sides)):
             system[r, c] = 0.0
     for i in range(1, count):
-        b = topology.block[nodes[i]]
-        at = _find_first_row(topology, nodes, i)
-        for r in range(topology.size[b]):
-            for c in range(topology.size[b]):
-                system[at + r, at + c] = work.diagonal[b, r, c]
-            for s in range(len(sides)):
-                system[at + r, rows + columns + s] = work.residual[sides[s], topology.offset[b] + r]
-        for q in range(1, count):
-            if q != i:
-                beside = _find_first_row(topology, nodes, q)
-                for r in range(6):
-                    for c in range(6):
-                        system[at + r, beside + c] = tangent[6 * i + r, 6 * q + c]
-        for r in range(6):
-            for c in range(columns):
-                system[at + r, rows + c] = compute_root_derivative(tangent, 6 * i + r, nodes[0], c, variation)
+        _fill_block_rows(topology, nodes, count, variation, work, work.tangent[k], i, sides)
     solve_dense(system, rows, rows + columns + len(sides))
     for r in range(rows):
         for c in range(columns + len(sides)):
             work.solved[k, r, c] = system[r, rows + c]
     _add_to_first(topology, elements, variation, work, k, sides)
+
+
+@jit_inner
+def _fill_block_rows(topology, nodes, count, variation, work, tangent, i, sides):
+    """Fill the rows of the block of node i: its own linearisation, other nodes', the first block's, and right sides."""
+    system = work.system
+    rows = _find_first_row(topology, nodes, count)
+    columns = topology.size[topology.block[nodes[0]]]
+    b = topology.block[nodes[i]]
+    at = _find_first_row(topology, nodes, i)
+    for r in range(topology.size[b]):
+        for c in range(topology.size[b]):
+            system[at + r, at + c] = work.diagonal[b, r, c]
+        for s in range(len(sides)):
+            system[at + r, rows + columns + s] = work.residual[sides[s], topology.offset[b] + r]
+    for q in range(1, count):
+        if q != i:
+            beside = _find_first_row(topology, nodes, q)
+            for r in range(6):
+                for c in range(6):
+                    system[at + r, beside + c] = tangent[6 * i + r, 6 * q + c]
+    for r in range(6):
+        for c in range(columns):
+            system[at + r, rows + c] = compute_root_derivative(tangent, 6 * i + r, nodes[0], c, variation)
 
 
 @jit_inner

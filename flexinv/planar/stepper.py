@@ -170,7 +170,6 @@ def run_newton(system, scheme, given, slow, most):
     size = 0.0
     fresh = True
     last = scheme.mode == ACCELERATION
-    damped = len(elements.damping) > 0
     for iteration in range(most + 1):
         turned, worst = evaluate(system, given, scheme.mode != ACCELERATION)
         if not turned <= LARGEST_TURN:
@@ -191,16 +190,14 @@ def run_newton(system, scheme, given, slow, most):
             state.u[i] += scheme.cv * work.y[0, i]
             state.du[i] += scheme.ca * work.y[0, i]
         shrunk = size / before if iteration > 0 else 1.0
-        leaves = SQUARED * size * size if fresh and not damped else size * max(shrunk, SURE_STEP)
-        last = size < INCREMENT_ROUNDING or leaves < scheme.tolerance
-        last = last or (damped and iteration > 0 and shrunk > 0.5 and size < STALLED)
+        last = _is_last_increment(size, shrunk, fresh, len(elements.damping) > 0, iteration, scheme.tolerance)
         fresh = shrunk > slow if iteration > 0 else slow == 0.0
     return NOT_CONVERGED, most, size
 
 
 @jit_inner
 def begin_step(system, scheme, given):
-    """Let the next step start from the accelerations that were found, as far as a step resolves them: `initial_state.begin_step`.
+    """Let the next step start from what has been projected, as far as a step resolves that: `initial_state.begin_step`.
 
     Return whether that leaves something out [-].
     """
@@ -208,6 +205,8 @@ def begin_step(system, scheme, given):
     ties = system.ties
     state = system.state
     work = system.work
+    for i in range(len(state.du)):
+        state.du[i] += work.y[0, i]
     copy(state.du, state.pseudo)
     jump = 0.0
     for i in range(len(state.du)):
@@ -247,6 +246,14 @@ def find_overturned_element(tree, elements, scheme, state, frames):
     return -1
 
 
+@jit_inner
+def _is_last_increment(size, shrunk, fresh, damped, iteration, tolerance):
+    """Return True if what an increment leaves is small enough, or where damping is so strong that no other would be smaller."""
+    leaves = SQUARED * size * size if fresh and not damped else size * max(shrunk, SURE_STEP)
+    last = size < INCREMENT_ROUNDING or leaves < tolerance
+    return last or (damped and iteration > 0 and shrunk > 0.5 and size < STALLED)
+
+
 @jit
 def integrate_planar_motion(system, step, start_at, still, given, row, out):
     """March over the instants of one chunk and write the samples that are asked for.
@@ -259,28 +266,17 @@ def integrate_planar_motion(system, step, start_at, still, given, row, out):
     given : (instants, joints, 3) q, q', q'' of the prescribed joints [m, rad, s]; row : (instants,) of the histories, -1 for none
     Return status, instant reached, element or iterations, last relative increment [-].
     """
-    tree = system.tree
     ties = system.ties
     state = system.state
-    frames = system.frames
-    work = system.work
     count = 0
     size = 0.0
     acts = has_acting_closure(ties)
     if start_at.shape[0] > 0:
-        begin_undeformed(tree, state, start_at, frames)
-        begin_from_state(state)
-        remove_stress(system.elements, work.points)  # the elements feel nothing, not even rounding
-        for i in range(len(work.rates)):
-            work.rates[i] = 0.0
+        _begin_march(system, start_at)
     for n in range(given.shape[0]):
         moves = n > 0 or not still
         scheme = step if moves else ACCELERATIONS
-        if n == 0 or (n == 1 and still):
-            passes.fill_independent_variations(tree, frames, scheme.cv, scheme.ca)
-        if moves:
-            prepare_step(step, state)
-        copy(ties.multiplier, ties.saved_multiplier)
+        _begin_instant(system, scheme, n == 0 or (n == 1 and still), moves)
         status, count, size = run_newton(system, scheme, given[n], SLOW, MANY)
         if status != CONVERGED and moves:  # where something has just let go, the past says little about what comes
             state.order[0] = 0
@@ -289,65 +285,109 @@ def integrate_planar_motion(system, step, start_at, still, given, row, out):
             status, count, size = run_newton(system, step, given[n], 0.0, MOST_ITERATIONS)
         if status != CONVERGED:
             return status, n, count, size
-        projects = not moves or (acts and row[n] >= 0)
-        if projects:
-            copy(ties.multiplier, ties.saved_multiplier)
-            update_accelerations(system)
-        if row[n] >= 0:
-            write_sample(row[n], system, out)
-            out.iterations[row[n]] = count
-        if not moves:  # the march goes on from what has been projected
-            for i in range(len(state.du)):
-                state.du[i] += work.y[0, i]
+        if not moves:
+            _write_instant(system, row[n], count, True, out)
             if begin_step(system, step, given[n]):
                 return stepper.SUDDEN_START, n + 1, count, size
             continue
-        if projects:
-            copy(ties.saved_multiplier, ties.multiplier)
-        generalized_alpha.update_unknowns(step, state, tree.scale)
+        _write_step(system, row[n], count, acts, out)
+        generalized_alpha.update_unknowns(step, state, system.tree.scale)
     return CONVERGED, given.shape[0], count, size
+
+
+@jit_inner
+def _begin_march(system, start_at):
+    """Begin undeformed, joints as ``start_at`` says; the elements feel nothing, not even rounding."""
+    begin_undeformed(system.tree, system.state, start_at, system.frames)
+    begin_from_state(system.state)
+    remove_stress(system.elements, system.work.points)
+    for i in range(len(system.work.rates)):
+        system.work.rates[i] = 0.0
+
+
+@jit_inner
+def _begin_instant(system, scheme, is_new, moves):
+    """Prepare for Newton at an instant, with a scheme that ``is_new`` or has served before."""
+    if is_new:
+        passes.fill_independent_variations(system.tree, system.frames, scheme.cv, scheme.ca)
+    if moves:
+        prepare_step(scheme, system.state)
+    copy(system.ties.multiplier, system.ties.saved_multiplier)
+
+
+@jit_inner
+def _write_instant(system, row, count, projects, out):
+    """Write an instant into its row of the histories, where it has one, with accelerations of index 1 if it ``projects``."""
+    if projects:
+        copy(system.ties.multiplier, system.ties.saved_multiplier)
+        update_accelerations(system)
+    if row >= 0:
+        write_sample(row, system, out)
+        out.iterations[row] = count
+
+
+@jit_inner
+def _write_step(system, row, count, acts, out):
+    """Write an instant at which a step ends; the march goes on with its own multipliers."""
+    projects = acts and row >= 0
+    _write_instant(system, row, count, projects, out)
+    if projects:
+        copy(system.ties.saved_multiplier, system.ties.multiplier)
 
 
 @jit_inner
 def write_sample(sample, system, out):
     """Write one instant into the histories, in space [m, rad, s, N, J]."""
-    tree = system.tree
-    elements = system.elements
     ties = system.ties
     space = system.space
     frames = system.frames
     work = system.work
-    for n in range(len(tree.parent)):
+    for n in range(len(system.tree.parent)):
         _convert_to_space(space.axes, frames.pose[n], space.height, out.x[sample, n])
         _convert_to_space(space.axes, frames.rate[n], 0.0, out.v[sample, n])
         _convert_to_space(space.axes, frames.acceleration[n], 0.0, out.a[sample, n])
         _convert_to_space(space.axes, frames.wrench[n], 0.0, out.wrench[sample, n])
-        c, s = cos_sin(frames.pose[n, 2])
-        for i in range(3):
-            out.w[sample, n, i] = frames.rate[n, 2] * space.axle[n, i]
-            out.al[sample, n, i] = frames.acceleration[n, 2] * space.axle[n, i]
-            out.wrench[sample, n, 3 + i] = frames.wrench[n, 2] * space.axle[n, i]
-            for j in range(3):
-                turned = c * space.across[n, i, j] + s * space.along[n, i, j]
-                out.r[sample, n, i, j] = turned + space.normal[n, i, j]
+        _write_rotation(sample, n, space, frames, out)
     for r in range(len(ties.a)):
         out.multipliers[sample, space.row[r]] = ties.multiplier[r]
+    power = _write_resultants(system, out.internal[sample])
+    stored = compute_energy(system.elements, work.points)
+    lost = planar_beam.compute_dissipated_power(system.elements, work.rates)
+    put(out.energy[sample], 0, (stored, power, lost))
+
+
+@jit_inner
+def _write_rotation(sample, n, space, frames, out):
+    """Rotation, angular velocity and acceleration, and moment of node n."""
+    c, s = cos_sin(frames.pose[n, 2])
+    for i in range(3):
+        out.w[sample, n, i] = frames.rate[n, 2] * space.axle[n, i]
+        out.al[sample, n, i] = frames.acceleration[n, 2] * space.axle[n, i]
+        out.wrench[sample, n, 3 + i] = frames.wrench[n, 2] * space.axle[n, i]
+        for j in range(3):
+            turned = c * space.across[n, i, j] + s * space.along[n, i, j]
+            out.r[sample, n, i, j] = turned + space.normal[n, i, j]
+
+
+@jit_inner
+def _write_resultants(system, internal):
+    """Stress resultants in the section frame, n_1 e_1 + n_2 side, m normal; return the power of the elements' forces."""
+    elements = system.elements
+    work = system.work
     power = 0.0
     for n in range(len(elements.order)):
         for i in range(elements.order[n] + 1):
-            power += dot(vec(work.node_forces[n, i]), vec(frames.rate[elements.nodes[n, i]]))
-        side = space.side[n]
-        axle = space.axle[elements.nodes[n, 0]]
-        for g in range(elements.order[n]):  # in the section frame: n_1 e_1 + n_2 side, m normal
+            power += dot(vec(work.node_forces[n, i]), vec(system.frames.rate[elements.nodes[n, i]]))
+        side = system.space.side[n]
+        axle = system.space.axle[elements.nodes[n, 0]]
+        for g in range(elements.order[n]):
             at = compute_point_offset(n, g, elements.shape.shape[1])
-            internal = out.internal[sample, n, g]
+            own = internal[n, g]
             for i in range(3):
-                internal[i] = work.points[at + N2] * side[i]
-                internal[3 + i] = work.points[at + M] * axle[i]
-            internal[0] = work.points[at + N1]
-    stored = compute_energy(elements, work.points)
-    lost = planar_beam.compute_dissipated_power(elements, work.rates)
-    put(out.energy[sample], 0, (stored, power, lost))
+                own[i] = work.points[at + N2] * side[i]
+                own[3 + i] = work.points[at + M] * axle[i]
+            own[0] = work.points[at + N1]
+    return power
 
 
 @jit_inner
