@@ -191,6 +191,27 @@ def find_slowest_circulatory(stiffness: Sparse, mass: Sparse, count: int) -> tup
     looked_for = min(count + SPARE_MODES, _compute_most_modes(k))
     if shift > 0.0:
         shift = choose_shift(_run_arnoldi(k, m, shift, looked_for)[0], shift)
+    squared, right, left, discs = _find_complete_set(k, m, shift, count, looked_for)
+    weight = np.abs(np.einsum("km,km->m", left, m @ right))
+    known = CIRCULATORY * np.einsum("km,km->m", np.abs(left), abs(k) @ np.abs(right)) / weight
+    if shift == 0.0:
+        known = np.minimum(known, SOFT**0.5 * np.abs(squared))  # K is definite beyond rounding: nothing is zero
+    squared, right = drop_rounded_parts(squared, right, known)
+    centre, radius = discs
+    known = np.maximum(known, radius + np.abs(squared - centre))
+    shapes = right / np.sqrt(np.einsum("km,km->m", right.conj(), m @ right).real)
+    order = _list_slowest(squared, count)
+    order = order[compute_order(squared[order])]
+    squared = squared[order]
+    shapes = shapes[:, order]
+    known = known[order]
+    return (squared, shapes, known) if squared.imag.any() else (squared.real, shapes.real, known)
+
+
+def _find_complete_set(
+    k: Sparse, m: Sparse, shift: float, count: int, looked_for: int
+) -> tuple[NDArray[Any], NDArray[Any], NDArray[Any], tuple[NDArray[Any], Array]]:
+    """omega^2, right and left shapes of at least ``count`` modes about a shift, none of them missed, and their discs."""
     for _ in range(MOST_DOUBLINGS + 1):
         looked_for = min(looked_for, _compute_most_modes(k))
         squared, right, left = _run_arnoldi(k, m, shift, looked_for)
@@ -198,32 +219,20 @@ def find_slowest_circulatory(stiffness: Sparse, mass: Sparse, count: int) -> tup
         slow = np.abs(squared) < place
         centre, radius = compute_root_discs(k, m, squared[slow], right[:, slow], left[:, slow].conj(), shift)
         if np.isfinite(radius).all() and count_missing_roots(place, squared, lambda z: k - z * m) == 0:
-            break
+            return squared[slow], right[:, slow], left[:, slow], (centre, radius)
         looked_for *= 2
-    else:
-        raise ConvergenceError(
-            f"modes: whether all of the {count} slowest modes under loads that turn along are found is not proved: they are too "
-            "close together; write another count"
-        )
-    squared = squared[slow]
-    right = right[:, slow]
-    left = left[:, slow]
-    weight = np.abs(np.einsum("km,km->m", left, m @ right))
-    known = CIRCULATORY * np.einsum("km,km->m", np.abs(left), abs(k) @ np.abs(right)) / weight
-    if shift == 0.0:
-        known = np.minimum(known, SOFT**0.5 * np.abs(squared))  # K is definite beyond rounding: nothing is zero
-    squared, right = drop_rounded_parts(squared, right, known)
-    known = np.maximum(known, radius + np.abs(squared - centre))
-    shapes = right / np.sqrt(np.einsum("km,km->m", right.conj(), m @ right).real)
+    raise ConvergenceError(
+        f"modes: whether all of the {count} slowest modes under loads that turn along are found is not proved: they are too "
+        "close together; write another count"
+    )
+
+
+def _list_slowest(squared: NDArray[Any], count: int) -> NDArray[np.int64]:
+    """Numbers of the ``count`` slowest modes; of a pair that the count parts both."""
     order = np.argsort(np.abs(squared), kind="stable")
     if count < len(order) and np.isclose(squared[order[count]], squared[order[count - 1]].conj()):
         count += bool(squared[order[count - 1]].imag)
-    order = order[:count]
-    order = order[compute_order(squared[order])]
-    squared = squared[order]
-    shapes = shapes[:, order]
-    known = known[order]
-    return (squared, shapes, known) if squared.imag.any() else (squared.real, shapes.real, known)
+    return order[:count]
 
 
 def find_krylov_eigenvalues(operator: Any, count: int, start: Array) -> tuple[NDArray[Any], NDArray[Any]]:
