@@ -53,12 +53,8 @@ def warm(models: Path | None, jobs: int, ship: Path | None) -> None:
     folder = models or next((path for path in (CHECKOUT, INSTALLED) if path.is_dir()), None)
     if folder is None:
         raise InputError(f"no folder {INSTALLED} with mechanisms to compute; name one with --models")
-    if ship is not None and not os.environ.get(CPU_NAME):
-        raise InputError(f"--ship: {CPU_NAME} is not set; for example {CPU_NAME}=x86-64-v3")
-    if ship is not None and is_plain():
-        raise InputError(
-            "--ship: kernels are plain Numba here (flexinv.kernels.compiler), whose machine code cannot be shipped"
-        )
+    if ship is not None:
+        _check_shipping()
     context = multiprocessing.get_context("spawn")
     with ProcessPoolExecutor(min(jobs, len(TASKS)), mp_context=context) as pool:
         waiting = {pool.submit(task, folder): name for name, task in TASKS.items()}
@@ -66,10 +62,25 @@ def warm(models: Path | None, jobs: int, ship: Path | None) -> None:
             failed = [f"{waiting[one]}: {error}" for one in done if (error := one.exception()) is not None]
     if failed:
         raise InputError("; ".join(failed))
-    if ship is not None:  # what was kept of all kernels that Python calls
-        for module in list_sources(PACKAGE):
-            import_module(f"flexinv.{module}")
-        click.echo(f"{ship}: {NUMBA.write_shipped(ship, NUMBA.KERNELS)} kernels")
+    if ship is not None:
+        _write_kernels(ship)
+
+
+def _check_shipping() -> None:
+    """Raise InputError where machine code cannot be shipped."""
+    if not os.environ.get(CPU_NAME):
+        raise InputError(f"--ship: {CPU_NAME} is not set; for example {CPU_NAME}=x86-64-v3")
+    if is_plain():
+        raise InputError(
+            "--ship: kernels are plain Numba here (flexinv.kernels.compiler), whose machine code cannot be shipped"
+        )
+
+
+def _write_kernels(folder: Path) -> None:
+    """Write what was kept of all kernels that Python calls."""
+    for module in list_sources(PACKAGE):
+        import_module(f"flexinv.{module}")
+    click.echo(f"{folder}: {NUMBA.write_shipped(folder, NUMBA.KERNELS)} kernels")
 
 
 def _read_first_case(folder: Path, model: str) -> tuple[Mechanism, Case]:
