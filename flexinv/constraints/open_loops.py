@@ -104,13 +104,13 @@ def _find_advice(follower: Follower, guess: Array) -> tuple[str, str]:
     ), ""
 
 
-def _describe_other_motion(m: Mechanism, own: Sequence[str], closed: Array) -> str:
+def _describe_other_motion(mechanism: Mechanism, own: Sequence[str], closed: Array) -> str:
     """Advice for loops that close only with other places (nq,) of the joints that the motion moves; own : all others."""
-    held = [joint.name for joint in m.joints if joint.nv and joint.name not in own]
+    held = [joint.name for joint in mechanism.joints if joint.nv and joint.name not in own]
     fewer = ", or give fewer coordinates a motion" if len(held) > 1 else ""
     return (
         f"where the motion puts {', '.join(held)} none of {TRIES + 1} guesses closes them; they close for example with "
-        f"{write_start(m, held, closed, True)}: begin the motion where they do{fewer}"
+        f"{write_start(mechanism, held, closed, True)}: begin the motion where they do{fewer}"
     )
 
 
