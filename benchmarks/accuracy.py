@@ -13,7 +13,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from benchmarks.targets import add_verdict, make_metric
 from benchmarks.timing import Call, Times, compute_time_ratio, run_calls_in_turns
@@ -30,8 +29,8 @@ from flexinv.files.load_cases import load_cases
 from flexinv.kinematics.mesh import Mesh
 from flexinv.model.mechanism import Mechanism, with_retardation
 from flexinv.model.motion import Motion
+from flexinv.typing import Array
 
-Array = NDArray[np.float64]
 ASKED = 8.0  # times as fast as plain steps at an error of 1e-6, by one extrapolation
 ERRORS = (1e-3, 1e-4, 1e-5, 1e-6)  # of the peak of the torque
 KEPT = 2  # samples to a coarsest step at which torques are compared; refinements are multiples of it

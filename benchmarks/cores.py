@@ -20,8 +20,8 @@ from numpy.typing import NDArray
 
 from flexinv.kernels.threads.affinity import move_from_processor, processor_now
 from flexinv.kernels.threads.atomics import pause, read_cell, write_cell
+from flexinv.typing import Array
 
-Array = NDArray[np.float64]
 # Times as long as alone at which a core counts as shared: halves of a core take 1.4 to 1.9 times as long, whole cores up to 1.1
 # side by side, as all of them together run at a lower frequency.
 SHARED = 1.2

@@ -17,7 +17,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from benchmarks.engines import open_calls
 from benchmarks.targets import add_verdict, make_metric
@@ -27,8 +26,8 @@ from flexinv.analysis.solve import solve
 from flexinv.files.load_cases import load_cases
 from flexinv.model.mechanism import Beam, Mechanism
 from flexinv.model.motion import Motion
+from flexinv.typing import Array
 
-Array = NDArray[np.float64]
 ASKED = 10.0  # times as fast as Exudyn in the plane, at an error as small or smaller
 SAMPLE = 1e-3  # [s] between the samples at which errors are taken; every step divides it
 SECONDS = 10.0  # for each mechanism: five turns of everything, or more

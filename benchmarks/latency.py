@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from benchmarks.targets import add_verdict, make_metric
 from crosscheck.studies.robot_sweep import remove_damping
@@ -16,8 +15,8 @@ from flexinv.analysis.controller import Controller
 from flexinv.files.load_mechanism import load_mechanism
 from flexinv.model.mechanism import Mechanism
 from flexinv.model.motion import Motion
+from flexinv.typing import Array
 
-Array = NDArray[np.float64]
 STEPS = 100_000
 CYCLE = 1e-3  # [s], of a controller at 1 kHz; the paper's takes 10 ms
 # Model, what its median is asked to be [us] at most, stroke of its joints [rad].

@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from benchmarks.engines import open_calls
 from benchmarks.targets import add_verdict, compute_required_speed, drop_metric, make_metric
@@ -17,8 +16,8 @@ from flexinv.files.load_mechanism import load_mechanism
 from flexinv.kernels.threads.affinity import count_processors
 from flexinv.model.mechanism import Mechanism
 from flexinv.rigid.prepare import prepare
+from flexinv.typing import Array
 
-Array = NDArray[np.float64]
 Order = Literal["coordinates", "samples"]
 State = tuple[Array, Array, Array]
 ROBOTS = ("ur5", "panda", "talos")

@@ -27,8 +27,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.cores import Cores, find_undisturbed_repetitions
+from flexinv.typing import Array
 
-Array = NDArray[np.float64]
 REPETITION = 1e-3  # [s]: well below the some 4 ms after which a busy system changes processes
 LONG = (
     0.05  # [s]: what takes longer is not run before it is timed, as what it finds in the caches is no part of its time

@@ -15,7 +15,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from benchmarks import accuracy
 from benchmarks.accuracy import (
@@ -36,8 +35,8 @@ from flexinv.accuracy.refinement import Problem, StepGrid, apply_mesh
 from flexinv.analysis.task import Settings
 from flexinv.files.load_cases import Case, load_cases
 from flexinv.model.mechanism import Mechanism
+from flexinv.typing import Array
 
-Array = NDArray[np.float64]
 ASKED = 100.0  # times as fast as Exudyn at an error of 1e-6
 MESHES = (8, 12, 16, 24, 32, 48, 64, 96)  # elements of every beam in Exudyn
 # steps to a coarsest one with which a mesh begins, and how many more come next

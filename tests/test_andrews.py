@@ -7,16 +7,15 @@ from pathlib import Path
 import andrews
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 import flexinv
 from flexinv.constraints.continuation import compute_mobility
 from flexinv.files.load_cases import Case, load_cases
 from flexinv.model.mechanism import Mechanism
+from flexinv.typing import Array
 
 pytestmark = pytest.mark.slow  # what they share is computed once, and takes seconds
 
-Array = NDArray[np.float64]
 STEP, END, DRIVE = 1e-4, 0.03, andrews.P["drive"]
 
 

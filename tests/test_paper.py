@@ -9,12 +9,10 @@ import pinocchio as pin
 import pytest
 import sympy as sp
 from flexible_examples import HALF_TURN, arm, observed_order
-from numpy.typing import NDArray
 
 import flexinv
 from flexinv.model.mechanism import Mechanism
-
-Array = NDArray[np.float64]
+from flexinv.typing import Array
 
 # Three rods of 0.4 m, 215 g: example 1.  Peaks from a symbolic Lagrangian, to the digits given.
 PEAKS = {"cycloid": (5.984, 2.790, 0.739), "quintic": (5.821, 2.708, 0.7145)}

@@ -75,6 +75,7 @@ ALONE = {
     "flexinv.kernels.compiler.arrays": "private parts of Numba for threads, apart from those for records",
     "flexinv.kernels.compiler.plain": "the other way to compile kernels, without private parts of Numba",
     "crosscheck.identification.logs.bag": "a file format of its own",
+    "crosscheck.doors.fmu_replay": "an FMU that torques drive, beside one that gives torques",
     "crosscheck.doors.program_files": "a walk through folders, apart from engines and their trust",
     "crosscheck.run.cluster": "workers on other machines, which few runs have",
     "crosscheck.run.answer_stores": "answers of earlier runs, apart from the doing of jobs",
@@ -155,6 +156,15 @@ def test_one_thought_is_one_statement() -> None:
 def test_swaps_and_unpacking_are_no_packing() -> None:
     for text in ("a, b = b, a", "a, b = f()", "a, b = a + b, a", "(a, b), c = f(), g(a)", "x[0], x[1] = x[1], x[0]"):
         assert rules.packed(text) == []
+
+
+def test_types_of_arrays_are_defined_once() -> None:
+    check(PACKAGES + TOOLS, lambda path: rules.second_types(name(path), path.read_text()))
+    text = "Array = NDArray[np.float64]"
+    assert rules.second_types("crosscheck.causes.fit", text) == [
+        "line 1: Array is defined again; write from flexinv.typing import Array"
+    ]
+    assert rules.second_types("crosscheck.engines.mujoco.rod", text) == []
 
 
 def test_imports_point_down() -> None:

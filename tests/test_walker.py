@@ -14,8 +14,8 @@ from scipy.spatial.transform import Rotation
 import flexinv
 from flexinv.files.load_cases import Case, load_cases
 from flexinv.model.mechanism import Mechanism
+from flexinv.typing import Array
 
-Array = NDArray[np.float64]
 FOLDER = Path(__file__).resolve().parent.parent / "models" / "walker"
 FEET = {"left": ("left_stands", "left_lands"), "right": ("right_stands", "right_lands")}
 HEEL, TOES = -0.25 * 0.152 * walker.HEIGHT, 0.75 * 0.152 * walker.HEIGHT  # of the foot, from the ankle [m]

@@ -15,7 +15,6 @@ from typing import Any
 import exudyn as exu
 import numpy as np
 from exudyn.itemInterface import SensorNode
-from numpy.typing import NDArray
 
 from crosscheck.engines.exudyn.integration import ExudynFailure, Plan, build_solver_settings, quiet
 from crosscheck.engines.exudyn.loops import Model, build_model, compute_drive_efforts, integrate_model
@@ -27,8 +26,8 @@ from crosscheck.engines.exudyn.run_in_time import ANCF, EXACT
 from flexinv.files.load_cases import Case
 from flexinv.model.mechanism import Joint, Mechanism
 from flexinv.model.motion import Motion
+from flexinv.typing import Array
 
-Array = NDArray[np.float64]
 # of generalized-alpha, and of Newton where torques are asked for
 RADIUS = 0.8
 INCREMENT = 1e-9

@@ -6,13 +6,11 @@ from collections.abc import Callable
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
 
 from crosscheck.engines.mujoco.joints import convert_effort_from_engine, convert_to_engine
 from crosscheck.engines.mujoco.model import build
 from flexinv.model.mechanism import Mechanism
-
-Array = NDArray[np.float64]
+from flexinv.typing import Array
 
 
 def prepare_loop(

@@ -10,12 +10,11 @@ from collections.abc import Callable
 
 import numpy as np
 import pinocchio as pin
-from numpy.typing import NDArray
 
 from crosscheck.engines.pinocchio.model import build, convert_to_engine
 from flexinv.model.mechanism import Mechanism
+from flexinv.typing import Array
 
-Array = NDArray[np.float64]
 Work = tuple[Callable[[], Array], Callable[[Array], Array]]
 
 

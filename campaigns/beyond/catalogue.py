@@ -8,7 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from campaigns.beyond import bodies, drives, inside, kinematics, loops, sections, signals
-from campaigns.beyond.fault import Array, Fault, FaultScenario, Recipe, draw_one, join_faults
+from campaigns.beyond.fault import Fault, FaultScenario, Recipe, draw_one, join_faults
+from flexinv.typing import Array
 
 RECIPES: tuple[Recipe, ...] = tuple(
     recipe

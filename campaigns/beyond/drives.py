@@ -8,10 +8,11 @@ from dataclasses import replace
 import numpy as np
 
 from campaigns.beyond import edits
-from campaigns.beyond.fault import ALL, Array, CorrectAnswer, Fault, FaultScenario, RecipeTopic, draw_one
+from campaigns.beyond.fault import ALL, CorrectAnswer, Fault, FaultScenario, RecipeTopic, draw_one
 from crosscheck.measures.record import Record, Series
 from flexinv.files.load_cases import Case
 from flexinv.model.mechanism import Joint, Mechanism
+from flexinv.typing import Array
 
 CHAPTER = RecipeTopic("drives")
 SLOW = 0.05  # of the largest rate: where Stribeck's bump ends, where a smoothed sign has turned

@@ -6,7 +6,6 @@ from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from crosscheck.engines.shared.probe_states import collect_joint_bodies
 from flexinv.model.mechanism import (
@@ -22,8 +21,7 @@ from flexinv.model.mechanism import (
     Section,
     Spring,
 )
-
-Array = NDArray[np.float64]
+from flexinv.typing import Array
 
 
 def drop_urdf(mechanism: Mechanism) -> Mechanism:

@@ -7,14 +7,13 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from crosscheck.engines.base import Options, sample_times
 from crosscheck.measures.record import Record, Series
 from flexinv.files.load_cases import Case
 from flexinv.model.mechanism import Joint, Mechanism
+from flexinv.typing import Array
 
-Array = NDArray[np.float64]
 ALL = "all"  # a place: every joint, every body, the whole mechanism
 RESTING = 1e-12  # of the fastest joint's rate: a joint that turns no faster is held
 

@@ -8,10 +8,11 @@ from dataclasses import replace
 import numpy as np
 
 from campaigns.beyond import edits
-from campaigns.beyond.fault import Array, CorrectAnswer, Fault, FaultScenario, RecipeTopic, draw_one
+from campaigns.beyond.fault import CorrectAnswer, Fault, FaultScenario, RecipeTopic, draw_one
 from campaigns.beyond.motions import replace_motion
 from flexinv.files.load_cases import Case
 from flexinv.model.mechanism import WORLD, Joint, Mechanism
+from flexinv.typing import Array
 
 CHAPTER = RecipeTopic("gravity and kinematics")
 DEGREE = np.pi / 180.0

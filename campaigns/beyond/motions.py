@@ -7,13 +7,12 @@ from dataclasses import replace
 from typing import Any, cast
 
 import numpy as np
-from numpy.typing import NDArray
 
 from flexinv.files.load_cases import Case
 from flexinv.model.mechanism import Mechanism
 from flexinv.model.motion import Motion
+from flexinv.typing import Array
 
-Array = NDArray[np.float64]
 Change = Callable[[Mechanism, Array, Array, Array], tuple[Array, Array, Array]]
 
 

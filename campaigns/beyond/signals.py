@@ -10,11 +10,12 @@ from scipy.ndimage import uniform_filter1d
 from scipy.signal import butter, filtfilt, lfilter
 
 from campaigns.beyond import motions
-from campaigns.beyond.fault import ALL, Array, CorrectAnswer, Fault, FaultScenario, RecipeTopic, draw_one
+from campaigns.beyond.fault import ALL, CorrectAnswer, Fault, FaultScenario, RecipeTopic, draw_one
 from crosscheck.measures.record import Record, Series
 from flexinv.files.load_cases import Case
 from flexinv.model.mechanism import Mechanism
 from flexinv.model.track import find_law
+from flexinv.typing import Array
 
 CHAPTER = RecipeTopic("signals and time")
 POUND_FOOT = 1.3558179483314004  # N m

@@ -8,8 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from crosscheck.causes.model import Model, is_tree
-from crosscheck.causes.subject import Array, Subject
+from crosscheck.causes.subject import Subject
 from flexinv.errors import InputError
+from flexinv.typing import Array
 
 # Of what there is: units that are mistaken (g for kg) leave a thousandth; less is nothing, which other causes are for.
 LEAST = 1e-4

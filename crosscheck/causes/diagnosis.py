@@ -19,7 +19,7 @@ from crosscheck.causes.quantities import collect_quantities
 from crosscheck.causes.quantity_causes import find_other_causes
 from crosscheck.causes.repair import Repair, apply_repair
 from crosscheck.causes.separate import find_separating_motion
-from crosscheck.causes.subject import Array, Subject
+from crosscheck.causes.subject import Subject
 from crosscheck.engines import open_adapter
 from crosscheck.engines.base import Adapter
 from crosscheck.measures.certificate import build_certificate
@@ -28,6 +28,7 @@ from crosscheck.measures.mechanisms import read_mechanism
 from crosscheck.measures.record import Record, read_record
 from crosscheck.verdicts.bars import find_checked_bar
 from flexinv.files.load_cases import load_cases
+from flexinv.typing import Array
 
 # Exact engines: rounding of some thousand operations, times the condition of loops, of the range.
 ROUNDING = 1e-9

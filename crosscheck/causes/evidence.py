@@ -18,11 +18,11 @@ import numpy as np
 from crosscheck.causes.fit import IMPOSSIBLE, SMALL, Candidate, Fit, compute_effect, fit_from
 from crosscheck.causes.model import Model
 from crosscheck.causes.quantities import Quantities
-from crosscheck.causes.subject import Array
 from crosscheck.engines.flexinv.certificate import certify, collect_attachment_data
 from crosscheck.measures.certificate import EACH, EXACT, PROBED, Certificate, checks
 from flexinv.files.load_cases import Case
 from flexinv.model.mechanism import Mechanism
+from flexinv.typing import Array
 
 AGREES = 0.1  # of what the certificates differ by, or of what the cause would change: no size is less sure than that
 SURE_PART = 1e-5  # of the same: what a step of differences leaves of a size, however small the bars

@@ -14,8 +14,8 @@ import numpy as np
 
 from crosscheck.causes.cause import Cause
 from crosscheck.causes.model import Model
-from crosscheck.causes.subject import Array
 from flexinv.errors import ConvergenceError, InputError
+from flexinv.typing import Array
 
 # Of a rigid model, whose rounding is 1e-12 of the range or less; of a march, whose Newton iterations leave 1e-9.
 PROBE = {True: 1e-5, False: 1e-4}

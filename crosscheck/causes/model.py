@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 
 from crosscheck.causes.apply import apply_effort_changes
-from crosscheck.causes.subject import Array, States, Subject
+from crosscheck.causes.subject import States, Subject
 from crosscheck.engines.base import sample_times
 from crosscheck.engines.flexinv.adapter import solve_case
 from crosscheck.measures.record import Record, Series, compute_fingerprint, list_effort_units
@@ -29,6 +29,7 @@ from flexinv.kinematics.nodal_motion import compute_rigid_motion
 from flexinv.model.by_value import is_same
 from flexinv.model.mechanism import Mechanism
 from flexinv.model.motion import evaluate_motion
+from flexinv.typing import Array
 
 FEWEST = 100  # samples of a rigid mechanism that a fit looks at, or up to twice as many
 # Of a flexible march, at least.  A thick strip that rings in short waves, 10 % softer in shear: with 1,200 steps the column has

@@ -31,7 +31,7 @@ from crosscheck.causes.fit import (
 )
 from crosscheck.causes.model import Model, is_tree
 from crosscheck.causes.pairs import AND, find_pairs, is_part_of_pair, split_name
-from crosscheck.causes.subject import Array
+from flexinv.typing import Array
 
 UNEXPLAINED = 0.1  # of |r|: what a cause may leave of which only the amplitude is fitted, and any other of a march
 SIMILAR = 3.0  # a cause that leaves up to this many times what the best one leaves is as good

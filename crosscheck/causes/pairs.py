@@ -14,7 +14,8 @@ import numpy as np
 from crosscheck.causes.cause import Cause
 from crosscheck.causes.fit import SMALL, Candidate, Fit, describe_size, fit, fit_from, list_candidates
 from crosscheck.causes.model import Model, is_tree
-from crosscheck.causes.subject import Array, Subject
+from crosscheck.causes.subject import Subject
+from flexinv.typing import Array
 
 AND = " + "
 NUMBERS = 4  # of a pair's sizes together: with more of them, anything can be explained

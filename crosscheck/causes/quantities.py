@@ -14,11 +14,11 @@ import numpy as np
 from crosscheck.causes.cause import Cause
 from crosscheck.causes.fit import IMPOSSIBLE, PROBE, SMALL, Fit
 from crosscheck.causes.model import Model
-from crosscheck.causes.subject import Array
 from crosscheck.measures.limits import find
 from crosscheck.measures.record import Record, Series
 from crosscheck.verdicts.bars import find_checked_bar
 from crosscheck.verdicts.compare import COMPARED, compute_signal_range, scale_of, split_by_unit
+from flexinv.typing import Array
 
 # Exact engines: rounding of some thousand operations, times the condition of loops, of the range.
 ROUNDING = 1e-9

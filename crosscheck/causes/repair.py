@@ -13,10 +13,11 @@ import numpy as np
 
 from crosscheck.causes.fit import IMPOSSIBLE, Fit, fit_to_remainder
 from crosscheck.causes.model import Model, apply_to_record
-from crosscheck.causes.subject import Array, Subject
+from crosscheck.causes.subject import Subject
 from crosscheck.engines import ENGINES, adapter
 from crosscheck.engines.base import Adapter, is_repeatable
 from crosscheck.measures.record import Record
+from flexinv.typing import Array
 
 # Of corrections of a size: the model's long steps are wrong by a few per cent, and a square of that is below most bars.
 ROUNDS = 2

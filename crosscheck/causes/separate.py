@@ -13,8 +13,9 @@ import numpy as np
 
 from crosscheck.causes.fit import IMPOSSIBLE, Fit, compute_effect
 from crosscheck.causes.model import Model, compute_effort_scales, is_tree, open_tree
-from crosscheck.causes.subject import Array, States
+from crosscheck.causes.subject import States
 from flexinv.model.mechanism import Mechanism
+from flexinv.typing import Array
 
 APART = 0.1  # sine of the angle between two columns: a fit then leaves a tenth of one to the other
 SAMPLES = 41

@@ -8,14 +8,13 @@ from functools import cached_property
 from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from flexinv.errors import InputError
 from flexinv.files.load_cases import Case
 from flexinv.model.mechanism import Beam, Body, Closure, Joint, Link, Mechanism
 from flexinv.model.motion import Motion, evaluate_motion
-
-Array = NDArray[np.float64]
+from flexinv.typing import Array
 
 
 @dataclass(frozen=True)

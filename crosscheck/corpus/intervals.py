@@ -15,8 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from crosscheck.measures.budget import ROUNDING
+from flexinv.typing import Array
 
-Array = NDArray[np.float64]
 # Half-width that every bar has at least, over the largest value of its quantity and unit.  A bar of closed formulas is what some
 # last digits of the input change; where they cancel it is zero, but another code still rounds in another order.  It is the same
 # number below which `crosscheck.measures.budget` sees no order: 1e4 operations of 1e-16 each.

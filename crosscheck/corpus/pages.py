@@ -7,7 +7,6 @@ from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from crosscheck.corpus.audit import AuditRow
 from crosscheck.corpus.consensus import AGREES, CLOSED_FORM, CONSENSUS, DISAGREEMENT, REACHED, SINGLE, CaseConsensus
@@ -15,8 +14,8 @@ from crosscheck.corpus.entry import CLASSES, FLOOR_REASON
 from crosscheck.corpus.folder import Corpus
 from crosscheck.report.html import copy_style, prepare_templates, write_page
 from crosscheck.verdicts.compare import WHOLE
+from flexinv.typing import Array
 
-Array = NDArray[np.float64]
 VERDICTS = {CONSENSUS: "within", CLOSED_FORM: "within", DISAGREEMENT: "deviation", SINGLE: "skipped"}
 MEANINGS = {
     CONSENSUS: "engines of two authors at least put every torque into intervals that meet at every sample",

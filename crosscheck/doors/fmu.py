@@ -16,7 +16,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from crosscheck.doors.config import accepts_case
 from crosscheck.doors.fmu_description import (
@@ -34,8 +33,8 @@ from crosscheck.measures.record import Record, list_effort_units, torque_series
 from flexinv.errors import InputError
 from flexinv.files.load_cases import Case
 from flexinv.model.mechanism import Mechanism
+from flexinv.typing import Array
 
-Array = NDArray[np.float64]
 MOST_STEPS = 4  # that a co-simulation FMU may take to answer: a chain of as many unit delays
 STANDS = 1e-12  # of the largest output: an answer that changes less from one step to the next has come
 

@@ -23,8 +23,8 @@ from scipy.optimize import minimize
 from crosscheck.identification.filters import low_pass
 from crosscheck.identification.fit import STEP, Fit, Problem
 from crosscheck.identification.readings import Machine, Run, compute_friction, compute_readings
+from flexinv.typing import Array
 
-Array = NDArray[np.float64]
 NOMINAL = 0.9
 HOLD = 0.94  # of residuals left out, more than promised: another run differs by more than a block does
 WIDEST = 2.0  # half width of 95 % of a normal distribution: more would be a band that says nothing

@@ -16,13 +16,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from crosscheck.identification.fit import TOLD, Fit
 from crosscheck.identification.parameters import MASS, Key, ParameterSpace
 from crosscheck.identification.pseudo_inertia import NAMES, QUANTITIES, UNITS, convert_to_com, move_mass_properties
+from flexinv.typing import Array
 
-Array = NDArray[np.float64]
 STEP = 1e-6  # of the derivatives of mass, centre and inertia by the coordinates of a link
 SHOWN = (
     10.0  # information of the logs over that of the prior: were the others known, a third of the width would be left

@@ -11,14 +11,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from crosscheck.identification.fit import PER_PERIOD, TOLD, Fit, build_problem, compute_jacobian
 from crosscheck.identification.logs.log import Log
 from crosscheck.identification.readings import Machine, Run, compute_measured_motion
 from crosscheck.identification.response import MeasuredMotion, build_response
+from flexinv.typing import Array
 
-Array = NDArray[np.float64]
 HARMONICS = 5
 RAMP = 0.1  # of the duration, from rest and to rest
 # series drawn, and small changes of the best one

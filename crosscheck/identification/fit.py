@@ -19,8 +19,8 @@ from crosscheck.identification.noise import Noise, compute_noise
 from crosscheck.identification.parameters import KINDS
 from crosscheck.identification.readings import Machine, Run, compute_readings
 from flexinv.errors import InputError
+from flexinv.typing import Array
 
-Array = NDArray[np.float64]
 STEP = 1e-4  # of the difference quotients, in standard errors of the priors
 ROUNDS = 8  # at most: the weights are known when the residuals are
 SCAN = (-1.0, -0.5, 0.5, 1.0)  # of the prior's width: where stiffnesses, dampings and lengths are tried first

@@ -8,7 +8,6 @@ from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from crosscheck.identification.bands import (
     ChannelJudgement,
@@ -32,8 +31,6 @@ from flexinv.files.load_mechanism import load_mechanism
 from flexinv.model.mechanism import Mechanism
 from flexinv.validation import check_path as path_of
 from flexinv.validation import refuse
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

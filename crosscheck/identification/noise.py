@@ -19,7 +19,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.fft import next_fast_len
 
-Array = NDArray[np.float64]
+from flexinv.typing import Array
+
 ROUNDS = 8  # at most
 STEADY = 0.01  # relative change of all weights at which they end
 

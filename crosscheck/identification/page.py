@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from crosscheck.identification.bands import ChannelJudgement, Prediction
 from crosscheck.identification.causes.name_causes import CauseFindings
@@ -18,8 +17,8 @@ from crosscheck.identification.table import Row
 from crosscheck.report import render
 from crosscheck.report.words import format_short
 from crosscheck.verdicts.results import Results, StudyRow, describe_machine, format_current_time, list_versions, write
+from flexinv.typing import Array
 
-Array = NDArray[np.float64]
 POINTS = 800  # of a curve: what a screen shows
 FREQUENCIES = 400
 COLUMNS = (

@@ -9,7 +9,6 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from crosscheck.identification.points import list_point_sensors
 from crosscheck.identification.pseudo_inertia import (
@@ -23,9 +22,9 @@ from crosscheck.identification.settings import IdentifyTable, list_matching_name
 from flexinv.errors import InputError
 from flexinv.model.mechanism import Joint, Mechanism
 from flexinv.rigid.torque_regressor import compute_link_parameters
+from flexinv.typing import Array
 from flexinv.validation import find_nearest_word
 
-Array = NDArray[np.float64]
 Key = tuple[str, str]
 Values = dict[Key, float]
 MASS = "mass properties"

@@ -20,8 +20,8 @@ from flexinv.kinematics.mesh import Mesh
 from flexinv.kinematics.nodal_motion import NodalMotion
 from flexinv.model.links import Body, Inertia, Link, Placement
 from flexinv.model.mechanism import Mechanism
+from flexinv.typing import Array
 
-Array = NDArray[np.float64]
 Kind = str
 TABLES: dict[Kind, str] = {"marker": "markers", "accelerometer": "accelerometers"}
 

@@ -10,9 +10,9 @@ Source: C. Rucker, P. Wensing, "Smooth parameterization of rigid-body inertia", 
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from flexinv.typing import Array
+
 NAMES = ("a", "d1", "d2", "d3", "s12", "s23", "s13", "t1", "t2", "t3")
 # Rows and columns of the tensor in the order of `flexinv.rigid.torque_regressor`: xx, xy, yy, xz, yz, zz.
 ROWS = [0, 0, 1, 0, 1, 2]

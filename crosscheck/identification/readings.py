@@ -27,8 +27,8 @@ from crosscheck.identification.settings import ACCELERATIONS, ANGLES, EFFORTS, L
 from crosscheck.identification.wide_response import WideResponse, compute_wide_response
 from flexinv.errors import InputError
 from flexinv.model.mechanism import Mechanism
+from flexinv.typing import Array
 
-Array = NDArray[np.float64]
 # The motion keeps more than the efforts are compared at, so that both sides pass the same low-pass once.
 WIDER = 2.5
 # A rate is the slope of its angle to this part: quantised angles and delays of some samples change it by less.

@@ -12,7 +12,6 @@ from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
 
 from crosscheck.identification.parameters import KINDS, MASS, Key, ParameterSpace, apply_values
 from crosscheck.identification.points import PointMotion, add_sensor_bodies, build_point_motion, list_point_sensors
@@ -29,8 +28,8 @@ from flexinv.model.motion import Motion
 from flexinv.model.owned_cache import make_owner_cache
 from flexinv.rigid.joint_torques import joint_torques
 from flexinv.rigid.torque_regressor import compute_link_parameters, torque_regressor
+from flexinv.typing import Array
 
-Array = NDArray[np.float64]
 Told = tuple[Array, Array, Array]
 State = tuple[Array, Array, Array]
 Response = Callable[[Mapping[Key, float]], Told]

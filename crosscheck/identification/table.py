@@ -10,13 +10,12 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from crosscheck.identification.fit import TOLD, Fit
 from crosscheck.identification.parameters import MASS, ParameterSpace
 from crosscheck.identification.pseudo_inertia import NAMES, QUANTITIES, UNITS, convert_to_com, move_mass_properties
+from flexinv.typing import Array
 
-Array = NDArray[np.float64]
 DRAWS = 1000  # quantiles of 5 and 95 % of so many draws scatter by 2 % of the interval
 INSIDE = (0.05, 0.95)
 

@@ -17,7 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal.windows import hann
 
-Array = NDArray[np.float64]
+from flexinv.typing import Array
+
 PERIODS = (3.0, 8.0)  # of the bandwidth in a segment, at least and at most
 HIGHEST = 0.4  # of the sampling rate
 # that make a good spectrum of a short log, and one at all

@@ -9,7 +9,6 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from crosscheck.engines.base import sample_times
 from crosscheck.kit.tables import (
@@ -38,7 +37,6 @@ from flexinv.model.attachments import GasLaw, SpringLaw
 from flexinv.model.joint_kinds import KINDS
 from flexinv.model.mechanism import Attachment, Beam, Body, Closure, Joint, Link, Mechanism, Placement
 
-Array = NDArray[np.float64]
 COLUMNS = ("EA", "GA_y", "GA_z", "GJ", "EI_y", "EI_z")
 FORCE_UNITS = ("N", "N", "N", "N m", "N m", "N m")
 # By kind of joint: unit of every coordinate and of every velocity.

@@ -9,12 +9,10 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import numpy as np
-from numpy.typing import NDArray
 
 from crosscheck.lifting.rigid import apply_placement
 from flexinv.model.mechanism import WORLD, Inertia, Mechanism, Placement
 
-Array = NDArray[np.float64]
 AXES = ("x", "y", "z")
 PAIRS = ("xx", "xy", "xz", "yx", "yy", "yz", "zx", "zy", "zz")
 HEADER = (

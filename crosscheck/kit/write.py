@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from crosscheck.engines.base import sample_times
 from crosscheck.engines.shared.export_files import NotExported
@@ -26,8 +25,8 @@ from crosscheck.measures.series_csv import TIME, write_table
 from crosscheck.measures.series_csv import write as write_series
 from flexinv.files.load_cases import Case
 from flexinv.model.mechanism import Mechanism
+from flexinv.typing import Array
 
-Array = NDArray[np.float64]
 MOTION = "the motion: time, then q, qd and qdd of every coordinate that is given"
 PROBE = "configurations at which `certificate.json` is asked, one a row"
 TREE = (

@@ -22,12 +22,11 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from crosscheck.measures.record import Record, Series
 from flexinv.analysis.extrapolation import find_largest_nearby
+from flexinv.typing import Array
 
-Array = NDArray[np.float64]
 SLOWEST = 0.5  # order below which runs do not count as convergent: Richardson would enlarge a difference 2.4 times
 # Highest order that a bar trusts: that of the time integrations.  Where 4.5 was believed, 57 % of the values of the next run lay
 # inside the bars of a beam (exudyn-ge, flex_one_link/quintic; crosscheck corpus --audit).

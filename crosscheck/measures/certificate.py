@@ -11,11 +11,10 @@ from dataclasses import asdict, dataclass, field, fields
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from crosscheck.measures.record import LARGEST
+from flexinv.typing import Array
 
-Array = NDArray[np.float64]
 # Exact in both: rounding of some thousand operations, and MuJoCo's floor of 2e-15 [kg], [kg m^2] under missing inertia.
 EXACT = 1e-9
 # What Newton leaves of a closure's equations in any engine [m], [-].

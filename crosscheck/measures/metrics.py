@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from flexinv.typing import Array
 
 
 def compute_sprague_geers(ours: Array, theirs: Array) -> dict[str, float]:

@@ -16,12 +16,12 @@ from typing import Any, Literal, get_args
 from zipfile import BadZipFile
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from crosscheck.arrays import write_arrays
 from flexinv.model.mechanism import Mechanism
+from flexinv.typing import Array
 
-Array = NDArray[np.float64]
 Status = Literal["ok", "error", "timeout", "skipped"]
 XYZ = ("x", "y", "z")
 WRENCH = ("fx", "fy", "fz", "mx", "my", "mz")

@@ -13,13 +13,12 @@ from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from crosscheck.measures.record import Series, series
 from flexinv.errors import InputError
+from flexinv.typing import Array
 from flexinv.validation import find_nearest_word
 
-Array = NDArray[np.float64]
 HEADER = re.compile(r"(?P<name>[^\s\[\]]+)(?P<bar> error)? \[(?P<unit>[^\[\]]+)\]")
 TIME = "time [s]"
 LONGEST = 100  # [characters] of a name or a cell that a message repeats

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from flexinv.typing import Array
+
 RINGING = ("torque", "deflection")  # quantities whose spectrum is taken
 FEWEST = 32  # [samples] of a hold phase below which the whole signal is taken
 PADDING = 8  # the signal is padded with zeros to this many times its length: a smooth line, and a close peak

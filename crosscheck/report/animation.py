@@ -19,8 +19,8 @@ from crosscheck.measures.record import XYZ, Record
 from crosscheck.report import drawing
 from crosscheck.report.encoding import convert_to_base64
 from crosscheck.verdicts.results import CaseRow
+from flexinv.typing import Array
 
-Array = NDArray[np.float64]
 FRAMES = 150  # some five seconds of 30 frames; the page draws positions between them
 MOST = 2_000_000  # [bytes] of numbers: a mechanism with more points gets fewer frames, but 20 at least
 

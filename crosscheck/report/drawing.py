@@ -9,9 +9,9 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 from markupsafe import Markup, escape
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from flexinv.typing import Array
+
 Stroke = tuple[Array, bool]  # points (points, 3) [m] of a link, and whether it bends
 FRAMES = 6  # instants in a drawing
 FLAT = 1e-6  # of the size: a mechanism that leaves its plane by less is drawn as a plane one

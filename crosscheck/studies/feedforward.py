@@ -9,7 +9,6 @@ from pathlib import Path as Folder
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from crosscheck.engines import ENGINES, adapter, describe_missing_package, open_adapter
 from crosscheck.engines.base import offered
@@ -19,8 +18,8 @@ from flexinv.errors import InputError
 from flexinv.model.mechanism import Mechanism
 from flexinv.tracking.follow import INVERSION, RIGID_BODY, Following, follow
 from flexinv.tracking.task_file import PathTask, load_tasks
+from flexinv.typing import Array
 
-Array = NDArray[np.float64]
 # What stable inversion has to reach in an engine that bends: of the path's length, and against the other two.
 REACHED = 1e-3
 BETTER = 30.0

@@ -20,14 +20,13 @@ from xml.etree.ElementTree import ParseError
 
 import numpy as np
 from defusedxml.ElementTree import parse
-from numpy.typing import NDArray
 
 from flexinv import joint_torques
 from flexinv.errors import ModelWarning
 from flexinv.files.from_urdf import find_robots_folder, from_urdf
 from flexinv.model.mechanism import Mechanism
+from flexinv.typing import Array
 
-Array = NDArray[np.float64]
 State = tuple[Array, Array, Array]
 Progress = Callable[[str, int, int], None]
 

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.linalg import null_space, qr
 
 from crosscheck.engines import ENGINES, adapter, describe_missing_package
@@ -31,7 +31,6 @@ from flexinv.model.mechanism import WORLD, Mechanism
 from flexinv.model.motion import Motion
 from flexinv.typing import Triple
 
-Array = NDArray[np.float64]
 # Largest difference over the range of the torque.  Engines of closed formulas: what is asked for of rigid phases.  In
 # time: the bound of the engine itself, twice.
 BOUNDS = {"flexinv": 1e-9, "pinocchio": 1e-9, "mujoco": 1e-9, "exudyn-dae": 2e-6}

@@ -17,13 +17,12 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from crosscheck.measures.budget import has_no_order, is_checked
 from crosscheck.measures.limits import BY_DISCRETISATION, WIDEST_BAR, Verdict
 from crosscheck.measures.record import Record
+from flexinv.typing import Array
 
-Array = NDArray[np.float64]
 PART = 0.1  # of a limit: a reference that knows better than this changes no verdict that anybody would look at
 COARSE = "not judged: reference too coarse"
 

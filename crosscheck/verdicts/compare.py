@@ -12,7 +12,6 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from crosscheck.engines import ENGINES
 from crosscheck.measures.limits import Verdict, find, judge_by_limit
@@ -29,8 +28,8 @@ from crosscheck.verdicts.bars import (
     find_stated_bar,
 )
 from flexinv.files.load_cases import Case, Limit
+from flexinv.typing import Array
 
-Array = NDArray[np.float64]
 # A signal that moves by less than this fraction of its own size is a holding torque: its size is its range (a motor of
 # 0.033 N m that varies by 1e-7 would otherwise be judged by that variation, which is interpolation error).
 STILL = 1e-3

@@ -17,8 +17,9 @@ from pathlib import Path
 import numpy as np
 
 from crosscheck import output_folder as owned
-from crosscheck.measures.record import Array, Record, Series
+from crosscheck.measures.record import Record, Series
 from crosscheck.verdicts.compare import COMPARED
+from flexinv.typing import Array
 
 FILE = "signals.csv"
 SAMPLES = 16  # values of a series that are blessed

@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from crosscheck.report import drawing
 from crosscheck.verdicts.plan import Task
@@ -18,8 +17,8 @@ from flexinv.analysis.solve import solve
 from flexinv.errors import FlexinvError
 from flexinv.linearized.natural_modes import natural_modes
 from flexinv.model.joint_kinds import SECTION
+from flexinv.typing import Array
 
-Array = NDArray[np.float64]
 SHOWN = 4  # frequencies
 NARROWEST = 0.3  # of the longest side: there four numbers along an axis of the picture stand apart
 

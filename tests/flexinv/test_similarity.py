@@ -14,7 +14,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from kernels import Array
 from similar import coordinates, efforts, similar
 
 import flexinv
@@ -23,6 +22,7 @@ from flexinv.constraints.continuation import compute_mobility
 from flexinv.files.load_cases import Case, load_cases
 from flexinv.kinematics.mesh import build
 from flexinv.model.mechanism import Mechanism
+from flexinv.typing import Array
 
 ROOT = Path(__file__).resolve().parents[2]
 sys.path.insert(0, str(ROOT / "docs" / "studies"))

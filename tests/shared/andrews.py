@@ -16,10 +16,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
-Array = NDArray[np.float64]
+from flexinv.typing import Array
+
 DATA: dict[str, Any] = tomllib.loads((Path(__file__).parents[1] / "data" / "andrews.toml").read_text(encoding="utf-8"))
 P: dict[str, float] = DATA["parameters"]
 NAMES = ("beta", "Theta", "gamma", "Phi", "delta", "Omega", "epsilon")

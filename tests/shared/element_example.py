@@ -5,12 +5,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from kernels import Array, element
+from kernels import element
 
 from flexinv.elements.beam import Scratch
 from flexinv.elements.beam_element import Elements
 from flexinv.elements.quadrature import build_reference
 from flexinv.kernels.so3 import exp_so3
+from flexinv.typing import Array
 
 EPS = np.finfo(float).eps
 

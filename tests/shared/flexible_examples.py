@@ -5,13 +5,11 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from flexinv import Motion
 from flexinv.kernels.so3 import exp_so3
 from flexinv.model.mechanism import Beam, Body, Inertia, Joint, Link, Mechanism, Placement, Section
-
-Array = NDArray[np.float64]
+from flexinv.typing import Array
 
 # The strip of the paper's one-link example: 0.0224 kg on 0.4 m, EI = 0.46 N m^2, 1.95 mm thick.
 LENGTH, MASS_PER_LENGTH, EI = 0.4, 0.056, 0.46

@@ -16,13 +16,12 @@ from typing import Any
 
 import numpy as np
 from fuzz_grammar import Example
-from numpy.typing import NDArray
 
 import flexinv
 from flexinv.elements.joint_law import FRICTION_RATE
 from flexinv.inverse.inverse_dynamics import compute_applied_forces, compute_spring_efforts
+from flexinv.typing import Array
 
-Array = NDArray[np.float64]
 # Rounding over some hundred steps with forces, over the largest term of a sum.
 ROUNDING = 1e-7
 # What a bar may be of the energy exchanged; above it an error should have been raised.

@@ -19,6 +19,7 @@ _SYMBOL = r"(?:1|m|kg|s|rad|deg|N|J|W|Hz|Pa|%)(?:\^-?\d)?"
 _PRODUCT = rf"(?:-|{_SYMBOL}(?:[ /]{_SYMBOL})*)"
 UNIT = re.compile(rf"\[(?:any unit|unit(?: of [\w\s]+)?|{_PRODUCT}(?:(?:, | or ){_PRODUCT})*)\]")
 ENGINES = ("pinocchio", "mujoco", "exudyn")
+TYPES = ("Array", "Complex", "Indices", "Mask", "Sparse", "Triple")
 GRAPHICS = ("matplotlib", "plotly", "PIL")
 # Primary data and the reading of it; everything else of flexinv computes and would agree with itself.
 PRIMARY = ("errors", "typing", "model", "files")
@@ -200,6 +201,17 @@ def forgotten_raise(source: str) -> list[str]:
         if isinstance(node, ast.Expr)
         and isinstance(node.value, ast.Call)
         and ast.unparse(node.value.func).endswith(("Error", "Exception"))
+    ]
+
+
+def second_types(module: str, source: str) -> list[str]:
+    """Types of arrays are defined in `flexinv.typing`; engines' adapters may have their own, as they are independent."""
+    if module == "flexinv.typing" or module.startswith("crosscheck.engines"):
+        return []
+    return [
+        f"line {node.lineno}: {node.targets[0].id} is defined again; write from flexinv.typing import {node.targets[0].id}"
+        for node in parsed(source).body
+        if isinstance(node, ast.Assign) and isinstance(node.targets[0], ast.Name) and node.targets[0].id in TYPES
     ]
 
 

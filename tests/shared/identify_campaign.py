@@ -14,7 +14,6 @@ from tempfile import TemporaryDirectory
 
 import click
 import numpy as np
-from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
 sys.path.insert(0, str(Path(__file__).parents[2]))
@@ -28,8 +27,8 @@ from crosscheck.identification.pseudo_inertia import NAMES, QUANTITIES, convert_
 from crosscheck.identification.readings import Machine, compute_raw_signals, make_run
 from crosscheck.identification.response import MeasuredMotion, build_response
 from crosscheck.identification.table import list_parameter_rows
+from flexinv.typing import Array
 
-Array = NDArray[np.float64]
 CLASSES = ("rigid", "rigid", "drives", "beams", "loop")
 NOISE, LASTING, MEMORY = 0.01, 0.01, 0.05  # of an effort's spread: white, and lasting so long [s]
 ENCODER = 1e-5  # [rad]

@@ -11,11 +11,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from flexinv.model.mechanism import WORLD, Body, Joint, Link, Mechanism
-
-Array = NDArray[np.float64]
+from flexinv.typing import Array
 
 
 @dataclass(frozen=True)

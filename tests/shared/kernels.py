@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import NDArray
 
 from flexinv.dynamics.generalized_alpha import end_step, prepare_step, update_rates
 from flexinv.dynamics.tree_solver import solve_tree
@@ -21,13 +20,13 @@ from flexinv.kernels.simd import LANES
 from flexinv.kernels.so3 import coefficients, inverse_coefficient, inverse_tangent
 from flexinv.kernels.vec3 import put_block, vec
 from flexinv.rnea.loop_allocation import solve_row, solve_six_forces
+from flexinv.typing import Array
 
 __all__ = [
     "all_coefficients", "damped_element", "derivative", "element", "eliminate", "inverse_tangent_one",
     "oscillate", "six", "solved_by",
 ]  # fmt: skip
 
-Array = NDArray[np.float64]
 STEP = 1e-3
 # Error of `derivative` relative to the size of f and its derivatives: rounding 1.5 eps/STEP is 3e-13 for f known to an
 # eps, a few operations make it ten; truncation STEP^4/30 f^(5) is 3e-14 times a fifth derivative.

@@ -6,7 +6,6 @@ from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from flexinv.files.load_cases import Case
 from flexinv.model.mechanism import (
@@ -23,8 +22,8 @@ from flexinv.model.mechanism import (
     Spring,
 )
 from flexinv.model.motion import Motion
+from flexinv.typing import Array
 
-Array = NDArray[np.float64]
 DOWN = np.array([0.0, -9.81, 0.0])
 X, Y, Z = np.eye(3)
 

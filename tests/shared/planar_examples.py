@@ -8,13 +8,12 @@ from typing import Any
 
 import numpy as np
 from flexible_examples import HALF_TURN, STRIP, arm
-from numpy.typing import NDArray
 
 import flexinv
 from flexinv.kernels.so3 import exp_so3
 from flexinv.model.mechanism import Attachment, Beam, Body, Closure, Inertia, Joint, Link, Mechanism, Placement, Section
+from flexinv.typing import Array
 
-Array = NDArray[np.float64]
 # Strains of some per cent, so that rounding of strains is rounding of forces too: EA 40 N, GA 15 N, EI about y and z.
 SOFT = Section(
     np.array([0.0, 1.0]),

@@ -12,7 +12,6 @@ from pathlib import Path
 
 import click
 import numpy as np
-from numpy.typing import NDArray
 
 sys.path.insert(0, str(Path(__file__).parents[2]))
 
@@ -31,7 +30,6 @@ from crosscheck.identification.readings import (
     make_run,
 )
 
-Array = NDArray[np.float64]
 MODELS = Path(__file__).parents[2] / "models"
 LOGS = {
     "kuka_kr300": "run_A.csv.gz",

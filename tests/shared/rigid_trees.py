@@ -6,15 +6,14 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from flexinv.files.from_urdf import from_urdf
 from flexinv.files.load_cases import Case
 from flexinv.model.mechanism import WORLD, Body, Inertia, Joint, Link, Mechanism, Placement
 from flexinv.model.motion import Motion
+from flexinv.typing import Array
 
-Array = NDArray[np.float64]
 # link, kind of its joint, parent: two branches, a fixed joint in the middle, a moving base in a turned place
 TREE = (
     ("base", "free", WORLD),

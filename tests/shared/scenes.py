@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from kernels import Array
 
 from flexinv.dynamics.generalized_alpha import DYNAMIC, Scheme
 from flexinv.dynamics.initial_state import begin_undeformed, compute_joint_motion
@@ -26,6 +25,7 @@ from flexinv.model.mechanism import (
     Section,
     Spring,
 )
+from flexinv.typing import Array
 
 MANY = ("spherical", "universal", "free")  # joints without a spring
 PASSIVE_KINDS = ("revolute", "continuous", "prismatic", "spherical", "universal", "helical", "free")

@@ -13,12 +13,11 @@ from functools import lru_cache
 
 import numpy as np
 from flexible_examples import STRIP, arm
-from numpy.typing import NDArray
 
 import flexinv
 from flexinv.model.mechanism import Attachment, Force, Mechanism, Placement, with_retardation
+from flexinv.typing import Array
 
-Array = NDArray[np.float64]
 # The retardation time of models/flex_one_link_damped: 0.03 of critical in the first mode.
 RETARDATION = 9.5e-4  # [s]
 COUPLES = tuple(np.round(np.geomspace(1e-4, 2.0, 15), 6).tolist())  # [N m]; 17 mN m among them to 6 %

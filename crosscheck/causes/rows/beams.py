@@ -9,8 +9,9 @@ import numpy as np
 
 from crosscheck.causes.cause import Cause, Change, Targets, check_fraction, list_beams, list_flexible_target
 from crosscheck.causes.model import Model
-from crosscheck.causes.subject import Array, Subject
+from crosscheck.causes.subject import Subject
 from flexinv.model.mechanism import Beam, Body, Inertia, Link
+from flexinv.typing import Array
 
 RING = "a stop and a rest long enough to ring: stiffness moves the frequency, mass moves the torque before it, too"
 FINER = "the same run with another mesh and another step"

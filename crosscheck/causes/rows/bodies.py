@@ -20,8 +20,9 @@ from crosscheck.causes.cause import (
     list_gravity_target,
 )
 from crosscheck.causes.model import Model
-from crosscheck.causes.subject import Array, Subject
+from crosscheck.causes.subject import Subject
 from flexinv.model.mechanism import Beam, Body, Inertia, Link
+from flexinv.typing import Array
 
 TURN = "all joints moved quickly, each at a rhythm of its own, so that the body turns about all its axes"
 HOLD = "holding still at several places (gravity alone)"

@@ -10,11 +10,12 @@ import numpy as np
 
 from crosscheck.causes.cause import Cause, Change, list_closed_target, list_driven_joints, list_moving_tree_target
 from crosscheck.causes.model import Model, drop_closures, is_tree, open_tree
-from crosscheck.causes.subject import Array, EffortChange, States, Subject
+from crosscheck.causes.subject import EffortChange, States, Subject
 from crosscheck.measures.record import list_effort_units
 from flexinv.model.mechanism import Mechanism
 from flexinv.model.motion import Motion
 from flexinv.model.track import LAWS
+from flexinv.typing import Array
 
 ALONE = "one joint moved at a time"
 MANY = 8  # coordinates up to which every pair is tried; beyond, neighbours only

@@ -17,9 +17,10 @@ from crosscheck.causes.cause import (
     list_driven_joints,
 )
 from crosscheck.causes.model import Model
-from crosscheck.causes.subject import Array, States, Subject
+from crosscheck.causes.subject import States, Subject
 from flexinv.errors import InputError
 from flexinv.model.mechanism import Joint, Mechanism
+from flexinv.typing import Array
 
 BOTH = "this joint moved to and fro, slowly and quickly"
 SLOW = "this joint moved very slowly, then quickly: friction that falls off with speed shows at its beginning"

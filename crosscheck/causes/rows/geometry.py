@@ -17,9 +17,10 @@ from crosscheck.causes.cause import (
     list_moving_joints,
 )
 from crosscheck.causes.model import Model
-from crosscheck.causes.subject import Array, Subject
+from crosscheck.causes.subject import Subject
 from flexinv.errors import InputError
 from flexinv.model.mechanism import Attachment, Beam, Body, Closure, Joint, Placement
+from flexinv.typing import Array
 
 TOGETHER = "the joints before and beyond this one moved together"
 AROUND = "the loop moved around once"

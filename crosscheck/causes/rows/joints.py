@@ -24,8 +24,9 @@ from crosscheck.causes.cause import (
     list_scalar_joints,
 )
 from crosscheck.causes.model import Model
-from crosscheck.causes.subject import Array, Subject
+from crosscheck.causes.subject import Subject
 from flexinv.model.mechanism import Joint, Placement
+from flexinv.typing import Array
 
 FAST = "a quick motion of this joint from one place to the next and back (accelerations without much speed)"
 ARROW = " -> "

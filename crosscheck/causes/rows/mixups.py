@@ -9,8 +9,9 @@ import numpy as np
 
 from crosscheck.causes.cause import Cause, check_fraction, list_bodies
 from crosscheck.causes.model import Model
-from crosscheck.causes.subject import Array, Subject
+from crosscheck.causes.subject import Subject
 from flexinv.model.mechanism import Inertia
+from flexinv.typing import Array
 
 TURN = "all joints moved quickly, each at a rhythm of its own, so that the body turns about all its axes"
 MANY = 8  # bodies up to which every pair is tried; beyond, neighbours only

@@ -18,9 +18,10 @@ from crosscheck.causes.cause import (
     list_scalar_joints,
 )
 from crosscheck.causes.model import Model
-from crosscheck.causes.subject import Array, StateChange, States, Subject
+from crosscheck.causes.subject import StateChange, States, Subject
 from crosscheck.measures.record import list_effort_units
 from flexinv.model.mechanism import Attachment, Closure, Inertia, Joint, Link, Mechanism, Placement
+from flexinv.typing import Array
 
 QUICK = "all joints moved quickly, each at a rhythm of its own"
 HOLD = "holding still at several places (gravity alone)"

@@ -14,10 +14,11 @@ import numpy as np
 
 from crosscheck.causes.cause import Cause, Change, Targets, check_fraction, list_beams
 from crosscheck.causes.model import Model
-from crosscheck.causes.subject import Array, Subject
+from crosscheck.causes.subject import Subject
 from flexinv.errors import InputError
 from flexinv.files.sections import compute_rectangle_torsion
 from flexinv.model.mechanism import Beam, Section
+from flexinv.typing import Array
 
 RING = "a stop and a rest long enough to ring: stiffness moves the frequency, mass moves the torque before it, too"
 EA, GA_Y, GA_Z, GJ, EI_Y, EI_Z = range(6)

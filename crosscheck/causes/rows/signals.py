@@ -14,10 +14,11 @@ import scipy  # its parts are loaded when they are asked for
 
 from crosscheck.causes.cause import Cause, Change, compute_effort_range, list_driven_joints, list_global_target
 from crosscheck.causes.model import Model, is_tree
-from crosscheck.causes.subject import Array, States, Subject
+from crosscheck.causes.subject import States, Subject
 from crosscheck.measures.record import list_effort_units
 from flexinv.errors import InputError
 from flexinv.model.mechanism import Mechanism
+from flexinv.typing import Array
 
 SHARP = "a motion with sharp changes: what a filter does goes with frequency"
 ANY = "any motion, sampled finely"

@@ -17,8 +17,9 @@ from crosscheck.causes.cause import (
     list_scalar_joints,
 )
 from crosscheck.causes.model import Model
-from crosscheck.causes.subject import Array, Subject
+from crosscheck.causes.subject import Subject
 from flexinv.model.mechanism import Attachment, Force, Placement, Spring
+from flexinv.typing import Array
 
 OVER = "the spring stretched slowly over its whole range"
 ENDS = ("first", "second")

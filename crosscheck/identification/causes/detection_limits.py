@@ -9,12 +9,11 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import brentq
 
 from crosscheck.identification.causes.rounds import CauseRound
+from flexinv.typing import Array
 
-Array = NDArray[np.float64]
 TIMES = 1e-3 * np.array(
     [0.25, 0.5, 1.0, 2.0, 3.0, 4.0, 6.0, 8.0, 12.0, 16.0, 20.0]
 )  # [s] of delays and lags that are planted

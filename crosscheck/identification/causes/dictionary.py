@@ -6,7 +6,6 @@ from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from crosscheck.identification.causes.cause import Cause, Undo, apply_to_column
 from crosscheck.identification.logs.log import Log
@@ -20,7 +19,6 @@ from crosscheck.identification.readings import (
 from flexinv.model.links import Body, Inertia, Link
 from flexinv.model.mechanism import Mechanism
 
-Array = NDArray[np.float64]
 # Sizes that are tried [s]: above the bandwidth a delay turns the phase by whole turns, and the way from 0 ends in the wrong one.
 LATE = tuple(0.002 * k for k in range(-10, 11) if k)
 SLOW = (0.001, 0.002, 0.005, 0.01, 0.02)

@@ -11,7 +11,6 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import numpy as np
-from numpy.typing import NDArray
 
 from crosscheck.identification.causes.cause import NamedCause
 from crosscheck.identification.filters import low_pass
@@ -20,8 +19,8 @@ from crosscheck.identification.logs.log import Log
 from crosscheck.identification.noise import count_agreeing_samples
 from crosscheck.identification.readings import Machine, Run, make_run
 from crosscheck.identification.settings import ANGLES
+from flexinv.typing import Array
 
-Array = NDArray[np.float64]
 EVIDENCE = 12.0  # drop of the cost, as of any other cause
 DELAY = "link angle later than the motor's"
 TWIST = "twist of the drive, stiffness"

@@ -14,13 +14,12 @@ from dataclasses import dataclass
 from itertools import combinations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from crosscheck.identification.causes.cause import Undo, apply_column_swap, apply_to_column
 from crosscheck.identification.readings import Channel, Machine
 from crosscheck.identification.settings import ACCELERATIONS, ANGLES
+from flexinv.typing import Array
 
-Array = NDArray[np.float64]
 ROUNDS = 3  # the weights are known when the residuals are
 DEGREE = float(np.pi / 180.0)
 # What a sensor's other unit is in its own: degrees in radians, g in m/s^2.

@@ -15,7 +15,6 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.stats import chi2
 
 from crosscheck.identification.causes.cause import NamedCause
@@ -29,8 +28,8 @@ from crosscheck.identification.fit import Problem, compute_jacobian
 from crosscheck.identification.identify import Identification
 from crosscheck.identification.logs.log import Log
 from flexinv.errors import ConvergenceError
+from flexinv.typing import Array
 
-Array = NDArray[np.float64]
 # Drop of the cost that chance does not give: 12 is one in two thousand for one cause, and of all that are asked for together
 # chance names one in so many logs.
 EVIDENCE = 12.0

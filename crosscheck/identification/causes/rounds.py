@@ -17,8 +17,7 @@ from crosscheck.identification.parameters import ParameterSpace
 from crosscheck.identification.readings import Machine, Run, compute_wide_responses, make_run, read_measured_channels
 from flexinv.model.mechanism import Mechanism
 from flexinv.rigid.torque_regressor import compute_link_parameters
-
-Array = NDArray[np.float64]
+from flexinv.typing import Array
 
 
 @dataclass(frozen=True)

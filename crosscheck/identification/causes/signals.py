@@ -15,8 +15,8 @@ from crosscheck.identification.logs.doubts import find_clipped_extremes
 from crosscheck.identification.logs.log import Log
 from crosscheck.identification.readings import Machine, compute_readings, make_run
 from crosscheck.identification.settings import ANGLES
+from flexinv.typing import Array
 
-Array = NDArray[np.float64]
 REACH = 1.0  # periods of the bandwidth over which the low-pass carries a clipped sample
 LEVELS = 5000  # a signal of more of them is no coarse one
 EXACT = 1e-3  # part of a step by which values may miss its multiples

@@ -10,7 +10,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
 from crosscheck.identification.noise import count_agreeing_samples
@@ -22,8 +21,8 @@ from crosscheck.identification.wide_response import (
     compute_response_error,
     compute_weights,
 )
+from flexinv.typing import Array
 
-Array = NDArray[np.float64]
 # Where the way to the best one starts [s], and what is one on it: [s], [s], of the logarithm [-].
 DELAYS = np.arange(-0.02, 0.0201, 0.002)
 LAGS = np.array([0.0, 0.005, 0.02])

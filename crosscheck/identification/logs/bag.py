@@ -13,11 +13,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from flexinv.errors import InputError
+from flexinv.typing import Array
 
-Array = NDArray[np.float64]
 SUFFIXES = (".mcap", ".db3", ".bag")
 STATES = "sensor_msgs/msg/JointState"
 PARTS = ("position", "velocity", "effort")

@@ -5,14 +5,13 @@ from __future__ import annotations
 from itertools import combinations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from crosscheck.identification.bands import ChannelJudgement
 from crosscheck.identification.logs.header import SLOW
 from crosscheck.identification.logs.log import Log
 from crosscheck.identification.readings import Machine
+from flexinv.typing import Array
 
-Array = NDArray[np.float64]
 # Samples at an extreme value, of all: a smooth signal touches its extremes once or twice.
 SATURATED = 0.02
 BESIDE = 5.0  # times as many samples stand there as at the next value: the highest level of a coarse signal is no limit

@@ -11,12 +11,11 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from crosscheck.identification.settings import ANGLES, EFFORTS
 from flexinv.model.mechanism import Joint
+from flexinv.typing import Array
 
-Array = NDArray[np.float64]
 # How headers write units -> unit of identify.toml; a rate is no angle.
 UNITS = {
     "deg": "deg", "degs": "deg", "degree": "deg", "degrees": "deg", "°": "deg", "rad": "rad", "rads": "rad", "radians": "rad",

@@ -7,16 +7,15 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from crosscheck.identification.logs.bag import SUFFIXES, is_bag, read_bag_columns
 from crosscheck.identification.settings import TIMES
 from flexinv.errors import InputError
 from flexinv.files.regular_files import MISSING, describe_kind
 from flexinv.files.toml_tables import LONGEST_PATH
+from flexinv.typing import Array
 from flexinv.validation import find_nearest_word
 
-Array = NDArray[np.float64]
 LARGEST_FILE = 1 << 30  # [byte]
 MOST_SAMPLES = 10_000_000  # what a packed file may swell to: three hours at 1 kHz
 LONGEST_LINE = 1 << 20  # [characters]

@@ -9,7 +9,6 @@ import numpy as np
 import pendulum_fmu
 import pytest
 import tree_fmu
-from numpy.typing import NDArray
 
 import flexinv
 from crosscheck.commands.shared.options import RunSelection
@@ -21,8 +20,8 @@ from crosscheck.studies import STUDIES, feedforward
 from crosscheck.verdicts.plan import Task, discover
 from flexinv.errors import InputError
 from flexinv.tracking.task_file import load_tasks
+from flexinv.typing import Array
 
-Array = NDArray[np.float64]
 compiled = pytest.mark.skipif(bool(pendulum_fmu.why_not()), reason=pendulum_fmu.why_not() or "nothing is missing")
 INTERFACES = [("ModelExchange",), ("CoSimulation",)]
 

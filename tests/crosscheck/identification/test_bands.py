@@ -7,7 +7,6 @@ from pathlib import Path
 import logged_arm
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from crosscheck.identification.bands import ChannelJudgement, Scatter, compute_margins, fit_scatter, judge, predict
 from crosscheck.identification.fit import build_problem, fit
@@ -15,7 +14,6 @@ from crosscheck.identification.identify import read_machine
 from crosscheck.identification.logs.log import Log
 from crosscheck.identification.readings import make_run
 
-Array = NDArray[np.float64]
 SLOW, NEAR, FAR = 0.15, 0.8, 0.05  # [rad/s], noise beside it and far away [N m]
 FORE = ("q1", "q2", "t1", "t2")
 

@@ -10,7 +10,6 @@ import logged_arm
 import numpy as np
 import planted_faults
 import pytest
-from numpy.typing import NDArray
 
 import crosscheck
 from crosscheck.identification.causes.cause import NamedCause
@@ -20,8 +19,8 @@ from crosscheck.identification.identify import Identification, read_machine, rea
 from crosscheck.identification.logs.log import Log, read_log
 from crosscheck.identification.parameters import KINDS
 from crosscheck.identification.readings import apply_delay, apply_first_order_lag
+from flexinv.typing import Array
 
-Array = NDArray[np.float64]
 STIFF, LATER = 2e4, 0.003  # [N m/rad], [s] of the link angle
 
 

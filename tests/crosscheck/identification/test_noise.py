@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from crosscheck.identification.noise import compute_autocovariance, compute_noise, count_agreeing_samples
+from flexinv.typing import Array
 
-Array = NDArray[np.float64]
 SAMPLES, COUNT, KEEP, LOGS = 240, 12, 0.8, 400
 LEVEL = 1.0 / (1.0 - KEEP)  # square root of the long-run variance of the noise below over that of its news
 

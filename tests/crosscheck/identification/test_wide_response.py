@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from crosscheck.identification.readings import apply_delay, apply_first_order_lag, remove_first_order_lag
 from crosscheck.identification.wide_response import build_expectation, compute_wide_response, join_responses
+from flexinv.typing import Array
 
-Array = NDArray[np.float64]
 SPACING, BANDWIDTH, INERTIA = 0.004, 10.0, 0.3
 
 

@@ -19,7 +19,6 @@ import pytest
 from click.testing import CliRunner
 from crosscheck_examples import write_models
 from flexible_examples import arm
-from numpy.typing import NDArray
 from rigid_trees import case_of, chain, tree
 
 from crosscheck.cli import main
@@ -37,8 +36,8 @@ from flexinv.kernels.so3 import exp_so3
 from flexinv.kinematics.nodal_motion import integrate_configuration
 from flexinv.model.mechanism import Mechanism, Placement
 from flexinv.model.motion import Motion
+from flexinv.typing import Array
 
-Array = NDArray[np.float64]
 # Rounding of trees of ten bodies with efforts of some hundred N m, and of quaternions that MuJoCo norms again.
 ROUNDING = 1e-12
 # What test_engine_loops asks of the adapters, for the same reason.

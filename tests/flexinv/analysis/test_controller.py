@@ -14,7 +14,6 @@ import rigid_trees as trees
 from flexible_examples import spatial_tree
 from four_bar_example import four_bar
 from hub_arm import hub_arm
-from kernels import Array
 
 import flexinv
 from flexinv.analysis.controller import Controller
@@ -22,6 +21,7 @@ from flexinv.errors import InputError
 from flexinv.files.load_cases import load_cases
 from flexinv.model.mechanism import WORLD, Attachment, Closure, Force, Mechanism, Placement, Spring
 from flexinv.rigid.torque_regressor import sample_states
+from flexinv.typing import Array
 
 # The same march; what follows it is summed in another order: a few hundred roundings of the largest effort.
 ROUNDING = 1e-12

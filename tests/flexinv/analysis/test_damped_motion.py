@@ -8,7 +8,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from flexible_examples import STRIP, arm, observed_order, torque_range
-from kernels import Array
 from planar_examples import damped, quick, two_links
 from scipy.optimize import least_squares
 
@@ -17,6 +16,7 @@ from flexinv.errors import InputError
 from flexinv.linearized.modal_damping import apply_damping_ratio
 from flexinv.linearized.natural_modes import natural_modes
 from flexinv.model.mechanism import Beam, Inertia, Joint, Link, Mechanism, with_retardation
+from flexinv.typing import Array
 
 EPS = np.finfo(float).eps
 ETA = 2e-3  # s: a ratio of 0.063 in the first mode of the paper's link, 63 rad/s

@@ -8,15 +8,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 from numpy.polynomial import Polynomial
-from numpy.typing import NDArray
 
 import flexinv
 from flexinv.analysis.motor_side import evaluate_friction, motor_side
 from flexinv.errors import InputError
 from flexinv.files.load_mechanism import load_mechanism
 from flexinv.model.mechanism import Body, Drive, Inertia, Joint, Link, Mechanism, build_drive_model
+from flexinv.typing import Array
 
-Array = NDArray[np.float64]
 # Smooth to the fourth derivative at both ends: 0 to 1.
 MOVE = Polynomial([0, 0, 0, 0, 0, 126, -420, 540, -315, 70])
 INERTIA = 0.5  # kg m^2 about the joint

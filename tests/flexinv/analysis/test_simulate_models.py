@@ -14,13 +14,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from kernels import Array
 
 import flexinv
 from flexinv.analysis.solution import Solution
 from flexinv.errors import InputError
 from flexinv.files.load_cases import Case, load_cases
 from flexinv.model.mechanism import Attachment, Body, Force, Inertia, Joint, Link, Mechanism, Placement
+from flexinv.typing import Array
 
 MILLIONTH = 1e-6
 

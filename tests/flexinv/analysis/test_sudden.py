@@ -12,7 +12,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 from flexible_examples import arm
-from numpy.typing import NDArray
 from sudden_sweep import COUPLES, RIGHT, damped, outcome, pushed, quantities, silent, sweep
 
 import flexinv
@@ -22,7 +21,6 @@ from flexinv.dynamics.solver import Solver
 from flexinv.inverse.balance import add_step
 from flexinv.model.mechanism import Attachment, Beam, Closure, Joint, Link, Mechanism, Placement, Section, Spring
 
-Array = NDArray[np.float64]
 HELD = flexinv.Motion.point_to_point([0.0], [0.0], 0.02)
 TIP = Attachment("link", Placement(np.zeros(3)), 1.0)
 

@@ -4,12 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from flexinv.constraints.allocation import split_by_svd, split_efforts
 from flexinv.constraints.allocation_kernel import AllocatedEfforts
-
-Array = NDArray[np.float64]
+from flexinv.typing import Array
 
 # Rounding of two dozen operations a row, enlarged by condition numbers of some tens.
 ROUNDING = 1e-12

@@ -10,15 +10,12 @@ import pytest
 from flexible_examples import observed_order
 from four_bar_example import START, TURN, four_bar
 from loop_examples import Example, loaded, loaded_tree
-from numpy.typing import NDArray
 
 import flexinv
 from flexinv.constraints.allocation import split_efforts
 from flexinv.constraints.continuation import compute_mobility
 from flexinv.kernels.so3 import exp_so3
 from flexinv.model.mechanism import Mechanism, Placement
-
-Array = NDArray[np.float64]
 
 
 @pytest.fixture(scope="module")

@@ -16,15 +16,14 @@ import numpy as np
 import pytest
 import scipy.linalg
 import sympy as sp
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 import flexinv
 from flexinv.constraints.continuation import compute_mobility
 from flexinv.files.load_cases import Case, load_cases
 from flexinv.model.mechanism import Mechanism
+from flexinv.typing import Array
 
-Array = NDArray[np.float64]
 MODELS = Path(__file__).resolve().parents[3] / "models"
 
 

@@ -7,7 +7,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from two_arms_example import (
     FROM,
     GRASP,
@@ -28,8 +27,6 @@ from flexinv.inverse.inverse_dynamics import compute_nodal_forces, compute_proje
 from flexinv.kinematics.mesh import build
 from flexinv.kinematics.nodal_motion import compute_rigid_motion
 from flexinv.model.mechanism import Mechanism
-
-Array = NDArray[np.float64]
 
 
 @pytest.fixture(scope="module")

@@ -7,13 +7,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from kernels import Array, oscillate
+from kernels import oscillate
 
 import flexinv
 from flexinv.dynamics.dofs import Topology
 from flexinv.dynamics.generalized_alpha import Scheme, build_generalized_alpha
 from flexinv.dynamics.system import State
 from flexinv.errors import InputError
+from flexinv.typing import Array
 
 RHOS = (0.0, 0.5, 0.8, 1.0)
 

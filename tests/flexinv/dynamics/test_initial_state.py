@@ -9,7 +9,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from kernels import Array
 from scipy.sparse import csc_array
 
 import flexinv
@@ -17,6 +16,7 @@ from campaigns.spectra_closed_forms import ziegler
 from flexinv.analysis.controller import Controller
 from flexinv.linearized.eigenvalues import count_negative_eigenvalues
 from flexinv.model.mechanism import Attachment, Body, Force, Inertia, Joint, Link, Placement
+from flexinv.typing import Array
 
 HALVES = """
 title = "Two beams on a hinge and a slide"

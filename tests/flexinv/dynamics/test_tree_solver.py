@@ -6,13 +6,14 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from kernels import DIFFERENCE, Array, derivative, eliminate
+from kernels import DIFFERENCE, derivative, eliminate
 from planar_examples import damped
 from scenes import PASSIVE_KINDS, MovingSolver, branching, hanging, scene
 
 from flexinv.dynamics.constraint_rows import PULL
 from flexinv.dynamics.linearization import fill
 from flexinv.model.mechanism import Mechanism
+from flexinv.typing import Array
 
 UNDAMPED = [*(branching(kind) for kind in PASSIVE_KINDS), *(hanging(kind) for kind in PASSIVE_KINDS)]
 DAMPED = [damped(m, 300.0) for m in (branching("free"), branching("prismatic"), hanging("spherical"))]

@@ -7,10 +7,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from element_example import EPS, Example, evaluated, example
-from kernels import DIFFERENCE, Array, derivative
+from kernels import DIFFERENCE, derivative
 
 from flexinv.elements.quadrature import build_reference
 from flexinv.kernels.so3 import exp_so3
+from flexinv.typing import Array
 
 ORDERS = (1, 2, 4)
 

@@ -7,11 +7,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pytest
 from element_example import EPS, Example, evaluated, example
-from kernels import DIFFERENCE, Array, damped_element, derivative
+from kernels import DIFFERENCE, damped_element, derivative
 
 from flexinv.elements.beam import Rates, Scratch
 from flexinv.kernels.so3 import exp_so3
 from flexinv.kinematics.tree import Variation
+from flexinv.typing import Array
 
 ORDERS = (1, 2, 4)
 

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from kernels import DIFFERENCE, Array, derivative
+from kernels import DIFFERENCE, derivative
 from scenes import PASSIVE_KINDS, MovingSolver, branching, hanging, scene
 
 from flexinv.kinematics.tree import Frames
 from flexinv.model.mechanism import Mechanism
+from flexinv.typing import Array
 
 MECHANISMS = [*(branching(kind) for kind in PASSIVE_KINDS), *(hanging(kind) for kind in PASSIVE_KINDS)]
 

@@ -7,14 +7,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from flexible_examples import STRIP, arm, observed_order
-from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
 import flexinv
 from flexinv.kernels.so3 import exp_so3
 from flexinv.model.mechanism import Beam, Body, Inertia, Joint, Link, Mechanism, Placement
 
-Array = NDArray[np.float64]
 FLYING = Inertia(0.7, np.array([0.1, 0.05, -0.02]), np.diag([0.01, 0.02, 0.025]))
 
 

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from flexible_examples import STRIP, spatial_tree
-from kernels import Array, derivative
+from kernels import derivative
 from scipy.optimize import brentq
 from scipy.sparse import csc_array
 from vibrating_beams import CLAMPED, PINNED, ROWS, cantilever, in_plane, pendulum, rod, thin
@@ -34,6 +34,7 @@ from flexinv.model.mechanism import (
     Mechanism,
     Placement,
 )
+from flexinv.typing import Array
 
 EPS = np.finfo(float).eps
 # What two elements of order 8 leave of the fourth frequency of the stockiest beam (measured 1e-7 there, less elsewhere).

@@ -9,7 +9,6 @@ import pytest
 import rigid_trees as trees
 from flexible_examples import STRIP
 from lane_examples import closed_tree, doubts, largest, reference
-from numpy.typing import NDArray
 
 import flexinv
 from flexinv.errors import InputError
@@ -25,8 +24,8 @@ from flexinv.model.mechanism import WORLD, Attachment, Beam, Body, Closure, Iner
 from flexinv.planar.detection import NotPlanar, find_plane
 from flexinv.rigid.torque_regressor import sample_states
 from flexinv.rnea.loop_layout import BodyKind
+from flexinv.typing import Array
 
-Array = NDArray[np.float64]
 ROUNDING = 1e-13  # a few hundred roundings of the largest effort
 PITCH = 0.4  # [m]
 LEAD = PITCH / (2 * np.pi)  # [m/rad]

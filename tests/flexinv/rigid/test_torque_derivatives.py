@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 import rigid_trees as trees
 from flexible_examples import spatial_tree
-from kernels import Array
 from scipy.spatial.transform import Rotation
 
 from crosscheck.engines.pinocchio import adapter as pinocchio
@@ -21,6 +20,7 @@ from flexinv.rigid import torque_derivatives as module
 from flexinv.rigid.derivative_kernel import CarriedBodies
 from flexinv.rigid.torque_derivatives import torque_derivatives
 from flexinv.rigid.torque_regressor import sample_states
+from flexinv.typing import Array
 
 # Sums of some hundred products, each of the size of the largest.
 ROUNDING = 1e-13

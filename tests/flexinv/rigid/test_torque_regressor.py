@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 import rigid_trees as trees
 from flexible_examples import spatial_tree
-from kernels import Array
 
 from crosscheck.engines.pinocchio import adapter as pinocchio
 from crosscheck.engines.pinocchio.adapter import pin
@@ -19,6 +18,7 @@ from flexinv.cli.commands import main
 from flexinv.errors import InputError
 from flexinv.model.mechanism import Inertia, Mechanism
 from flexinv.rigid.torque_regressor import base_parameters, compute_link_parameters, sample_states, torque_regressor
+from flexinv.typing import Array
 
 # A few hundred roundings of the largest torque: ten terms for every link, through seven joints.
 ROUNDING = 1e-13

@@ -20,8 +20,8 @@ from flexinv.rigid.prepare import _build_torque_function, prepare
 from flexinv.rnea import loop_plan
 from flexinv.rnea.loop_allocation import LEAST_PIVOT
 from flexinv.rnea.loop_layout import PLANE
+from flexinv.typing import Array
 
-Array = NDArray[np.float64]
 KINDS = ("fixed", "revolute", "prismatic", "cylindrical", "universal", "spherical", "point-on-line")
 
 

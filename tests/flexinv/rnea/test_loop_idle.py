@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 from lane_examples import ROUNDING, doubts
 from loop_examples import Y, Z, at, rod
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 import flexinv
@@ -18,8 +17,8 @@ from flexinv.kinematics.mesh import build
 from flexinv.model.mechanism import WORLD, Attachment, Body, Closure, Inertia, Joint, Link, Mechanism, Placement
 from flexinv.rigid.prepare import prepare
 from flexinv.rnea.loop_plan import Elimination
+from flexinv.typing import Array
 
-Array = NDArray[np.float64]
 ANGLE = 1.1
 WHEEL = Joint("W", "revolute", WORLD, "wheel", at(1.0, 1.0), axis=Z)
 
