@@ -13,8 +13,6 @@ BIN    := $(VENV)/bin
 STAMP  := $(VENV)/installed
 OUT    ?= reports/latest
 JOBS   ?= 2
-# Tests at a time: one more than there are processors, as a fifth of their time they wait for programs that they have started.
-TESTERS ?= 3
 # Levels of processor that a wheel has machine code for; on aarch64: make wheel LEVELS=generic
 LEVELS ?= x86-64-v3 x86-64-v4
 
@@ -32,10 +30,10 @@ outside:
 test: $(STAMP)
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
-	$(BIN)/pytest -n $(TESTERS) --dist worksteal
+	$(BIN)/pytest -n $(JOBS) --dist worksteal
 
 check: $(STAMP)
-	$(BIN)/pytest -n $(TESTERS) --dist worksteal -m "not slow and not browser"
+	$(BIN)/pytest -n $(JOBS) --dist worksteal -m "not slow and not browser"
 
 # A warning is an error; links to files and within the site are checked, too.
 docs: $(STAMP)
