@@ -14,7 +14,14 @@ from pathlib import Path
 PACKAGE = Path(__file__).resolve().parents[2]
 # What a module imports whose text or constants are in machine code, and the modules without these imports that are in it too.
 _HAS_KERNELS = re.compile(r"^from flexinv\.kernels\.(jit|records) import", re.MULTILINE)
-ALSO = "kernels.jit", "kernels.compiler.probe", "kernels.records", "kernels.threads.atomics", "model.joint_kinds"
+ALSO = (
+    "kernels.jit",
+    "kernels.compiler.plain",
+    "kernels.compiler.probe",
+    "kernels.records",
+    "kernels.threads.atomics",
+    "model.joint_kinds",
+)
 # What all machine code is made by.
 MAKERS = tuple(f"kernels.compiler.{name}" for name in ("arrays", "code_cache", "kernel_compiler", "record_types"))
 _IMPORT = re.compile(r"^from flexinv\.([\w.]+) import (.*)", re.MULTILINE)
