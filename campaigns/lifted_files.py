@@ -295,13 +295,13 @@ def main() -> int:
     files = list(find_files(given.folders or default_folders()))
     others = [name for name in given.readers.split(",") if name]
     work = [(folder, path, reader) for folder, path in files for reader in ("", *others) if _reads(path, reader)]
-    kept = kept_rows(given.add_answer, given.again.split(","))
+    kept = kept_rows(given.keep, given.again.split(","))
     _warm_up()
     rows: dict[Path, list[Row]] = {}
     for count, (folder, path, reader) in enumerate(work, start=1):
         row = kept.get((str(path), reader)) or judge_apart(path, reader)
-        if given.add_answer is not None and (str(path), reader) not in kept:
-            with given.add_answer.open("a") as stream:
+        if given.keep is not None and (str(path), reader) not in kept:
+            with given.keep.open("a") as stream:
                 stream.write(json.dumps(asdict(row)) + "\n")
         rows.setdefault(folder, []).append(row)
         if given.rows:
