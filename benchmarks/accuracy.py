@@ -17,10 +17,10 @@ import numpy as np
 from benchmarks.targets import add_verdict, make_metric
 from benchmarks.timing import Call, Times, compute_time_ratio, run_calls_in_turns
 from crosscheck.measures.mechanisms import read_mechanism
-from flexinv.accuracy.accurate import solve_problem
-from flexinv.accuracy.refinement import Problem, Refinement, mixed
+from flexinv.analysis.accurate import solve_problem
 from flexinv.analysis.evaluation import FirstStep, run_second_step
 from flexinv.analysis.extrapolation import compute_extrapolated_step, take_every_sample, weights
+from flexinv.analysis.refinement import Problem, Refinement, mixed
 from flexinv.analysis.solution import Solution
 from flexinv.analysis.solve import solve
 from flexinv.analysis.task import Settings

@@ -29,9 +29,9 @@ from benchmarks.engines import open_calls
 from benchmarks.flexible import make_slender_beam, replace_beams
 from benchmarks.targets import add_verdict, make_metric
 from benchmarks.timing import Call, compute_time_ratio, run_calls_in_turns
-from flexinv.accuracy.accurate import solve_problem
-from flexinv.accuracy.refinement import MESHES as MESHES_OF_BEAMS
-from flexinv.accuracy.refinement import Problem, StepGrid, apply_mesh
+from flexinv.analysis.accurate import solve_problem
+from flexinv.analysis.refinement import MESHES as MESHES_OF_BEAMS
+from flexinv.analysis.refinement import Problem, StepGrid, apply_mesh
 from flexinv.analysis.task import Settings
 from flexinv.files.load_cases import Case, load_cases
 from flexinv.model.mechanism import Mechanism

@@ -46,7 +46,8 @@ from flexinv.errors import ConvergenceError, FlexinvError, InputError
 from flexinv.linearized import linear_model as linear
 from flexinv.linearized import steady_modes as steady
 from flexinv.linearized.linear_model import linear_model
-from flexinv.linearized.natural_modes import natural_modes, resolve_setup
+from flexinv.linearized.modes import resolve_setup
+from flexinv.linearized.natural_modes import natural_modes
 from flexinv.linearized.steady_modes import steady_modes
 from flexinv.typing import Array, Complex
 

@@ -19,7 +19,8 @@ if TYPE_CHECKING:
     from flexinv.files.load_cases import Case, load_cases
     from flexinv.files.load_mechanism import load_mechanism
     from flexinv.linearized.linear_model import LinearModel, linear_model
-    from flexinv.linearized.natural_modes import Modes, natural_modes
+    from flexinv.linearized.modes import Modes
+    from flexinv.linearized.natural_modes import natural_modes
     from flexinv.linearized.steady_modes import SteadyModes, steady_modes
     from flexinv.model.mechanism import Mechanism
     from flexinv.model.motion import Motion
@@ -38,7 +39,8 @@ _NAMES = {
     "analysis.solve_many": "Batch solve_many", "analysis.statics": "Load statics",
     "errors": "ConvergenceError FlexinvError InputError ModelWarning",
     "files.from_urdf": "from_urdf", "files.load_cases": "Case load_cases", "files.load_mechanism": "load_mechanism",
-    "linearized.linear_model": "LinearModel linear_model", "linearized.natural_modes": "Modes natural_modes",
+    "linearized.linear_model": "LinearModel linear_model", "linearized.modes": "Modes",
+    "linearized.natural_modes": "natural_modes",
     "linearized.steady_modes": "SteadyModes steady_modes", "model.mechanism": "Mechanism", "model.motion": "Motion",
     "rigid.joint_torques": "joint_torques", "rigid.prepare": "TorqueFunction prepare",
     "rigid.torque_derivatives": "TorqueDerivatives torque_derivatives",

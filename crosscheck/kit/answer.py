@@ -14,10 +14,10 @@ import numpy as np
 from pydantic import BaseModel, ValidationError
 
 from crosscheck.engines.base import sample_times
-from crosscheck.kit.resolved import build_case_file, list_all_series, list_idle_velocities, list_quantity_series
+from crosscheck.kit.resolved import build_case_file, list_idle_velocities, list_quantity_series
 from crosscheck.kit.tables import CertificateFile, MetaFile
 from crosscheck.measures.record import BROKEN, Record, Series, list_effort_units, series
-from crosscheck.measures.series_csv import check_names, check_times, read
+from crosscheck.measures.series_csv import check_names, check_times, list_all_series, read
 from flexinv.errors import InputError
 from flexinv.files.load_cases import Case
 from flexinv.files.regular_files import LOOP, MISSING, describe_kind

@@ -30,15 +30,14 @@ from crosscheck.kit.tables import (
     SpringData,
     Velocity,
 )
-from crosscheck.measures.record import RESULTANTS, WRENCH, XYZ, list_effort_units
-from crosscheck.measures.series_csv import STATION
+from crosscheck.measures.record import XYZ, list_effort_units
+from crosscheck.measures.series_csv import list_all_series
 from flexinv.files.load_cases import Case
 from flexinv.model.attachments import GasLaw, SpringLaw
 from flexinv.model.joint_kinds import KINDS
 from flexinv.model.mechanism import Attachment, Beam, Body, Closure, Joint, Link, Mechanism, Placement
 
 COLUMNS = ("EA", "GA_y", "GA_z", "GJ", "EI_y", "EI_z")
-FORCE_UNITS = ("N", "N", "N", "N m", "N m", "N m")
 # By kind of joint: unit of every coordinate and of every velocity.
 UNITS: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
     "fixed": ((), ()),
@@ -183,28 +182,6 @@ def list_quantity_series(mechanism: Mechanism, case: Case, quantity: str) -> dic
         named = zip(mechanism.velocity_names, list_effort_units(mechanism), strict=True)
         return {f"torque/{name}": unit for name, unit in named if name not in still}
     return {n: u for n, u in list_all_series(mechanism).items() if n.split("/", 1)[0] == quantity}
-
-
-def list_all_series(mechanism: Mechanism) -> dict[str, str]:
-    """Return names and units of all series that a record of a mechanism may have; STATION stands for any in internal ones."""
-    beams = [link.name for link in mechanism.beams]
-    sections = [f"{beam}/{STATION}" for beam in beams]
-    wrench = dict(zip(WRENCH, FORCE_UNITS, strict=True))
-    place = dict.fromkeys(XYZ, "m")
-    efforts = zip(mechanism.velocity_names, list_effort_units(mechanism), strict=True)
-    return {
-        **{f"torque/{name}": unit for name, unit in efforts},
-        **_list_part_units("wrench", [joint.name for joint in mechanism.joints], wrench),
-        **_list_part_units("reaction", [closure.name for closure in mechanism.closures], wrench),
-        **_list_part_units("tip", [link.name for link in mechanism.links], place),
-        **_list_part_units("deflection", beams, place),
-        **{f"axial/{beam}": "N" for beam in beams},
-        **_list_part_units("internal", sections, dict(zip(RESULTANTS, FORCE_UNITS, strict=True))),
-    }
-
-
-def _list_part_units(quantity: str, owners: list[str], parts: dict[str, str]) -> dict[str, str]:
-    return {f"{quantity}/{owner}/{part}": unit for owner in owners for part, unit in parts.items()}
 
 
 def _convert_link(link: Link) -> LinkData:

@@ -25,6 +25,7 @@ from flexinv.typing import Array
 Status = Literal["ok", "error", "timeout", "skipped"]
 XYZ = ("x", "y", "z")
 WRENCH = ("fx", "fy", "fz", "mx", "my", "mz")
+WRENCH_UNITS = ("N", "N", "N", "N m", "N m", "N m")
 # Squares and differences of smaller numbers, and sums of a million of those, stay far below the largest number of a computer.
 # No unit makes a quantity of a machine that large: a larger number comes from a computation that has run away.
 LARGEST = 1e100
@@ -150,7 +151,7 @@ def make_reaction_series(closure: str, wrench: ArrayLike) -> dict[str, Series]:
 
 
 def _make_wrench_columns(prefix: str, wrench: ArrayLike) -> dict[str, Series]:
-    return make_column_series([f"{prefix}/{c}" for c in WRENCH], ["N"] * 3 + ["N m"] * 3, wrench)
+    return make_column_series([f"{prefix}/{c}" for c in WRENCH], WRENCH_UNITS, wrench)
 
 
 def make_internal_series(beam: str, station: str, resultants: ArrayLike) -> dict[str, Series]:

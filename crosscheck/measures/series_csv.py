@@ -14,8 +14,9 @@ from pathlib import Path
 
 import numpy as np
 
-from crosscheck.measures.record import Series, series
+from crosscheck.measures.record import RESULTANTS, WRENCH, WRENCH_UNITS, XYZ, Series, list_effort_units, series
 from flexinv.errors import InputError
+from flexinv.model.mechanism import Mechanism
 from flexinv.typing import Array
 from flexinv.validation import find_nearest_word
 
@@ -166,3 +167,25 @@ def write_table(path: Path, header: Iterable[str], values: Array) -> None:
         lines = csv.writer(stream, lineterminator="\n")
         lines.writerow(header)
         lines.writerows([[repr(x) for x in row] for row in np.asarray(values, dtype=np.float64).tolist()])
+
+
+def list_all_series(mechanism: Mechanism) -> dict[str, str]:
+    """Return names and units of all series that a record of a mechanism may have; STATION stands for any in internal ones."""
+    beams = [link.name for link in mechanism.beams]
+    sections = [f"{beam}/{STATION}" for beam in beams]
+    wrench = dict(zip(WRENCH, WRENCH_UNITS, strict=True))
+    place = dict.fromkeys(XYZ, "m")
+    efforts = zip(mechanism.velocity_names, list_effort_units(mechanism), strict=True)
+    return {
+        **{f"torque/{name}": unit for name, unit in efforts},
+        **_list_part_units("wrench", [joint.name for joint in mechanism.joints], wrench),
+        **_list_part_units("reaction", [closure.name for closure in mechanism.closures], wrench),
+        **_list_part_units("tip", [link.name for link in mechanism.links], place),
+        **_list_part_units("deflection", beams, place),
+        **{f"axial/{beam}": "N" for beam in beams},
+        **_list_part_units("internal", sections, dict(zip(RESULTANTS, WRENCH_UNITS, strict=True))),
+    }
+
+
+def _list_part_units(quantity: str, owners: list[str], parts: dict[str, str]) -> dict[str, str]:
+    return {f"{quantity}/{owner}/{part}": unit for owner in owners for part, unit in parts.items()}

@@ -23,9 +23,9 @@ import click
 import numpy as np
 
 import flexinv
-from flexinv.accuracy.accurate import solve_problem
-from flexinv.accuracy.refinement import MESHES, Quantities, Refinement, mixed, ranges
+from flexinv.analysis.accurate import solve_problem
 from flexinv.analysis.extrapolation import weights
+from flexinv.analysis.refinement import MESHES, Quantities, Refinement, mixed, ranges
 from flexinv.analysis.task import Settings
 from flexinv.model.mechanism import Mechanism, ModalDamping, with_retardation
 

@@ -20,8 +20,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
+from flexinv.analysis.initial_motion import begin_motion
 from flexinv.dynamics.generalized_alpha import EARLY, SUBSTEPS, Scheme, build_generalized_alpha, build_start_scheme
-from flexinv.dynamics.initial_state import begin_motion, begin_step, compute_joint_motion, end_early
+from flexinv.dynamics.initial_state import begin_step, compute_joint_motion, end_early
 from flexinv.dynamics.loads import build_load_table
 from flexinv.dynamics.solver import Solver, make_solve_error
 from flexinv.dynamics.stepper import CONVERGED, integrate_instants
@@ -47,6 +48,7 @@ from flexinv.kinematics.configuration import build_nodes, fill_given, fill_relat
 from flexinv.kinematics.mesh import Mesh, build
 from flexinv.kinematics.nodal_motion import sample_between_instants
 from flexinv.kinematics.tree import Frames, Joints
+from flexinv.linearized.modal_damping import apply_stated_ratio
 from flexinv.model.joint_kinds import KINDS
 from flexinv.model.mechanism import Mechanism
 from flexinv.planar.detection import NotPlanar, find_plane
@@ -108,7 +110,7 @@ class FlexibleState:
 
     def __init__(self, mechanism: Mechanism, scheme: Scheme, tau: Array) -> None:
         """Allocate the arrays of a mechanism, its kernels compiled; efforts are written into ``tau`` (nv,) [N m], [N]."""
-        mesh = build(mechanism)
+        mesh = build(apply_stated_ratio(mechanism))
         still = np.zeros(mechanism.nv)
         driven = mechanism.actuated.astype(float)
         self.mechanism = mechanism

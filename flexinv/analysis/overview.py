@@ -11,6 +11,7 @@ from flexinv.constraints.continuation import compute_mobility, find_closed_near
 from flexinv.constraints.loop_starts import find_closed_anywhere, list_closed_nearby
 from flexinv.files.load_cases import Case
 from flexinv.kinematics.mesh import build
+from flexinv.linearized.modal_damping import apply_stated_ratio
 from flexinv.model.mechanism import CLOSURES, Link, Mechanism
 from flexinv.model.motion import resolve_start_coordinates
 from flexinv.typing import Array
@@ -43,7 +44,7 @@ def describe_mobility(mechanism: Mechanism, case: Case | None) -> str:
     It starts where the case does, without a case near its zero if it closes there; a singular start the line names.
     Raises ConvergenceError where the loops stay open.
     """
-    mesh = build(mechanism)
+    mesh = build(apply_stated_ratio(mechanism))
     start = resolve_start_configuration(mechanism, case)
     at = find_closed_anywhere(mesh, start) if case is None else find_closed_near(mesh, start)
     here = compute_mobility(mesh, at)

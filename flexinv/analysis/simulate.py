@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
+from flexinv.analysis.accurate import check_accuracy, make_problem, solve_within_accuracy
 from flexinv.analysis.evaluation import assemble_solution
 from flexinv.analysis.solution import Solution
 from flexinv.analysis.task import MOST_SAMPLES, Progress, Settings, Task, check_settings, make_rest_history
@@ -25,6 +26,7 @@ from flexinv.dynamics.generalized_alpha import EXACT
 from flexinv.dynamics.solver import Efforts
 from flexinv.errors import InputError
 from flexinv.kinematics.mesh import build
+from flexinv.linearized.modal_damping import apply_stated_ratio
 from flexinv.model.joint_kinds import KINDS, POSE
 from flexinv.model.mechanism import Mechanism
 from flexinv.model.motion import resolve_start_coordinates
@@ -64,8 +66,6 @@ def simulate(
     if accuracy is None and step is not None:
         solution = _run_by_steps(mechanism, tasks, step, spectral_radius, initial)
     else:
-        from flexinv.accuracy.accurate import check_accuracy, make_problem, solve_within_accuracy
-
         asked = check_accuracy(accuracy, step)
         settings = check_settings(1.0, spectral_radius, EXACT, initial)
         span = (float(table[0][0]), float(table[0][-1]))
@@ -95,7 +95,7 @@ class _FreeTasks:
 
     def make_task(self, meshed: Mechanism, steps: Array, settings: Settings) -> Task:
         """Return the task of a mechanism at the instants ``steps`` [s]."""
-        mesh = build(meshed)
+        mesh = build(apply_stated_ratio(meshed))
         moves = {j.name for j in meshed.joints if j.nv}
         stated = resolve_start_coordinates(meshed, moves, self.start, self.start_rate)
         start_values = _collect_start_values(meshed, *stated, self.at_rest)

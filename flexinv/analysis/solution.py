@@ -14,7 +14,7 @@ from flexinv.constraints.reactions import Impact
 from flexinv.errors import ConvergenceError
 from flexinv.inverse.balance import Balance
 from flexinv.inverse.inverse_dynamics import Factors, NodalForces, compute_torque_factors
-from flexinv.kinematics.mesh import Mesh
+from flexinv.kinematics.mesh import Mesh, find_outboard_nodes
 from flexinv.kinematics.nodal_motion import NodalMotion, read_scalar_coordinate
 from flexinv.model.by_value import ByValue
 from flexinv.model.joint_kinds import KINDS
@@ -306,14 +306,6 @@ def list_effort_labels(mechanism: Mechanism) -> list[str]:
     """Return "torque NAME [N m]" or "force NAME [N]" for every velocity coordinate, the column of its effort [N m], [N]."""
     units = zip(mechanism.velocity_names, list_effort_units(mechanism), strict=True)
     return [f"{'torque' if unit == 'N m' else 'force'} {name} [{unit}]" for name, unit in units]
-
-
-def find_outboard_nodes(mesh: Mesh, node: int) -> NDArray[np.bool_]:
-    """Return a mask (nodes,) [-] of the nodes that a node carries, itself among them."""
-    out: NDArray[np.bool_] = np.arange(mesh.size) == node
-    for n in range(node + 1, mesh.size):
-        out[n] = mesh.parent[n] >= 0 and out[mesh.parent[n]]
-    return out
 
 
 def _compute_root_resultants(mesh: Mesh, link: Link, motion: NodalMotion, forces: NodalForces) -> Array:

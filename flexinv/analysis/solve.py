@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from flexinv.analysis.accurate import check_accuracy, solve_problem, solve_within_accuracy
 from flexinv.analysis.evaluation import FirstStep, assemble_solution, run_second_step
 from flexinv.analysis.extrapolation import compute_extrapolated_step, find_largest_nearby, take_every_sample, weights
 from flexinv.analysis.solution import Solution
@@ -105,8 +106,6 @@ def _solve_to_accuracy(
     settings: Settings,
     options: Mapping[str, Any],
 ) -> Solution:
-    from flexinv.accuracy.accurate import check_accuracy, solve_problem, solve_within_accuracy
-
     return solve_within_accuracy(solve_problem(mechanism, motion, check_accuracy(accuracy, step), settings, options))
 
 

@@ -40,6 +40,7 @@ from flexinv.kernels.memory import begin_shared_memory, make_adjacent_arrays
 from flexinv.kernels.records import join_records
 from flexinv.kernels.threads.affinity import count_processors, move_to_processor, processor_now, read_thread_limit
 from flexinv.kinematics.mesh import Mesh, build
+from flexinv.linearized.modal_damping import apply_stated_ratio
 from flexinv.model.by_value import ByValue
 from flexinv.model.mechanism import Mechanism
 from flexinv.model.motion import Motion, evaluate_motion
@@ -243,7 +244,7 @@ def make_scenario(mechanism: Mechanism, motion: Motion, options: Mapping[str, An
             return None
         if len(motion.joints(mechanism)) < sum(joint.nv > 0 for joint in mechanism.joints):
             return None
-        mesh = build(mechanism)
+        mesh = build(apply_stated_ratio(mechanism))
         time = build_time_grid(motion, options["step"], options.get("end"), 1)
         if not isinstance(find_plane(mesh), Plane) or len(time) * mesh.size * 50 > RUN:
             return None

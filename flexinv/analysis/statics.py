@@ -28,6 +28,8 @@ from flexinv.inverse.inverse_dynamics import compute_applied_forces
 from flexinv.kinematics.mesh import Mesh, build
 from flexinv.kinematics.nodal_motion import fill_passive
 from flexinv.kinematics.tree import Joints
+from flexinv.linearized.modal_damping import apply_stated_ratio
+from flexinv.linearized.rest_position import SLOWEST, count_unstable_motions
 from flexinv.model import rules
 from flexinv.model.links import Frozen
 from flexinv.model.mechanism import Attachment, Force, Mechanism, Placement
@@ -86,7 +88,8 @@ def statics(mechanism: Mechanism, loads: Sequence[Load] = (), q: ArrayLike | Non
         expected = f"expected ({mechanism.nq},) finite numbers: {mechanism.coordinate_names}"
         raise InputError(f"statics: q has shape {at.shape}, {expected}")
     forces = [_make_force(mechanism, load, k) for k, load in enumerate(check_kinds("loads", loads, Load))]
-    mesh = build(replace(mechanism, forces=(*mechanism.forces, *forces)))
+    damped = apply_stated_ratio(mechanism)
+    mesh = build(replace(damped, forces=(*mechanism.forces, *forces)))
     passive = {j.name for j in mechanism.joints if j.nv and not j.actuated} if mechanism.closures else set()
     if mechanism.closures and q is not None:
         with replace_advice(GIVE_Q):
@@ -98,8 +101,6 @@ def statics(mechanism: Mechanism, loads: Sequence[Load] = (), q: ArrayLike | Non
             (first,) = run_first_step(Task(mesh, np.zeros(1), held, held, passive, SETTINGS))
         return assemble_solution(mesh, first, SETTINGS)
     solver, joints, first = _solve_equilibrium(mesh, passive, at)
-    from flexinv.linearized.natural_modes import SLOWEST, count_unstable_motions
-
     solution = assemble_solution(mesh, first, SETTINGS)
     unstable, all_of_them = count_unstable_motions(solver, joints)  # a word on whether a structure stays there
     slowest = (

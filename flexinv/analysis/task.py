@@ -21,6 +21,7 @@ from flexinv.dynamics.solver import Efforts
 from flexinv.errors import InputError
 from flexinv.kinematics.mesh import Mesh, build
 from flexinv.kinematics.nodal_motion import JointHistory
+from flexinv.linearized.modal_damping import apply_stated_ratio
 from flexinv.model.mechanism import Mechanism
 from flexinv.model.motion import Motion, evaluate_motion, resolve_start_coordinates
 from flexinv.typing import Array, Triple
@@ -127,7 +128,7 @@ def make_prescribed_task(
 
     A motion that is the same seen from both sides is evaluated once; in loops the start is moved onto the branch that it names.
     """
-    mesh = build(mechanism)
+    mesh = build(apply_stated_ratio(mechanism))
     passive = {joint.name for joint in mechanism.joints if joint.nv} - set(motion.joints(mechanism))
     start_coordinates = resolve_start_coordinates(mechanism, passive, start, start_rate)
     before, after = build_joint_histories(motion, mechanism, start_coordinates, settings, steps)

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from flexinv.analysis.evaluation import FirstStep, build_rigid_first_step
+from flexinv.analysis.initial_motion import begin_motion
 from flexinv.analysis.loops import PhaseHistory, add_reaction_forces, make_closed_task, solve_rigid_loops
 from flexinv.analysis.task import Task, prepare_motion_samples
 from flexinv.constraints.closures import Phase, build_constraint_rows, list_phases
@@ -21,7 +22,7 @@ from flexinv.dynamics.generalized_alpha import (
     list_early_rows,
     list_early_times,
 )
-from flexinv.dynamics.initial_state import begin_motion, begin_step, compute_joint_motion, end_early
+from flexinv.dynamics.initial_state import begin_step, compute_joint_motion, end_early
 from flexinv.dynamics.loads import build_load_table
 from flexinv.dynamics.solver import Solver, make_solve_error, write_instant
 from flexinv.dynamics.stepper import CONVERGED, SUDDEN_START, integrate_instants

@@ -37,6 +37,7 @@ from flexinv.files.load_cases import Case, load_cases
 from flexinv.files.load_mechanism import load_mechanism
 from flexinv.kernels.compiler.compile_lock import NOTE, add_compile_listener
 from flexinv.kinematics.mesh import build
+from flexinv.linearized.modal_damping import apply_stated_ratio
 from flexinv.linearized.natural_modes import natural_modes
 from flexinv.linearized.steady_modes import steady_modes
 from flexinv.model.mechanism import Mechanism
@@ -181,7 +182,7 @@ def info(model: Path) -> None:
             click.echo(f"\n{title}")
             write_table(table)
     if mechanism.beams:
-        mesh = build(mechanism)
+        mesh = build(apply_stated_ratio(mechanism))
         # with what follows from a damping ratio
         plane = find_plane(mesh)
         mechanism = mesh.mechanism

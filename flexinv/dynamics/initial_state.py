@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
-from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -20,7 +18,7 @@ from flexinv.dynamics.generalized_alpha import (
 from flexinv.dynamics.solver import Solver, build_coordinate_map
 from flexinv.dynamics.stepper import CONVERGED, NOT_CONVERGED
 from flexinv.dynamics.system import State
-from flexinv.errors import ConvergenceError, ModelWarning
+from flexinv.errors import ConvergenceError
 from flexinv.kinematics.mesh import Mesh
 from flexinv.kinematics.nodal_motion import (
     NodalMotion,
@@ -28,9 +26,8 @@ from flexinv.kinematics.nodal_motion import (
     compute_rigid_motion,
     list_sliding_coordinates,
 )
-from flexinv.kinematics.tree import Joints, compute_tree_motion
+from flexinv.kinematics.tree import Joints
 from flexinv.model.joint_kinds import CONTINUOUS
-from flexinv.model.owned_cache import make_owner_cache
 from flexinv.typing import Array
 
 Failure = tuple[int, int, float]  # what `Solver.solve_newton` returns
@@ -52,11 +49,12 @@ def begin_undeformed(solver: Solver, q: Array, qd: Array, qdd: Array) -> Joints:
         angle = np.arctan2(q[i + 1], q[i]) if mesh.kind[n] == CONTINUOUS else q[i]
         solver.state.place[t.offset[t.block[n]] + t.column[n]] = angle
     joints = compute_joint_motion(mesh, q, qd, qdd)
-    _fill_initial_unknowns(solver, compute_rigid_motion(mesh, q[None], qd[None], qdd[None]), joints, qd, qdd)
+    fill_initial_unknowns(solver, compute_rigid_motion(mesh, q[None], qd[None], qdd[None]), joints, qd, qdd)
     return joints
 
 
-def _fill_initial_unknowns(solver: Solver, motion: NodalMotion, joints: Joints, qd: Array, qdd: Array) -> None:
+def fill_initial_unknowns(solver: Solver, motion: NodalMotion, joints: Joints, qd: Array, qdd: Array) -> None:
+    """Set the unknowns and their rates [m, rad, s] to a motion of all nodes at one sample, and of the joints by qd, qdd (nv,)."""
     t = solver.topology
     s = solver.state
     moved = build_coordinate_map(solver.mesh, solver.topology)
@@ -156,8 +154,6 @@ STILL = 1e-10
 CLOSING = 1e-9
 # Leaving an unstable position by a part of 1e-10 takes some fifty steps.
 MOST_STEPS = 500
-# Unknowns up to which the stiffness at the start is judged: its dense matrices then take some hundred megabytes.
-MOST_JUDGED = 3000
 
 
 def find_equilibrium(solver: Solver, q: Array, when: str) -> Joints:
@@ -267,107 +263,3 @@ def _move_one_step(solver: Solver, joints: Joints, scheme: Scheme, farthest: flo
     for part, kept in zip((s.x, s.r, s.place, multiplier), before, strict=True):
         part[:] = kept
     return None, (NOT_CONVERGED, failed[1], moved) if failed[0] == CONVERGED else failed
-
-
-def begin_at_equilibrium(solver: Solver, q: Array, when: str) -> None:
-    """Begin in the `find_equilibrium` of the starting position q (nq,) [rad], [m], with a ModelWarning where that is unstable."""
-    from flexinv.linearized.natural_modes import count_unstable_motions
-
-    joints = find_equilibrium(solver, q, when)
-    s = solver.state
-    loads = solver.loads
-    ties = solver.border.ties
-    parts = (s.x, s.r, s.place, loads.wrench, loads.effort, ties.multiplier, ties.acting, solver.topology.freedoms)
-    # all that the stiffness of a rest position follows from, beside the mesh
-    here = b"".join(part.tobytes() for part in (*parts, *solver.frames))
-    stable = _list_stable_positions(solver.mesh)
-    if len(solver.topology.scale) > MOST_JUDGED or here in stable:
-        return
-    unstable, _ = count_unstable_motions(solver, joints)
-    if not unstable:
-        stable.clear()
-        stable.add(here)
-        return
-    mesh = solver.mesh
-    free = solver.topology.freedoms
-    names = ", ".join(j.name for j in mesh.mechanism.joints if free[mesh.joint_node[j.name]])
-    count = f"{unstable} independent motion{'s' * (unstable > 1)} of it, alone or swinging, would grow"
-    beside = f"write a start beside it for {names}, from which the mechanism sinks to another"
-    begins = f"the rest position in which it begins is unstable ({count}), and is not the only one"
-    advice = f"{beside if names else 'write a smaller load'}, or initial = 'consistent'"
-    warnings.warn(f"mechanism '{mesh.mechanism.name}', {when}: {begins}; {advice}", ModelWarning, stacklevel=2)
-
-
-@make_owner_cache()
-def _list_stable_positions(mesh: Mesh) -> set[bytes]:
-    """The rest position of a mesh, in bytes, that was found stable last: marches begin in it again and again."""
-    return set()
-
-
-def begin_with_fixed_drives(solver: Solver, q: Array, time: float, when: str) -> bool:
-    """Put a mechanism that torques move into its equilibrium at a time [s] with all driven joints held at q (nq,) [rad], [m].
-
-    Were they free, joints with nothing to hold them (a vertical axis) would have no one equilibrium, and a first torque seldom
-    is just what holds the others.  False where nothing is left that could settle.
-    """
-    mesh = solver.mesh
-    t = solver.topology
-    still = np.zeros(mesh.mechanism.nv)
-    held = Solver.build_for(mesh, {j.name for j in mesh.mechanism.joints if j.nv and not j.actuated})
-    if not len(held.topology.scale):
-        return False
-    acting = held.border.ties
-    own = solver.border.ties
-    acting.acting[:] = own.acting
-    acting.place_b[:] = own.place_b
-    acting.w[:] = own.w
-    begin_undeformed(held, q, still, still)
-    held.update_loads(time, q, still, still)
-    begin_at_equilibrium(held, q, when)
-    nodes = held.topology.independent | (held.topology.freedoms > 0)
-    solver.state.x[nodes] = held.state.x[nodes]
-    solver.state.r[nodes] = held.state.r[nodes]
-    for n in np.flatnonzero(held.topology.freedoms):
-        of, to = (int(part.offset[part.block[n]] + part.column[n]) for part in (held.topology, t))
-        solver.state.place[to : to + t.freedoms[n]] = held.state.place[of : of + t.freedoms[n]]
-    solver.frames.x[:] = held.frames.x
-    solver.frames.r[:] = held.frames.r
-    own.multiplier[:] = acting.multiplier
-    return True
-
-
-def move_as_rigid(solver: Solver, joints: Joints, qd: Array, qdd: Array) -> None:
-    """Give the deformed mechanism the velocities [m/s] it has when it moves on without changing its deformation."""
-    mesh = solver.mesh
-    frames = solver.frames
-    t = solver.topology
-    shape = Joints(*(part.copy() for part in joints))
-    free = np.flatnonzero(t.independent)
-    held = t.freedoms > 0
-    parent = mesh.parent[free]
-    back = frames.r[mesh.parent[free]].transpose(0, 2, 1)
-    shape.p[free] = (back @ (frames.x[free] - frames.x[parent])[:, :, None])[:, :, 0]
-    shape.r[free] = back @ frames.r[free]
-    shape.p[held] = solver.state.x[held]
-    shape.r[held] = solver.state.r[held]
-    moving = NodalMotion.make_uninitialized(1, mesh.size)
-    compute_tree_motion(mesh.parent, moving.frames, Joints(*(part[None] for part in shape)))
-    _fill_initial_unknowns(solver, moving, shape, qd, qdd)
-
-
-def begin_motion(solver: Solver, motion: Sequence[Array], time: float, initial: str, when: str) -> Joints:
-    """Start at a motion q (nq,), qd, qdd (nv,) [m, rad, s], with the accelerations that belong to it; return that of the joints.
-
-    initial : "consistent" (undeformed) or "static" (in equilibrium at a time [s]).  Raises ConvergenceError.
-    """
-    q, qd, qdd = motion
-    joints = begin_undeformed(solver, q, qd, qdd)
-    solver.update_loads(time, q, qd, qdd)
-    if initial == "static":
-        steady = solver.efforts is None or begin_with_fixed_drives(solver, q, time, when)
-        if solver.efforts is None:
-            begin_at_equilibrium(solver, q, when)
-        if steady:
-            move_as_rigid(solver, joints, qd, qdd)
-    solver.solve_instant(ACCELERATIONS, joints, when)
-    return joints

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from flexinv.elements.beam_element import Elements
 from flexinv.elements.quadrature import build_reference
+from flexinv.errors import InputError
 from flexinv.kernels.so3 import exp_so3, log_so3, tangent3
 from flexinv.model.joint_kinds import CONFIGURATIONS, KINDS, RIGID, SECTION, VELOCITIES
 from flexinv.model.mechanism import WORLD, Attachment, Beam, Joint, Link, Mechanism, Placement, check_expanded
@@ -278,13 +279,14 @@ def build(mechanism: Mechanism) -> Mesh:
     """Return the mesh of a mechanism: nodes with masses [kg] and inertias [kg m^2], elements with stiffnesses [N].
 
     Lumped mass at the Gauss-Lobatto nodes: m_i = rho A w_i, J_i = rho I w_i (order 1: half and half, as in the paper).
-    A stated damping ratio becomes a retardation time here, by the mechanism's modes; the mesh is that of ``Mesh.mechanism`` then.
-    Raises InputError for drives that are not part of the mechanism (`mechanism.expanded`), and for a ratio of no mode.
+    Raises InputError for drives that are not part of the mechanism (`mechanism.expanded`), and for a damping ratio that has not
+    become a retardation time (`linearized.modal_damping.resolve_damping_ratio`).
     """
     if mechanism.modal_damping is not None and mechanism.modal_damping.seconds is None:
-        from flexinv.linearized.modal_damping import apply_stated_ratio  # its modes need a mesh
-
-        return build(apply_stated_ratio(mechanism))
+        raise InputError(
+            f"mechanism '{mechanism.name}': its damping is stated as a ratio of a mode, and beams know stresses by rates of "
+            "strain only; write flexinv.linearized.modal_damping.resolve_damping_ratio(mechanism) for it"
+        )
     builder = _Builder(mechanism, {}, {}, {}, {}, {})
     index = {link.name: k for k, link in enumerate(mechanism.links)}
     for joint in mechanism.joints:
@@ -314,3 +316,11 @@ def find_attachment_node(mesh: MeshPlaces, at: Attachment) -> int:
     if at.link in mesh.section_nodes:
         return mesh.find_section_node(at.link, 1.0 if at.station is None else at.station)
     return next(mesh.joint_node[j.name] for j in mesh.mechanism.joints if j.child == at.link)
+
+
+def find_outboard_nodes(mesh: Mesh, node: int) -> NDArray[np.bool_]:
+    """Return a mask (nodes,) [-] of the nodes that a node carries, itself among them."""
+    out: NDArray[np.bool_] = np.arange(mesh.size) == node
+    for n in range(node + 1, mesh.size):
+        out[n] = mesh.parent[n] >= 0 and out[mesh.parent[n]]
+    return out

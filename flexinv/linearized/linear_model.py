@@ -23,13 +23,9 @@ from flexinv.kinematics.nodal_motion import list_sliding_coordinates
 from flexinv.linearized.closed_motions import find_allowed_motions
 from flexinv.linearized.complex_roots import find_rate_driven_motions, find_roots
 from flexinv.linearized.eigenvalues import SOFT, find_undamped_modes, is_symmetric, split_by_inertia
-from flexinv.linearized.natural_modes import (
-    SAFETY,
-    compute_nodal_shapes,
-    compute_tip_displacements,
-    convert_rates,
-    resolve_setup,
-)
+from flexinv.linearized.modal_damping import resolve_damping_ratio
+from flexinv.linearized.modes import SAFETY, convert_rates, resolve_setup
+from flexinv.linearized.rest_position import compute_nodal_shapes, compute_tip_displacements
 from flexinv.linearized.state_space import Basis, LeftOut, StateSpace, build_state_space
 from flexinv.linearized.steady_modes import SteadyLinearisation, build_steady_motion
 from flexinv.model.by_value import ByValue
@@ -180,7 +176,7 @@ def linear_model(
     moving = [j.name for j in mechanism.joints if j.nv and j.name not in set(accelerated)]
     freed = tuple(moving if free is None else free)
     _check_accelerated(mechanism, accelerated)
-    mesh, at, chosen_names = resolve_setup(mechanism, q, (*freed, *accelerated), None)
+    mesh, at, chosen_names = resolve_setup(resolve_damping_ratio(mechanism), q, (*freed, *accelerated), None)
     motion = build_steady_motion(mesh, at, rates, set(chosen_names))
     joints = np.array([mechanism.v_slices[name].start for name in accelerated], dtype=np.int64)
     coordinates = build_coordinate_map(mesh, motion.solver.topology)  # (nv, unknowns)

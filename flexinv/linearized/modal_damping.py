@@ -9,12 +9,22 @@ from __future__ import annotations
 from dataclasses import replace
 
 from flexinv.errors import InputError
-from flexinv.linearized.natural_modes import Modes, natural_modes
+from flexinv.linearized.modes import Modes, compute_modes, resolve_setup
 from flexinv.model.mechanism import Mechanism, with_retardation
 from flexinv.model.owned_cache import make_owner_cache
+from flexinv.validation import check_kind
 
 # So many modes are named in the note that says what a ratio at one of them makes of the others.
 NAMED = 4
+
+
+def resolve_damping_ratio(mechanism: Mechanism) -> Mechanism:
+    """Return `apply_stated_ratio` of what is checked to be a mechanism [N s], [N m^2 s]; `kinematics.mesh.build` asks for that.
+
+    Raises InputError for what is no mechanism, and as `apply_damping_ratio`.
+    """
+    check_kind("mechanism", mechanism, Mechanism)
+    return apply_stated_ratio(mechanism)
 
 
 @make_owner_cache()
@@ -49,7 +59,7 @@ def apply_damping_ratio(mechanism: Mechanism, ratio: float, mode: int = 1) -> tu
         )
     if not 0.0 <= ratio < 1.0:
         raise InputError(f"damping ratio {ratio:g}: expected 0 to 1 [-], for example 0.01")
-    modes = natural_modes(with_retardation(mechanism, 1.0))
+    modes = compute_modes(*resolve_setup(with_retardation(mechanism, 1.0), None, None, None), None)
     if not 1 <= mode <= len(modes.squared):
         raise InputError(f"damping ratio: mode {mode}, expected 1 to {len(modes.squared)}, the modes that are found")
     own = float(modes.ratio[mode - 1])

@@ -24,7 +24,6 @@ import numpy as np
 import scipy  # its parts are loaded when they are asked for
 from numpy.typing import ArrayLike
 
-from flexinv.analysis.solution import find_outboard_nodes
 from flexinv.constraints.allocation import REDUNDANT
 from flexinv.dynamics.generalized_alpha import DYNAMIC, STATICS
 from flexinv.dynamics.initial_state import compute_joint_motion
@@ -32,9 +31,8 @@ from flexinv.dynamics.linearization import Matrices, compute_matrices
 from flexinv.dynamics.solver import Solver
 from flexinv.dynamics.stepper import INCREMENT, MOST_ITERATIONS
 from flexinv.errors import ConvergenceError, InputError
-from flexinv.kinematics.mesh import Mesh, find_attachment_node
+from flexinv.kinematics.mesh import Mesh, find_attachment_node, find_outboard_nodes
 from flexinv.kinematics.tree import Joints
-from flexinv.linearized import natural_modes as at_rest
 from flexinv.linearized.closed_motions import (
     compute_scaled_gradient,
     count_constraints,
@@ -43,7 +41,15 @@ from flexinv.linearized.closed_motions import (
 )
 from flexinv.linearized.complex_roots import find_roots
 from flexinv.linearized.eigenvalues import ONE_AND_ALL
-from flexinv.linearized.natural_modes import Shapes
+from flexinv.linearized.modal_damping import resolve_damping_ratio
+from flexinv.linearized.modes import FEW, SAFETY, Shapes, convert_rates, resolve_setup
+from flexinv.linearized.rest_position import (
+    compute_nodal_shapes,
+    compute_tied_matrices,
+    find_rest_position,
+    update_spring_forces,
+    update_start,
+)
 from flexinv.linearized.slowest_roots import find_slowest_roots
 from flexinv.model.joint_kinds import KINDS, SECTION
 from flexinv.model.mechanism import WORLD, Closure, Joint, Mechanism, Spring
@@ -104,7 +110,7 @@ def build_steady_motion(mesh: Mesh, q: Array, rates: Mapping[str, float], free: 
             )
         _check_steady(mesh, joint, [other for other in spun if other is not joint])
     solver = Solver.build_for(mesh, free)
-    joints, held = at_rest.find_rest_position(solver, q)
+    joints, held = find_rest_position(solver, q)
     if any(rates.values()):
         if len(held.topology.scale):
             _find_deformed_shape(held, q, rates)
@@ -115,7 +121,7 @@ def build_steady_motion(mesh: Mesh, q: Array, rates: Mapping[str, float], free: 
     solver.evaluate(STATICS, joints)
     along = _build_turning(solver, rates, 1.0)
     _move_along(solver, along)
-    matrices = _compute_matrices(at_rest.compute_tied_matrices(solver, joints), solver, along)
+    matrices = _compute_matrices(compute_tied_matrices(solver, joints), solver, along)
     solver.evaluate(STATICS._replace(mode=DYNAMIC), joints)
     # what outside efforts hold: forces in closures are none
     return SteadyLinearisation(solver, matrices, solver.work.residual[0].copy())
@@ -286,14 +292,14 @@ def _find_steady_state(solver: Solver, joints: Joints, turning: SteadyRotation) 
     size = 0.0
     for _ in range(MOST_ITERATIONS):
         _move_along(solver, turning)
-        at_rest.update_spring_forces(solver, joints)
+        update_spring_forces(solver, joints)
         stiffness = _compute_matrices(compute_matrices(solver, joints), solver, turning).stiffness
         residual = solver.work.residual[0].copy()
         y = _solve_increment(solver, stiffness, residual)
         ties.multiplier[:n] += solve_closing_forces(solver, residual + stiffness @ y)
         if not np.isfinite(y).all():
             break
-        at_rest.update_start(solver.topology, STATICS, solver.state, y)
+        update_start(solver.topology, STATICS, solver.state, y)
         size = float(np.abs(y / solver.topology.scale).max(initial=0.0))
         if size < INCREMENT:
             return
@@ -375,7 +381,7 @@ class SteadyModes(Shapes):
         if self.mesh.mechanism.is_rigid:
             return self.rounding
         finer = compute_refined_steady_modes(self)
-        return np.asarray(self.rounding + at_rest.SAFETY * np.abs(self.root - finer.root))
+        return np.asarray(self.rounding + SAFETY * np.abs(self.root - finer.root))
 
     @property
     def frequency_error(self) -> Array:
@@ -415,19 +421,19 @@ def steady_modes(
     Raises InputError where the motion cannot be steady (gravity across the axis, an axis on a beam) and as `natural_modes`,
     ConvergenceError where no deformed shape is found, or a root is lost.
     """
-    mesh, at, names = at_rest.resolve_setup(mechanism, q, free, count)
-    rates = at_rest.convert_rates(rates)
+    mesh, at, names = resolve_setup(resolve_damping_ratio(mechanism), q, free, count)
+    rates = convert_rates(rates)
     motion = build_steady_motion(mesh, at, rates, set(names))
     turning = add_coupled_rates(mesh, rates)
     n = find_allowed_motions(motion.solver)
     m, c, k = (scipy.sparse.csc_array(n.T @ part @ n) for part in motion.matrices)
     size = k.shape[0]
-    few = count is not None and size > ONE_AND_ALL and at_rest.FEW * count <= size
+    few = count is not None and size > ONE_AND_ALL and FEW * count <= size
     found = find_slowest_roots(m, c, k, count) if few and count is not None else find_roots(m, c, k)
     root = found.root
     shapes = found.shapes
     last = len(root) if count is None else count
-    moves: Complex = at_rest.compute_nodal_shapes(motion.solver, n @ shapes[:, :last])
+    moves: Complex = compute_nodal_shapes(motion.solver, n @ shapes[:, :last])
     moved, turned = (np.abs(part).max(axis=(1, 2), initial=0.0) for part in (moves[..., :3], moves[..., 3:]))
     largest = np.where(moved > TWISTS * mesh.length * turned, moved, turned)  # displacements may be rounding
     moves /= largest[:, None, None]

@@ -19,9 +19,9 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from flexinv.accuracy.accurate import FEWEST_IN_STRETCH, check_accuracy, solve_within_accuracy
-from flexinv.accuracy.refinement import Problem, StepGrid
+from flexinv.analysis.accurate import FEWEST_IN_STRETCH, check_accuracy, solve_within_accuracy
 from flexinv.analysis.evaluation import FirstStep, assemble_solution, build_rigid_first_step
+from flexinv.analysis.refinement import Problem, StepGrid
 from flexinv.analysis.simulate import simulate
 from flexinv.analysis.solution import Solution
 from flexinv.analysis.solve import add_error_bars, solve
@@ -31,6 +31,7 @@ from flexinv.errors import ConvergenceError, InputError, ModelWarning
 from flexinv.inverse.inverse_dynamics import compute_applied_forces
 from flexinv.kinematics.mesh import Mesh, build
 from flexinv.kinematics.nodal_motion import fill_passive
+from flexinv.linearized.modal_damping import apply_stated_ratio
 from flexinv.model.by_value import ByValue
 from flexinv.model.mechanism import Attachment, Mechanism
 from flexinv.model.motion import Motion
@@ -197,7 +198,7 @@ class _Runs:
 
     def make_way(self, meshed: Mechanism) -> RigidPath:
         """The path of the mechanism as if nothing bent."""
-        mesh = build(meshed)
+        mesh = build(apply_stated_ratio(meshed))
         return RigidPath(mesh, resolve_frame(mesh, self.frame), self.path, self.start)
 
     def run(self, meshed: Mechanism, steps: Array, _: tuple[int, ...], settings: Settings) -> tuple[Mesh, FirstStep]:

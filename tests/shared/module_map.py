@@ -1,6 +1,9 @@
 """The maps of the packages, `flexinv/README.md` and `crosscheck/README.md`, held against the folders that they describe.
 
-    python tests/shared/module_map.py        # writes the rows of both maps anew, from the docstrings; a module stays in its place
+    python tests/shared/module_map.py        # writes the rows of both maps anew, from the docstrings
+
+A module stays in its place; a new one comes last in the table of its folder.  Which folder may import which is said by the
+contracts of pyproject.toml.
 
 `test_map.py` runs this over both, and over small maps that are wrong.
 """
@@ -10,7 +13,7 @@ from __future__ import annotations
 import ast
 import re
 import sys
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 
 import house_rules
@@ -24,7 +27,7 @@ _CALL = re.compile(r"`(\w+(?:/\w+)*)\.(\w+)`")
 def faults(page: str, package: str, sources: Mapping[str, str]) -> list[str]:
     """What is wrong with the map of a package: page, name, and sources by dotted name (a package's own under its name).
 
-    Every module stands there once, with its docstring's first line, and below all modules of the package that it imports.
+    Every module stands there once, with its docstring's first line.
     """
     rows = [(_dotted(package, name), _dotted(package, target), text) for name, target, text in _ROW.findall(page)]
     place = {module: k for k, (module, _, _) in reversed(list(enumerate(rows)))}
@@ -38,9 +41,6 @@ def faults(page: str, package: str, sources: Mapping[str, str]) -> list[str]:
             broken.append(f"{module} is on the map twice")
         elif target != module or text != first_line(sources[module]):
             broken.append(f"{module} has another line: write {_line(package, module, sources)}")
-        else:
-            below = [lower for lower in _imported(module, sources) if place.get(lower, -1) > k]
-            broken += [f"{module} imports {lower}, which stands below" for lower in below]
     return sorted([*broken, *_headings(page)])
 
 
@@ -83,14 +83,6 @@ def _line(package: str, module: str, sources: Mapping[str, str]) -> str:
     return f"| [{name}]({name}.py) | {first_line(sources[module])} |"
 
 
-def _imported(module: str, sources: Mapping[str, str]) -> Iterator[str]:
-    """Modules that are imported when this one is."""
-    for _, name, waits in house_rules.imports(sources[module]):
-        result = next((known for known in (name, name.rpartition(".")[0]) if known in sources), module)
-        if result != module and not waits:
-            yield result
-
-
 def read_sources(root: Path, package: str) -> dict[str, str]:
     """Modules of a package by dotted name; files that hold nothing are none."""
     texts = {path: path.read_text() for path in sorted((root / package).rglob("*.py"))}
@@ -99,17 +91,32 @@ def read_sources(root: Path, package: str) -> dict[str, str]:
 
 
 def write_rows(page: str, package: str, sources: Mapping[str, str]) -> str:
-    """The page with the row of each module as its docstring has it; rows of modules that are gone are left out."""
+    """The page with the row of each module as its docstring has it: those that are gone are left out, new ones added."""
 
     def write_row(found: re.Match[str]) -> str:
         module = _dotted(package, found[1])
         return f"{_line(package, module, sources)}\n" if module in sources else ""
 
-    return re.sub(_ROW.pattern + r"\n", write_row, page, flags=re.MULTILINE)
+    known = {_dotted(package, name) for name, _, _ in _ROW.findall(page)}
+    page = re.sub(_ROW.pattern + r"\n", write_row, page, flags=re.MULTILINE)
+    for module in sorted(sources.keys() - known):
+        page = _add_row(page, _line(package, module, sources))
+    return page
+
+
+def _add_row(page: str, row: str) -> str:
+    """The page with a row at the end of the table of its folder, or unchanged where no heading names that."""
+    folder = row[len("| [") : row.index("]")].rpartition("/")[0]
+    heading = f"## `{folder}/`\n" if folder else "## The package\n"
+    before, found, after = page.partition(heading)
+    if not found:
+        return page
+    table, gap, rest = after.partition("\n\n## ")
+    return f"{before}{heading}{table.rstrip()}\n{row}\n{gap[1:]}{rest}"
 
 
 def main() -> None:
-    """Write both maps anew and print what is left to be done by hand: the place of a new module."""
+    """Write both maps anew and print what is left to be done by hand: the heading of a new folder."""
     root = Path(__file__).resolve().parents[2]
     for package in PACKAGES:
         file = root / package / "README.md"

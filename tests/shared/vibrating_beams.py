@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from flexinv.linearized.natural_modes import Modes
+from flexinv.linearized.modes import Modes
 from flexinv.model.mechanism import (
     WORLD,
     Attachment,

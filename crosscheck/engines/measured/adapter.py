@@ -12,9 +12,8 @@ from __future__ import annotations
 import numpy as np
 
 from crosscheck.engines.base import Options, sample_times
-from crosscheck.kit.resolved import list_all_series
 from crosscheck.measures.record import Record, torque_series
-from crosscheck.measures.series_csv import check_names, check_times, read
+from crosscheck.measures.series_csv import check_names, check_times, list_all_series, read
 from flexinv.errors import InputError
 from flexinv.files.load_cases import Case
 from flexinv.model.mechanism import Mechanism

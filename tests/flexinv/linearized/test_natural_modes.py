@@ -17,10 +17,11 @@ from flexinv.dynamics.solver import Solver
 from flexinv.errors import InputError
 from flexinv.files.load_mechanism import load_mechanism
 from flexinv.kinematics.mesh import build
-from flexinv.linearized import natural_modes as module
+from flexinv.linearized import rest_position as module
 from flexinv.linearized.eigenvalues import find_undamped_modes
 from flexinv.linearized.linear_model import linear_model
-from flexinv.linearized.natural_modes import compute_tip_displacements, natural_modes
+from flexinv.linearized.natural_modes import natural_modes
+from flexinv.linearized.rest_position import compute_tip_displacements
 from flexinv.linearized.steady_modes import steady_modes
 from flexinv.model.mechanism import (
     WORLD,

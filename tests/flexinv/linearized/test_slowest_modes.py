@@ -11,10 +11,11 @@ from vibrating_beams import bar
 
 import flexinv
 from flexinv.errors import ConvergenceError, InputError, ModelWarning
-from flexinv.linearized import natural_modes as at_rest
+from flexinv.linearized import modes as module
 from flexinv.linearized import slowest_modes
 from flexinv.linearized.eigenvalues import ONE_AND_ALL, choose_shift
-from flexinv.linearized.natural_modes import Modes, natural_modes
+from flexinv.linearized.modes import Modes
+from flexinv.linearized.natural_modes import natural_modes
 from flexinv.model.mechanism import (
     WORLD,
     Attachment,
@@ -31,7 +32,7 @@ BOTH = 1e-8
 
 def dense(mechanism: Mechanism, free: list[str] | None, count: int, monkeypatch: pytest.MonkeyPatch) -> Modes:
     with monkeypatch.context() as patch:
-        patch.setattr(at_rest, "ONE_AND_ALL", 10**9)
+        patch.setattr(module, "ONE_AND_ALL", 10**9)
         return natural_modes(mechanism, free=free, count=count)
 
 

@@ -17,7 +17,8 @@ from flexinv.errors import ConvergenceError
 from flexinv.linearized import slowest_modes, slowest_roots
 from flexinv.linearized.closed_motions import find_allowed_motions
 from flexinv.linearized.complex_roots import find_circulatory_modes, find_roots
-from flexinv.linearized.natural_modes import compute_rest_matrices, find_rest_position, resolve_setup
+from flexinv.linearized.modes import resolve_setup
+from flexinv.linearized.rest_position import compute_rest_matrices, find_rest_position
 from flexinv.linearized.root_discs import compute_root_discs
 from flexinv.linearized.slowest_modes import find_slowest_circulatory
 from flexinv.linearized.slowest_roots import find_slowest_roots

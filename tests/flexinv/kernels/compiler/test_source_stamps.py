@@ -61,7 +61,7 @@ def test_families() -> None:
         "rigid.blocks",
         "constraints.continuation_kernel",
         "kernels.simd",
-        "linearized.natural_modes",
+        "linearized.rest_position",
         *rnea,
         *planar,
     }

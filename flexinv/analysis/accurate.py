@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 import scipy  # its parts are loaded when they are asked for
 
-from flexinv.accuracy.refinement import Problem, Refinement, StepGrid, find_cheapest_answer, make_accuracy_error
 from flexinv.analysis.evaluation import FirstStep, assemble_solution, run_second_step
 from flexinv.analysis.extrapolation import compute_extrapolated_step, take_every_sample
+from flexinv.analysis.refinement import Problem, Refinement, StepGrid, find_cheapest_answer, make_accuracy_error
 from flexinv.analysis.solution import Solution
 from flexinv.analysis.task import Settings, Task, Words, make_prescribed_task, resolve_last_time
 from flexinv.analysis.trajectory import run_first_step

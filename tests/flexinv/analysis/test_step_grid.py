@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from flexinv.accuracy.accurate import FEWEST_IN_RUN, GRADES, build_step_grid
+from flexinv.analysis.accurate import FEWEST_IN_RUN, GRADES, build_step_grid
 
 ROUNDED = 1e-15  # of a second
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from flexible_examples import arm
 
-from flexinv.accuracy.refinement import (
+from flexinv.analysis.refinement import (
     Level,
     Quantities,
     apply_mesh,
