@@ -138,6 +138,38 @@ def test_a_workflow_that_takes_what_a_name_means_today_is_found() -> None:
     assert unsafe(text) == ["- uses: actions/checkout@v4", "permissions", "a"]
 
 
+def list_wrong_changes(folder: Path, kinds: list[str]) -> list[str]:
+    """Files of changes that towncrier would leave out, and texts that it would print wrongly."""
+    names = {file.name: file.read_text() for file in sorted(folder.iterdir()) if file.name != "README.md"}
+    wrong = [name for name in names if not re.fullmatch(rf"(\+[a-z0-9-]+|\d+)\.({'|'.join(kinds)})\.md", name)]
+    return wrong + [
+        name for name, text in names.items() if not text.strip() or text.lstrip().startswith(("-", "*", "#"))
+    ]
+
+
+def test_changes_are_files_that_towncrier_reads(root: Path) -> None:
+    tool = tomllib.loads((root / "pyproject.toml").read_text())["tool"]["towncrier"]
+    kinds = [kind["directory"] for kind in tool["type"]]
+    assert list_wrong_changes(root / tool["directory"], kinds) == []
+    assert tool["start_string"] in (root / tool["filename"]).read_text()
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "wrong"),
+    [
+        ("+new-thing.added.md", "A thing.", False),
+        ("17.fixed.md", "A thing.", False),
+        ("+new-thing.new.md", "A thing.", True),
+        ("new-thing.added.md", "A thing.", True),
+        ("+new-thing.added.md", "- A thing.", True),
+        ("+new-thing.added.md", "", True),
+    ],
+)
+def test_a_change_of_another_form_is_found(name: str, text: str, wrong: bool, tmp_path: Path) -> None:
+    (tmp_path / name).write_text(text)
+    assert list_wrong_changes(tmp_path, ["added", "fixed"]) == ([name] if wrong else [])
+
+
 def test_the_version_has_one_place_and_its_copies_agree(root: Path) -> None:
     version = tomllib.loads((root / "pyproject.toml").read_text())["project"]["version"]
     assert re.findall(r"^version: (.+)$", (root / "CITATION.cff").read_text(), re.M) == [version]
