@@ -65,7 +65,7 @@ def _find_larger(a, b):
 def fill_coupling_columns(plan, fixed, work, own, lanes, closure, offset):
     """Set the columns [-] of a coupling and its squares, phi = sum gear q - offset [rad], [m]."""
     for k in range(lanes):
-        put_vec(own, layout.GAP, k, (-offset, 0.0, 0.0))
+        put_vec(own, layout.COUPLING_ROWS, k, (-offset, 0.0, 0.0))
     for j in range(closure.columns):
         column = layout.column_at(plan, closure.first + j)
         gear = fixed[column.signs]
@@ -76,12 +76,12 @@ def fill_coupling_columns(plan, fixed, work, own, lanes, closure, offset):
         for k in range(lanes):
             work[to + k] = gear * gear
             work[to + layout.ENTRIES + k] = gear
-            phi, phi1, phi2 = vec_of(own, layout.GAP, k)
+            phi, phi1, phi2 = vec_of(own, layout.COUPLING_ROWS, k)
             phi = phi + gear * work[place + k]
             phi1 = phi1 + gear * work[rate + k]
-            put_vec(own, layout.GAP, k, (phi, phi1, phi2 + gear * work[second + k]))
+            put_vec(own, layout.COUPLING_ROWS, k, (phi, phi1, phi2 + gear * work[second + k]))
     for k in range(lanes):
-        phi, phi1, phi2 = vec_of(own, layout.GAP, k)
+        phi, phi1, phi2 = vec_of(own, layout.COUPLING_ROWS, k)
         put_vec(own, layout.SQUARES, k, (phi * phi, phi1 * phi1, phi2 * phi2))
 
 

@@ -16,54 +16,96 @@ from flexinv.kernels.jit import jit_lanes
 from flexinv.kernels.simd import BLOCK, row
 from flexinv.typing import Array
 
-# Rows of a body of a loop: its axes and its place in those of the root; the direction of one that slides.
-AXIS_Z = row(0)
-AT = row(3)
-AXES = row(6)
-AXIS_Y = row(9)
-SLIDING_AXIS = row(12)
-BODY_ROWS = 15
-CHAINED = AXES  # where rows of a body in a chain begin among those of its parent
+
+class RowLayout:
+    """Rows of a record: each name has its own, one after the other, so that none lies over another.
+
+    A record of several kinds has a layout for each, over the rows that all of them share; only these kinds lie over one another.
+    size : rows of the whole record [-]
+    """
+
+    def __init__(self, shared: RowLayout | None = None, /, **sizes: int) -> None:
+        """Lay out names with so many rows each [-], after those of a layout that is shared.
+
+        Raises ValueError for a name that the shared layout has, and for one without rows.
+        """
+        self.first: dict[str, int] = dict(shared.first) if shared else {}
+        self.size: int = shared.size if shared else 0
+        for name, size in sizes.items():
+            if name in self.first:
+                raise ValueError(f"row {name} is laid out twice; give the second another name")
+            if size < 1:
+                raise ValueError(f"row {name} has {size} rows, expected 1 or more")
+            self.first[name] = self.size
+            self.size += size
+
+    def __getitem__(self, name: str) -> np.uint64:
+        """Return the offset of the first row of a name in the record [-]."""
+        return row(self.first[name])
+
+
+# A body of a loop: its axes and its place in those of the root, the direction of one that slides.
+_BODY = RowLayout(axis_z=3, at=3, axes=3, axis_y=3, sliding_axis=3)
+AXIS_Z = _BODY["axis_z"]
+AT = _BODY["at"]
+AXES = _BODY["axes"]
+AXIS_Y = _BODY["axis_y"]
+SLIDING_AXIS = _BODY["sliding_axis"]
+BODY_ROWS = _BODY.size
+CHAINED = AXES  # where rows of a body in a chain begin among those of its parent, whose axes nobody asks for then
 # In the plane its motion, and its joint's acceleration, too.
-PLANE_SPEED = row(15)
-PLANE_SPIN = row(17)
-PLANE_SPIN_RATE = row(18)
-PLANE_ACCELERATION = row(19)
-KEPT_ACCELERATION = row(21)
-PLANE_ROWS = 22
-# Rows of a closure: the point of B; d' of the gap; squares of phi, phi', phi''.
-POINT = row(0)
-GAP_RATE = row(3)
-SQUARES = row(6)
-SQUARES_TOO = row(7)
-SQUARES_LAST = row(8)
-# of some the gap d and d'', how its ends turn, or of a reduced one u, the force, and two sizes; then vectors e of rows.
-GAP = row(9)
-SECOND = row(12)
-SPIN_A = row(15)
-SPIN_B = row(18)
-TURNING_RATE = row(21)
-UNIT_FORCE = row(9)
-JOINT_FORCE = row(12)
-SIZE = row(15)
-SIZE_TOO = row(16)
-VECTORS = row(24)
-CLOSURE_ROWS = 24
+_PLANE_BODY = RowLayout(_BODY, speed=2, spin=1, spin_rate=1, acceleration=2, kept_acceleration=1)
+PLANE_SPEED = _PLANE_BODY["speed"]
+PLANE_SPIN = _PLANE_BODY["spin"]
+PLANE_SPIN_RATE = _PLANE_BODY["spin_rate"]
+PLANE_ACCELERATION = _PLANE_BODY["acceleration"]
+KEPT_ACCELERATION = _PLANE_BODY["kept_acceleration"]
+PLANE_ROWS = _PLANE_BODY.size
+# A closure of any kind: the point of B; d' of the gap; squares of phi, phi', phi''.
+_CLOSURE = RowLayout(point=3, gap_rate=3, squares=1, squares_too=1, squares_last=1)
+POINT = _CLOSURE["point"]
+GAP_RATE = _CLOSURE["gap_rate"]
+SQUARES = _CLOSURE["squares"]
+SQUARES_TOO = _CLOSURE["squares_too"]
+SQUARES_LAST = _CLOSURE["squares_last"]
+# One of positions and directions: the gap d and d'', how its ends turn.
+_GAP_CLOSURE = RowLayout(_CLOSURE, gap=3, second=3, spin_a=3, spin_b=3, turning_rate=3)
+GAP = _GAP_CLOSURE["gap"]
+SECOND = _GAP_CLOSURE["second"]
+SPIN_A = _GAP_CLOSURE["spin_a"]
+SPIN_B = _GAP_CLOSURE["spin_b"]
+TURNING_RATE = _GAP_CLOSURE["turning_rate"]
+# A reduced one, from which a universal joint is taken: the force of a unit, that of the joint's efforts, and two sizes.
+_REDUCED_CLOSURE = RowLayout(_CLOSURE, unit_force=3, joint_force=3, size_of_first=1, size_of_second=1)
+UNIT_FORCE = _REDUCED_CLOSURE["unit_force"]
+JOINT_FORCE = _REDUCED_CLOSURE["joint_force"]
+SIZE = _REDUCED_CLOSURE["size_of_first"]
+SIZE_TOO = _REDUCED_CLOSURE["size_of_second"]
+# A coupling: phi, phi', phi''.
+_COUPLED_CLOSURE = RowLayout(_CLOSURE, coupling=3)
+COUPLING_ROWS = _COUPLED_CLOSURE["coupling"]
+# After the rows of the largest kind the vectors e of its equations.
+CLOSURE_ROWS = max(kind.size for kind in (_GAP_CLOSURE, _REDUCED_CLOSURE, _COUPLED_CLOSURE))
+VECTORS = row(CLOSURE_ROWS)
 VECTOR = row(3)
 # A column: the square of its size, then its entries, row by row; first what a unit rate moves the point of B by.
 ENTRIES = row(1)
 # Columns of three positions and directions beside them stand side by side, so many at most, sizes first, then row after row.
 MOST_COLUMNS = 15
 MOST_ROWS = 6  # of a closure
-# Of a whole call: the largest squares of every lane; the largest sums, three numbers.
-LARGEST = row(3)
-LIMIT_ROWS = 4
-# Where a block works: a multiplier, or the factor by which one row goes from another; a square, or whether they change places.
-LAMBDA = row(0)
-SQUARE = row(1)
-SCRATCH_ROWS = 2
-FACTOR = LAMBDA
-CHANGED = SQUARE
+# Of a whole call: the largest square of every lane, and the largest sums, three numbers.
+_LIMITS = RowLayout(squares=3, largest=1)
+LARGEST = _LIMITS["largest"]
+LIMIT_ROWS = _LIMITS.size
+# Where a block works: in one step a multiplier and a square, in another the factor by which one row goes from another and whether
+# they change places.
+_SCRATCH = RowLayout(multiplier=1, square=1)
+_EXCHANGE = RowLayout(factor=1, changed=1)
+LAMBDA = _SCRATCH["multiplier"]
+SQUARE = _SCRATCH["square"]
+FACTOR = _EXCHANGE["factor"]
+CHANGED = _EXCHANGE["changed"]
+SCRATCH_ROWS = max(_SCRATCH.size, _EXCHANGE.size)
 # Six forces on a free body: their multipliers, and limits of the pivots in the last row.
 SIX = 6
 SIX_ROWS = 7
