@@ -17,8 +17,8 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
+import scipy  # its parts are loaded when they are asked for
 from numpy.typing import NDArray
-from scipy.optimize import minimize
 
 from crosscheck.identification.filters import low_pass
 from crosscheck.identification.fit import STEP, Fit, Problem
@@ -104,7 +104,9 @@ def _find_likeliest_scatter(shapes: Array, held: Array, unsure: Array) -> tuple[
         return float(np.sum(np.log(variance) + held**2 / variance)), (1.0 / variance - held**2 / variance**2) @ parts
 
     count = shapes.shape[1]
-    found = minimize(compute_cost, np.zeros(count), jac=True, bounds=[(np.log(LEAST), np.log(MOST))] * count)
+    found = scipy.optimize.minimize(
+        compute_cost, np.zeros(count), jac=True, bounds=[(np.log(LEAST), np.log(MOST))] * count
+    )
     return float(found.fun), np.exp(found.x)
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from functools import lru_cache
 
 import numpy as np
-from scipy.signal import butter, cont2discrete, lfilter, lfilter_zi, sosfiltfilt
+import scipy  # its parts are loaded when they are asked for
 
 from flexinv.typing import Array
 
@@ -35,7 +35,9 @@ def _apply_to_signal(signal: bytes, spacing: float, bandwidth: float) -> Array:
     """One signal (samples,), given as the bytes of its numbers."""
     x = np.frombuffer(signal)
     pad = min(len(x) - 1, int(np.ceil(2.0 / (bandwidth * spacing))))
-    result = np.asarray(sosfiltfilt(_build_filter_sections(spacing, bandwidth), x, padtype="odd", padlen=pad))
+    result = np.asarray(
+        scipy.signal.sosfiltfilt(_build_filter_sections(spacing, bandwidth), x, padtype="odd", padlen=pad)
+    )
     result.flags.writeable = False
     return result
 
@@ -43,7 +45,7 @@ def _apply_to_signal(signal: bytes, spacing: float, bandwidth: float) -> Array:
 @lru_cache(maxsize=32)
 def _build_filter_sections(spacing: float, bandwidth: float) -> Array:
     """Second-order sections (2, 6)."""
-    return np.asarray(butter(ORDER, bandwidth, fs=1.0 / spacing, output="sos"))
+    return np.asarray(scipy.signal.butter(ORDER, bandwidth, fs=1.0 / spacing, output="sos"))
 
 
 def apply_lag(values: Array, spacing: float, frequency: float, damping: float) -> Array:
@@ -54,17 +56,17 @@ def apply_lag(values: Array, spacing: float, frequency: float, damping: float) -
     values : (samples,) [any unit]; spacing : [s]; frequency : [Hz]; damping : [-]
     """
     b, a, rest = _build_sampled_filter(spacing, frequency, damping)
-    return np.asarray(lfilter(b, a, values, zi=rest * values[0])[0])
+    return np.asarray(scipy.signal.lfilter(b, a, values, zi=rest * values[0])[0])
 
 
 @lru_cache(maxsize=8)
 def _build_sampled_filter(spacing: float, frequency: float, damping: float) -> tuple[Array, Array, Array]:
     """Numerator, denominator, and the state in which the filter stands still on 1."""
     w = 2.0 * np.pi * frequency
-    numerator, denominator, _ = cont2discrete(([w * w], [1.0, 2.0 * damping * w, w * w]), spacing, "foh")
+    numerator, denominator, _ = scipy.signal.cont2discrete(([w * w], [1.0, 2.0 * damping * w, w * w]), spacing, "foh")
     b = np.ravel(numerator)
     a = np.ravel(denominator)
-    return b, a, lfilter_zi(b, a)
+    return b, a, scipy.signal.lfilter_zi(b, a)
 
 
 def undo_lag(values: Array, spacing: float, frequency: float, damping: float) -> Array:

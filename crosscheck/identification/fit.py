@@ -12,8 +12,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+import scipy  # its parts are loaded when they are asked for
 from numpy.typing import NDArray
-from scipy.optimize import least_squares
 
 from crosscheck.identification.noise import Noise, compute_noise
 from crosscheck.identification.parameters import KINDS
@@ -181,7 +181,7 @@ def _find_minimum(
         last[:] = [(x.copy(), compute_jacobian(task, x))]
         return np.vstack([*(w * j for w, j in zip(weight, last[0][1], strict=True)), root])
 
-    found = least_squares(
+    found = scipy.optimize.least_squares(
         compute_residual, z, compute_scaled_jacobian, method="lm", ftol=CLOSE, xtol=CLOSE, max_nfev=EVALUATIONS
     )
     x = np.asarray(found.x)

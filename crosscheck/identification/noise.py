@@ -16,8 +16,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+import scipy  # its parts are loaded when they are asked for
 from numpy.typing import NDArray
-from scipy.fft import next_fast_len
 
 from flexinv.typing import Array
 
@@ -101,7 +101,7 @@ class _Slopes:
 
     @classmethod
     def build_for(cls, slopes: Array) -> _Slopes:
-        size = next_fast_len(2 * len(slopes), real=True)
+        size = scipy.fft.next_fast_len(2 * len(slopes), real=True)
         return cls(slopes, size, _split_spectrum(np.fft.rfft(slopes, size, axis=0)))
 
     def apply_noise_covariance(self, alike: Array) -> Array:
@@ -141,6 +141,6 @@ def _split_spectrum(spectrum: NDArray[np.complex128]) -> Array:
 
 def _compute_correlation(a: Array, b: Array) -> Array:
     """``sum_t a_t . b_(t+l)`` of each lag l (samples,)."""
-    size = next_fast_len(2 * len(a), real=True)
+    size = scipy.fft.next_fast_len(2 * len(a), real=True)
     power = (np.fft.rfft(a, size, axis=0).conj() * np.fft.rfft(b, size, axis=0)).sum(axis=1)
     return np.asarray(np.fft.irfft(power, size)[: len(a)])

@@ -14,9 +14,8 @@ from dataclasses import dataclass
 from functools import cached_property, lru_cache
 
 import numpy as np
+import scipy  # its parts are loaded when they are asked for
 from numpy.typing import NDArray
-from scipy.interpolate import CubicSpline
-from scipy.signal import lfilter
 
 from crosscheck.identification.filters import apply_lag, apply_low_pass_all, low_pass
 from crosscheck.identification.logs.log import Log
@@ -156,7 +155,7 @@ def compute_measured_motion(machine: Machine, log: Log) -> MeasuredMotion:
     )
     for k, rate in rates.items():
         qd[:, k] = rate
-        qdd[:, k] = CubicSpline(time, rate)(time, 1)
+        qdd[:, k] = scipy.interpolate.CubicSpline(time, rate)(time, 1)
     return MeasuredMotion(time, tuple(settings.joints), q, qd, qdd)
 
 
@@ -164,7 +163,7 @@ def compute_measured_motion(machine: Machine, log: Log) -> MeasuredMotion:
 def _fit_splines(grid: bytes, values: bytes) -> tuple[Array, Array, Array]:
     """A spline through samples at times of a grid [s], and its first and second derivatives there (samples,) each."""
     time = np.frombuffer(grid)
-    spline = CubicSpline(time, np.frombuffer(values))
+    spline = scipy.interpolate.CubicSpline(time, np.frombuffer(values))
     return spline(time), spline(time, 1), spline(time, 2)
 
 
@@ -383,9 +382,9 @@ def apply_delay(values: Array, spacing: float, delay: float) -> Array:
 
 
 @lru_cache(maxsize=64)  # many delays of a signal are tried
-def _build_spline(values: bytes, spacing: float) -> CubicSpline:
+def _build_spline(values: bytes, spacing: float) -> scipy.interpolate.CubicSpline:
     signal = np.frombuffer(values)
-    return CubicSpline(spacing * np.arange(len(signal)), signal)
+    return scipy.interpolate.CubicSpline(spacing * np.arange(len(signal)), signal)
 
 
 def apply_first_order_lag(values: Array, spacing: float, constant: float) -> Array:
@@ -393,7 +392,7 @@ def apply_first_order_lag(values: Array, spacing: float, constant: float) -> Arr
     if constant <= 0.0:
         return values
     b, a = _build_first_order_filter(spacing, constant)
-    return np.asarray(lfilter(b, a, values, zi=[values[0] * (1.0 - b[0])])[0])
+    return np.asarray(scipy.signal.lfilter(b, a, values, zi=[values[0] * (1.0 - b[0])])[0])
 
 
 def remove_first_order_lag(values: Array, spacing: float, constant: float) -> Array:
@@ -401,7 +400,9 @@ def remove_first_order_lag(values: Array, spacing: float, constant: float) -> Ar
     if constant <= 0.0:
         return values
     b, a = _build_first_order_filter(spacing, constant)
-    return np.asarray(lfilter(np.array(a) / b[0], [1.0, b[1] / b[0]], values, zi=[values[0] * (1.0 - 1.0 / b[0])])[0])
+    return np.asarray(
+        scipy.signal.lfilter(np.array(a) / b[0], [1.0, b[1] / b[0]], values, zi=[values[0] * (1.0 - 1.0 / b[0])])[0]
+    )
 
 
 def _build_first_order_filter(spacing: float, constant: float) -> tuple[list[float], list[float]]:

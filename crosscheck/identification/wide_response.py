@@ -14,8 +14,8 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
+import scipy  # its parts are loaded when they are asked for
 from numpy.typing import NDArray
-from scipy.signal.windows import hann
 
 from flexinv.typing import Array
 
@@ -89,7 +89,9 @@ def _compute_response(columns: bytes, efforts: bytes, spacing: float, bandwidth:
 def _compute_segment_spectra(values: bytes, count: int) -> NDArray[np.complex128]:
     """Spectra (segments, frequencies) of segments of so many samples, each without its mean."""
     parts = np.lib.stride_tricks.sliding_window_view(np.frombuffer(values), count)[:: count // 2]
-    return np.asarray(np.fft.rfft((parts - parts.mean(axis=1, keepdims=True)) * hann(count, sym=False)))
+    return np.asarray(
+        np.fft.rfft((parts - parts.mean(axis=1, keepdims=True)) * scipy.signal.windows.hann(count, sym=False))
+    )
 
 
 def join_responses(some: Sequence[WideResponse]) -> WideResponse:

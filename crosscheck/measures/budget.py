@@ -24,7 +24,7 @@ from typing import Any
 import numpy as np
 
 from crosscheck.measures.record import Record, Series
-from flexinv.analysis.extrapolation import find_largest_nearby
+from flexinv.analysis.nearby import find_largest_nearby
 from flexinv.typing import Array
 
 SLOWEST = 0.5  # order below which runs do not count as convergent: Richardson would enlarge a difference 2.4 times

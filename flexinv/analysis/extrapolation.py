@@ -7,7 +7,6 @@
 The motion of the nodes is what is extrapolated; forces and torques follow by the second step: balances are the answer's own.
 Sources: Hairer, Norsett, Wanner, *Solving Ordinary Differential Equations I*, 1993, II.9; expansions in even powers belong to
 symmetric schemes; at a spectral radius below 1 odd powers remain, whose coefficients were measured to be a few per cent.
-Differences of two solutions cross zero, so that an error bar is the largest of them nearby.
 """
 
 from __future__ import annotations
@@ -23,9 +22,6 @@ from flexinv.kernels.so3 import exp_so3, log_so3
 from flexinv.model.joint_kinds import KINDS
 from flexinv.model.mechanism import Mechanism
 from flexinv.typing import Array
-
-# Part of a run, on either side: a beam's first period is some tenth of its motion, so this is a fraction of an oscillation.
-NEARBY = 0.02
 
 
 def weights(finer: Sequence[int]) -> Array:
@@ -108,20 +104,3 @@ def take_every_sample(first: FirstStep, every: int) -> FirstStep:
         out = replace(out, brought=np.diff(np.cumsum(first.brought)[::every], prepend=0.0))
     q, qd, qdd = (part[::every] for part in first.joints)
     return replace(out, joints=(q, qd, qdd))
-
-
-def find_largest_nearby(values: Array, part: float = NEARBY) -> Array:
-    """Return the largest values within a ``part`` of the run on either side of each sample.
-
-    values : (samples, ...) [any unit]; maxima over windows of 1, 2, 4 ... samples, each of two of the one before
-    """
-    half = int(np.ceil(part * len(values)))
-    outside = np.full((half, *values.shape[1:]), -np.inf)
-    largest = np.concatenate([outside, values, outside])
-    reach = 1
-    width = 2 * half + 1
-    while reach < width:
-        more = min(reach, width - reach)
-        largest = np.maximum(largest[:-more], largest[more:])
-        reach = reach + more
-    return largest

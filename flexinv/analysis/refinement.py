@@ -20,7 +20,8 @@ from typing import NamedTuple
 import numpy as np
 
 from flexinv.analysis.evaluation import FirstStep, add_joint_efforts, run_second_step
-from flexinv.analysis.extrapolation import compute_weighted_sum, find_largest_nearby, take_every_sample, weights
+from flexinv.analysis.extrapolation import compute_weighted_sum, take_every_sample, weights
+from flexinv.analysis.nearby import find_largest_nearby
 from flexinv.analysis.task import Settings
 from flexinv.errors import ConvergenceError
 from flexinv.kinematics.mesh import Mesh

@@ -10,7 +10,8 @@ import numpy as np
 
 from flexinv.analysis.accurate import check_accuracy, solve_problem, solve_within_accuracy
 from flexinv.analysis.evaluation import FirstStep, assemble_solution, run_second_step
-from flexinv.analysis.extrapolation import compute_extrapolated_step, find_largest_nearby, take_every_sample, weights
+from flexinv.analysis.extrapolation import compute_extrapolated_step, take_every_sample, weights
+from flexinv.analysis.nearby import find_largest_nearby
 from flexinv.analysis.solution import Solution
 from flexinv.analysis.task import (
     Progress,

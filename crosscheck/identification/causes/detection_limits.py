@@ -9,7 +9,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.optimize import brentq
+import scipy  # its parts are loaded when they are asked for
 
 from crosscheck.identification.causes.rounds import CauseRound
 from flexinv.typing import Array
@@ -84,4 +84,4 @@ def _find_size_by_slope(here: CauseRound, at: Array, k: int, level: Array, evide
     high = np.log(REACH * cause.step)
     if not slope.any() or drop(high) < 0.0:
         return float("inf")
-    return float(np.exp(brentq(drop, low, high, xtol=1e-3)))
+    return float(np.exp(scipy.optimize.brentq(drop, low, high, xtol=1e-3)))

@@ -15,7 +15,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.stats import chi2
+import scipy  # its parts are loaded when they are asked for
 
 from crosscheck.identification.causes.cause import NamedCause
 from crosscheck.identification.causes.detection_limits import DetectionLimit, find_least_sizes
@@ -176,7 +176,7 @@ def _find_strongest_cause(here: CauseRound, at: Array, known: set[str]) -> tuple
 
 def compute_evidence_threshold(count: int) -> float:
     """Return the drop of the cost [-] that is evidence where so many causes are asked for."""
-    return max(EVIDENCE, float(chi2.isf(CHANCE / count, 1)))
+    return max(EVIDENCE, float(scipy.stats.chi2.isf(CHANCE / count, 1)))
 
 
 def _compute_cost_drop(here: CauseRound, k: int, one: NamedCause) -> float:

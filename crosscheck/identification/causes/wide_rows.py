@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.optimize import least_squares
+import scipy  # its parts are loaded when they are asked for
 
 from crosscheck.identification.noise import count_agreeing_samples
 from crosscheck.identification.readings import Run
@@ -88,4 +88,4 @@ def _fit_delay_and_gain(response: WideResponse, expected_response: ExpectedRespo
 
     starts = [np.array([delay, lag, 0.0]) / SCALES for lag in LAGS for delay in DELAYS]
     start = min(starts, key=lambda x: float(np.sum(compute_rest(x) ** 2)))
-    return compute_rest(least_squares(compute_rest, start, method="lm", max_nfev=STEPS).x)
+    return compute_rest(scipy.optimize.least_squares(compute_rest, start, method="lm", max_nfev=STEPS).x)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from flexinv.analysis.extrapolation import NEARBY, find_largest_nearby
+from flexinv.analysis.nearby import NEARBY, find_largest_nearby
 
 
 @pytest.mark.parametrize("count", [1, 2, 3, 49, 50, 51, 1000])
