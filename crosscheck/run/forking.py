@@ -20,7 +20,7 @@ from typing import Any
 from crosscheck.run.processes import end_process_group, end_process_tree, make_environment
 
 PREPARE = 120.0  # [s] to import an engine: a cold disk takes some ten seconds
-PLAIN = ("study",)  # kinds of jobs whose module is no adapter
+PLAIN = ("study", "read")  # kinds of jobs whose module is no adapter
 
 
 class ForkRefused(RuntimeError):

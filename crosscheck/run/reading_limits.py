@@ -1,12 +1,13 @@
 """Reading of strangers' files in a process of its own: what takes too long or too much memory, or crashes, becomes words.
 
 A reader is a compiled parser of somebody else's: it may wait, swell or die.  `ReadingLimits.run_function` lets it do so where
-it harms nobody.  The process is forked from this one where that may be, which costs nothing; else it is a fresh one
-(`crosscheck.run.isolation`).
+it harms nobody.  The process is forked from this one where that may be, which costs nothing; else, as in a notebook,
+from a prepared one that lives as long as this (`crosscheck.run.forking`), or it is a fresh one.
 """
 
 from __future__ import annotations
 
+import atexit
 import contextlib
 import faulthandler
 import os
@@ -23,6 +24,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, NoReturn, TypeVar
 
+from crosscheck.run.forking import ForkServers
 from crosscheck.run.isolation import (
     ChildProcesses,
     ProcessEnd,
@@ -40,6 +42,7 @@ from crosscheck.run.processes import (
     end_process_group,
     end_process_tree,
     end_with_parent,
+    make_environment,
     make_subreaper,
     read_waiting_time,
 )
@@ -51,6 +54,7 @@ SECONDS = 120.0  # [s] for one file: the largest humanoid of example-robot-data 
 GIGABYTES = 4.0  # of memory for one file: that humanoid takes 0.5
 OUT_OF_MEMORY = re.compile(r"MemoryError|bad_alloc|out of memory|allocate memory|Unable to allocate", re.IGNORECASE)
 MILLI = 1e-3  # [s]
+CURRENT_TEST = "PYTEST_CURRENT_TEST"  # what pytest writes anew for every test, and no reader asks for
 T = TypeVar("T")
 
 
@@ -64,7 +68,6 @@ class ReadingLimits:
 
     seconds: float = SECONDS
     gigabytes: float = GIGABYTES
-    children: ChildProcesses = field(default_factory=ChildProcesses)
 
     def run_function(self, function: Callable[..., T], file: str, *arguments: Any) -> T:
         """Return the answer of a function of a module of ours to a file [-].
@@ -79,7 +82,9 @@ class ReadingLimits:
             out.with_suffix(GIVEN).write_bytes(pickle.dumps((file, *arguments)))
             here = can_fork()
             ending = (
-                _run_forked(job, folder, self.seconds) if here else run_child(job, folder, self.seconds, self.children)
+                _run_forked(job, folder, self.seconds)
+                if here
+                else run_child(job, folder, self.seconds, _KEPT.open_children())
             )
             if ending.status != "ok":
                 raise self._make_unread_error(file, ending)
@@ -116,6 +121,48 @@ def can_fork() -> bool:
     The threads of OpenBLAS end before a fork and begin again on demand.
     """
     return sys.platform == "linux" and threading.active_count() == 1 and hasattr(os, "pidfd_open")
+
+
+@dataclass
+class _KeptServers:
+    """Prepared processes of readers, kept while this process lives, so that what readers need is imported once.
+
+    environment : in which they began; readers find packages and plugins by it
+    """
+
+    children: ChildProcesses | None = None
+    environment: Mapping[str, str] = field(default_factory=dict)
+    lock: threading.Lock = field(default_factory=threading.Lock)
+
+    def open_children(self) -> ChildProcesses:
+        """Return the processes; begin them anew where the environment is another, or the thread that began them has ended."""
+        environment = {name: value for name, value in make_environment().items() if name != CURRENT_TEST}
+        with self.lock:
+            if self.children is not None and (environment != self.environment or self._have_ended()):
+                self._close()
+            if self.children is None:
+                self.children = ChildProcesses(servers=ForkServers())
+                self.environment = environment
+            return self.children
+
+    def _have_ended(self) -> bool:
+        servers = self.children.servers if self.children else None
+        common = servers.common if servers else None
+        return common is not None and isinstance(common.process, subprocess.Popen) and common.process.poll() is not None
+
+    def _close(self) -> None:
+        if self.children is not None and self.children.servers is not None:
+            self.children.servers.close()
+        self.children = None
+
+    def close(self) -> None:
+        """End the processes."""
+        with self.lock:
+            self._close()
+
+
+_KEPT = _KeptServers()
+atexit.register(_KEPT.close)
 
 
 def _run_forked(job: Mapping[str, Any], folder: Path, limit: float) -> ProcessEnd:

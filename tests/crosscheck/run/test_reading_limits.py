@@ -29,6 +29,10 @@ def answer(file: str, number: int) -> tuple[str, int]:
     return f"{file} in {Path.cwd()}", number + 1
 
 
+def name_server(file: str) -> int:
+    return os.getppid()
+
+
 def refuse(file: str) -> None:
     raise InputError(f"{file}: no machine")
 
@@ -121,6 +125,21 @@ def test_an_answer_comes_back_and_a_refusal_stays_one(
         guard.run_function(refuse, "arm.urdf")
     assert not isinstance(caught.value, UnreadFile)
     assert guard.run_function(wait_for_input, "arm.urdf") == ""
+
+
+def test_where_threads_run_readers_are_prepared_once_for_an_environment(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("crosscheck.run.reading_limits.can_fork", lambda: False)
+    monkeypatch.setenv("PYTHONPATH", str(Path(__file__).parent))
+    guard = ReadingLimits(SLOW)
+    server = guard.run_function(name_server, "arm.urdf")
+    assert server != os.getpid()
+    assert guard.run_function(name_server, "arm.urdf") == server
+    monkeypatch.setenv("ROS_PACKAGE_PATH", "/elsewhere")  # by which readers find files
+    after = guard.run_function(name_server, "arm.urdf")
+    assert after != server
+    assert not psutil.pid_exists(server)
+    os.kill(psutil.Process(after).ppid(), signal.SIGKILL)  # the common one, and with it all that were forked from it
+    assert guard.run_function(name_server, "arm.urdf") not in (server, after)
 
 
 @pytest.mark.parametrize("end", ENDS)
