@@ -138,14 +138,14 @@ class _KeptServers:
         """Return the processes; begin them anew where the environment is another, or the thread that began them has ended."""
         environment = {name: value for name, value in make_environment().items() if name != CURRENT_TEST}
         with self.lock:
-            if self.children is not None and (environment != self.environment or self._have_ended()):
+            if self.children is not None and (environment != self.environment or self._has_ended()):
                 self._close()
             if self.children is None:
                 self.children = ChildProcesses(servers=ForkServers())
                 self.environment = environment
             return self.children
 
-    def _have_ended(self) -> bool:
+    def _has_ended(self) -> bool:
         servers = self.children.servers if self.children else None
         common = servers.common if servers else None
         return common is not None and isinstance(common.process, subprocess.Popen) and common.process.poll() is not None
