@@ -4,25 +4,25 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from contextlib import suppress
-from functools import partial
+from functools import cache, partial
 from typing import Any
 
 import numpy as np
 import pytest
 import scipy
+from numpy.typing import NDArray
 from vibrating_beams import bar
 
 from flexinv.dynamics.solver import Solver
 from flexinv.errors import ConvergenceError
 from flexinv.linearized import slowest_modes, slowest_roots
 from flexinv.linearized.closed_motions import find_allowed_motions
-from flexinv.linearized.complex_roots import find_circulatory_modes, find_roots
+from flexinv.linearized.complex_roots import Roots, find_circulatory_modes, find_roots
 from flexinv.linearized.modes import resolve_setup
 from flexinv.linearized.rest_position import compute_rest_matrices, find_rest_position
 from flexinv.linearized.root_discs import compute_root_discs
 from flexinv.linearized.slowest_modes import find_slowest_circulatory
 from flexinv.linearized.slowest_roots import find_slowest_roots
-from flexinv.model.mechanism import Mechanism
 from flexinv.typing import Array, Complex, Sparse
 
 COUNT = 8
@@ -35,8 +35,10 @@ MECHANISMS = {
 FOLLOWERS = [name for name in MECHANISMS if name != "clamped"]
 
 
-def matrices(mechanism: Mechanism) -> tuple[Sparse, Sparse, Sparse]:
+@cache
+def matrices(name: str) -> tuple[Sparse, Sparse, Sparse]:
     """M, C and K [kg, N, m, s] at rest, with a damping that is proportional to neither."""
+    mechanism = MECHANISMS[name]
     free = [joint.name for joint in mechanism.joints if joint.nv]
     mesh, at, moving = resolve_setup(mechanism, None, free or None, None)
     solver = Solver.build_for(mesh, set(moving))
@@ -45,6 +47,19 @@ def matrices(mechanism: Mechanism) -> tuple[Sparse, Sparse, Sparse]:
     m, k = (scipy.sparse.csc_array(allowed.T @ part @ allowed) for part in (mass, stiffness))
     uneven = scipy.sparse.diags_array(np.linspace(0.0, 0.1, m.shape[0]))
     return m, scipy.sparse.csc_array(1e-6 * k + uneven @ m @ uneven), k
+
+
+@cache
+def dense_roots(name: str) -> Roots:
+    """All roots of the dense matrices [1/s], with bars."""
+    return find_roots(*matrices(name))
+
+
+@cache
+def dense_modes(name: str) -> tuple[NDArray[Any], NDArray[Any], Array]:
+    """All omega^2 of the dense matrices [1/s^2], their shapes and bars."""
+    m, _, k = matrices(name)
+    return find_circulatory_modes(k, m)
 
 
 def pencil(seed: int) -> tuple[Array, Array, Complex, Complex, Complex, Complex]:
@@ -97,9 +112,9 @@ def test_a_root_that_is_there_twice_among_few_is_not_proved() -> None:
 
 @pytest.mark.parametrize("name", MECHANISMS)
 def test_bars_of_damped_roots_hold_against_dense_ones(name: str) -> None:
-    m, c, k = matrices(MECHANISMS[name])
+    m, c, k = matrices(name)
     few = find_slowest_roots(m, c, k, COUNT)
-    every = find_roots(m, c, k)
+    every = dense_roots(name)
     apart = np.abs(few.root[:, None] - every.root[None])
     nearest = apart.argmin(axis=1)
     assert (apart.min(axis=1) <= few.bar + every.bar[nearest]).all()
@@ -109,9 +124,9 @@ def test_bars_of_damped_roots_hold_against_dense_ones(name: str) -> None:
 
 @pytest.mark.parametrize("name", FOLLOWERS)
 def test_bars_of_circulatory_modes_hold_against_dense_ones(name: str) -> None:
-    m, _, k = matrices(MECHANISMS[name])
+    m, _, k = matrices(name)
     squared, _, bars = find_slowest_circulatory(k, m, COUNT)
-    every, _, known = find_circulatory_modes(k, m)
+    every, _, known = dense_modes(name)
     apart = np.abs(squared[:, None] - every[None])
     nearest = apart.argmin(axis=1)
     assert (apart.min(axis=1) <= bars + known[nearest]).all()
@@ -135,9 +150,9 @@ def plant(monkeypatch: pytest.MonkeyPatch, module: Any, off: float) -> None:
 @pytest.mark.parametrize("off", [1e-9, 1e-7, 1e-6, 1e-5, 1e-3])
 def test_planted_wrong_vectors_are_seen(off: float, monkeypatch: pytest.MonkeyPatch) -> None:
     """By bars that are wide enough, or by an error: a beam's fast motions are stiffer by eight orders than its slow ones."""
-    m, c, k = matrices(MECHANISMS["Beck's column"])
-    every = find_roots(m, c, k).root
-    squares = find_circulatory_modes(k, m)[0]
+    m, c, k = matrices("Beck's column")
+    every = dense_roots("Beck's column").root
+    squares = dense_modes("Beck's column")[0]
     plant(monkeypatch, slowest_roots, off)
     plant(monkeypatch, slowest_modes, off)
     with suppress(ConvergenceError):
@@ -151,7 +166,7 @@ def test_planted_wrong_vectors_are_seen(off: float, monkeypatch: pytest.MonkeyPa
 @pytest.mark.parametrize("module", [slowest_roots, slowest_modes])
 def test_a_root_that_is_found_twice_is_an_error(module: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     """It takes the place of another: their number was right."""
-    m, c, k = matrices(MECHANISMS["fluttering"])
+    m, c, k = matrices("fluttering")
     arnoldi = module._run_arnoldi
 
     def find_twice(*arguments: Any) -> tuple[Complex, Complex, Complex]:
