@@ -11,7 +11,7 @@ reaches over both intersections.
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import chain
 
 import numpy as np
@@ -120,11 +120,19 @@ class CaseConsensus:
 
 @dataclass(frozen=True)
 class EnginePanel:
-    """Engines of a corpus with their authors, and the results of the run that asked them."""
+    """Engines of a corpus with their authors, and the results of the run that asked them.
+
+    authors_of_loops : where a mechanism has closures, whose text several engines share
+    """
 
     engines: Mapping[str, Engine]
     authors: Mapping[str, Author]
+    authors_of_loops: Mapping[str, Author]
     results: Results
+
+    def judge_loops(self) -> EnginePanel:
+        """Return the panel as it judges mechanisms with closures."""
+        return replace(self, authors=self.authors_of_loops)
 
 
 def find_case_consensus(task: Task, records: Mapping[str, Record], panel: EnginePanel) -> CaseConsensus:

@@ -18,9 +18,10 @@ from crosscheck.verdicts.results import Results
 def run_panel(work: Work, notes: CorpusTable, folder: Path, notify: Notify, command: str = "") -> EnginePanel:
     """Run the engines of a work into a folder of its own, and return them with their authors and results."""
     results = run(work, folder, notify, command)
-    return EnginePanel(
-        work.engines, {name: find_author(one, notes.engines) for name, one in work.engines.items()}, results
+    of_trees, of_loops = (
+        {name: find_author(one, notes.engines, loops) for name, one in work.engines.items()} for loops in (False, True)
     )
+    return EnginePanel(work.engines, of_trees, of_loops, results)
 
 
 def find_all_consensus(work: Work, panel: EnginePanel, folder: Path) -> Iterator[CaseConsensus]:
@@ -28,7 +29,7 @@ def find_all_consensus(work: Work, panel: EnginePanel, folder: Path) -> Iterator
     for task in work.plan.tasks:
         records = read_records(panel.results, task, folder)
         if records:
-            yield find_case_consensus(task, records, panel)
+            yield find_case_consensus(task, records, panel.judge_loops() if task.mechanism.closures else panel)
 
 
 def read_records(results: Results, task: Task, folder: Path) -> dict[str, Record]:

@@ -95,7 +95,7 @@ def task(root: Path) -> Task:
 def panel(*names: str, results: Results | None = None, closed: str = "") -> EnginePanel:
     engines = {n: Engine(n, "", "", "") for n in names}
     authors = {n: Author(AUTHORS[n], n == closed) for n in names}
-    return EnginePanel(engines, authors, results or Results(started=""))
+    return EnginePanel(engines, authors, authors, results or Results(started=""))
 
 
 def record(task: Task, engine: str, shift: float = 0.0, bar: float | None = 1e-3, order: bool = True) -> Record:
@@ -186,7 +186,14 @@ def test_authors_are_packages_unless_the_file_says_otherwise() -> None:
     assert (
         len({find_author(one, {}).name for one in ENGINES.values()}) == 5
     )  # flexinv, pinocchio, mujoco, exudyn, measured
+    # whose loops follow from one text of ours
+    loops = {one.name: find_author(one, {}, loops=True).name for one in ENGINES.values()}
+    assert len({name for engine, name in loops.items() if engine.startswith(("pinocchio", "mujoco", "exudyn"))}) == 1
+    assert len(set(loops.values())) == 3  # flexinv, that text, measured
     stated = {"mine": EngineNote(author="somebody", closed_form=True)}
+    assert (
+        find_author(ENGINES["pinocchio"], {"pinocchio": EngineNote(author="somebody")}, loops=True).name == "somebody"
+    )
     assert find_author(Engine("mine", "", "", ""), stated) == Author("somebody", True)
     assert find_author(Engine("mine", "", "", ""), {}).name == "mine"
 
