@@ -8,6 +8,7 @@ import pytest
 from case_files import DIFFERENT, PLAIN, Case, case, complaints
 
 
+@pytest.mark.reported("F1 to F10")
 @pytest.mark.parametrize("one", PLAIN, ids=lambda one: one.name)
 def test_a_case_is_right(one: Case) -> None:
     if any(".usda" in word for word in one.command):

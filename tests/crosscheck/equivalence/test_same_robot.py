@@ -119,6 +119,7 @@ def ur5(folder: Path, quarters: int, digits: int | None = None) -> tuple[Path, P
     return folder / "a.urdf", folder / "b.xml"
 
 
+@pytest.mark.reported("F11")
 @pytest.mark.parametrize("quarters", range(4))
 def test_a_turned_base_and_other_frames_are_the_same_machine(quarters: int, tmp_path: Path) -> None:
     """A link of a UR5 that is round about its joint decides nothing: nothing differs but where the base is turned to."""

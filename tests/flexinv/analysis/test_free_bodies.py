@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
+import pytest
 
 import flexinv
 
@@ -23,6 +24,7 @@ child = "top"
 """
 
 
+@pytest.mark.reported("D9")
 def test_eulers_top_is_solved(tmp_path: Path) -> None:
     (tmp_path / "mechanism.toml").write_text(TOP, encoding="utf-8")
     mechanism = flexinv.load_mechanism(tmp_path)

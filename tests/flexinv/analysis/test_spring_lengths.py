@@ -44,6 +44,7 @@ def mechanism(folder: Path, aside: float, rest: float) -> flexinv.Mechanism:
     return flexinv.load_mechanism(folder)
 
 
+@pytest.mark.reported("D8")
 @pytest.mark.parametrize("step", [0.1, 1e-2, 7e-3, 1e-3])
 def test_a_spring_without_length_is_an_error(tmp_path: Path, step: float) -> None:
     with pytest.raises(flexinv.InputError, match=r"spring 'coil' has no length there") as caught:

@@ -33,6 +33,7 @@ def zero_of(motion: flexinv.Motion, mechanism: flexinv.Mechanism, angle: float, 
     return float(scipy.optimize.brentq(miss, before, after, xtol=1e-14))
 
 
+@pytest.mark.reported("D7")
 @pytest.mark.parametrize("step", [0.3, 0.05, 1e-2, 7e-3, 3.33e-4, 1e-4])
 @pytest.mark.parametrize("law", ["cycloid", "quintic", "bang-bang"])
 @pytest.mark.parametrize("kind", ["revolute", "spherical"])

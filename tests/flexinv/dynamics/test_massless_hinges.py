@@ -81,6 +81,7 @@ def double(folder: Path, springs: str) -> flexinv.Mechanism:
     return loaded(folder, BEAM.format(rho_I=0, gravity=0) + BETWEEN + first + second)
 
 
+@pytest.mark.reported("D4")
 @pytest.mark.parametrize("in_space", [False, True])
 @pytest.mark.parametrize(("gravity", "spring", "initial"), CASES)
 def test_hinge_on_a_section_without_rotary_inertia(
@@ -110,6 +111,7 @@ def test_springs_in_series(tmp_path: Path) -> None:
         assert np.abs(2 * half - one.q[:, 1]).max() < 1e-9
 
 
+@pytest.mark.reported("D4")
 def test_idle_hinges_are_named(tmp_path: Path) -> None:
     """Without springs nothing says how the massless link between two hinges turns: by every entrance an error says so."""
     mechanism = double(tmp_path / "idle", "")

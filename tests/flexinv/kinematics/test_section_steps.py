@@ -45,6 +45,7 @@ def sag(load: float) -> float:
     return load * (inner + outer) + shear
 
 
+@pytest.mark.reported("D6")
 @pytest.mark.parametrize("stations", [ABRUPT, STEP])
 def test_the_tip_is_that_of_the_stepped_beam(tmp_path: Path, stations: str) -> None:
     """The default mesh, against the closed form of small deflections."""

@@ -46,6 +46,7 @@ def ziegler(push: float) -> Mechanism:
     return Mechanism("ziegler", links, joints, np.zeros(3), forces=(force,))
 
 
+@pytest.mark.reported("D1")
 @pytest.mark.parametrize(("push", "exact"), [(2.0, [0.5, 1.0]), (2.5, [0.5 - 0.5j, 0.5 + 0.5j])])
 def test_two_links_under_a_push_that_turns_along(push: float, exact: list[complex]) -> None:
     """M = [[3, 1], [1, 1]], K = [[2 - P, P - 1], [-1, 1]] by hand."""
@@ -71,6 +72,7 @@ def column(push: float) -> Mechanism:
 BECK = {5.0: 4.21768j, 10.0: 5.17576j, 40.0: 10.518 + 9.669j}
 
 
+@pytest.mark.reported("D1")
 @pytest.mark.parametrize("push", BECK)
 def test_becks_column(push: float) -> None:
     modes = natural_modes(column(push), count=1)
@@ -110,6 +112,7 @@ def test_few_modes_under_a_push_that_turns_along_keep_their_poles_and_what_effor
     assert "left vectors" in few.notes[0]
 
 
+@pytest.mark.reported("D1")
 def test_a_moment_in_space_is_not_symmetric_either() -> None:
     """A twisted straight shaft under a dead moment about its axis: `natural_modes` finds what `steady_modes` finds."""
     bar = uniform(1.0, 1e4, 1e4, 1.0, (2.0, 1.0))
@@ -134,6 +137,7 @@ def gears(coupled: bool) -> Mechanism:
     return Mechanism("gears", links, joints, np.zeros(3), (tie,) if coupled else ())
 
 
+@pytest.mark.reported("D3")
 def test_a_rate_that_follows_from_a_coupling_is_taken() -> None:
     modes = steady_modes(gears(True), rates={"g1": 20.0}, count=4)
     apart = steady_modes(gears(False), rates={"g1": 20.0, "g2": -60.0}, count=4)
@@ -141,6 +145,7 @@ def test_a_rate_that_follows_from_a_coupling_is_taken() -> None:
     assert modes.rates == {"g1": 20.0, "g2": pytest.approx(-60.0)}
 
 
+@pytest.mark.reported("D3")
 def test_rates_that_contradict_a_coupling_are_an_error() -> None:
     with pytest.raises(InputError, match=r"contradict coupling 'gear': 3 x 20 .* = 120 rad/s, expected 0"):
         steady_modes(gears(True), rates={"g1": 20.0, "g2": 60.0})
@@ -153,6 +158,7 @@ def test_a_spring_in_a_joint_that_turns_winds_up() -> None:
         steady_modes(wound, rates={"g1": 20.0})
 
 
+@pytest.mark.reported("D11")
 @pytest.mark.parametrize("modes", [1, 2, 4, 6])
 def test_few_modes_of_something_that_turns_keep_their_poles(modes: int) -> None:
     """13.64 Hz was the fourth of the gears without gyroscopic terms, where 12.18 Hz is right."""
@@ -187,6 +193,7 @@ def test_a_hub_that_is_accelerated_keeps_the_poles_of_what_it_carries() -> None:
     assert (away < 1e-6 * np.abs(exact) + 1e-5).all()
 
 
+@pytest.mark.reported("D2")
 def test_no_rotary_inertia_gives_no_poles_beyond_the_others() -> None:
     """A bare beam has 12 motions less, and no pole at 1e22 1/s."""
     bar = uniform(1.0, 1e6, 1e6, 50.0, (50.0, 20.0))

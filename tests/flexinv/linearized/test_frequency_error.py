@@ -36,6 +36,7 @@ def test_bars_hold_against_exact_cantilevers(thickness: str, elements: int, orde
     assert (modes.frequency_error[plane] < 4 * off)[large & np.isin(range(len(plane)), same)].all()
 
 
+@pytest.mark.reported("D5")
 def test_the_default_mesh_says_that_its_third_bending_is_24_percent_high() -> None:
     result, right = natural_modes(bar(1), count=6), natural_modes(bar(6), count=6)
     off = np.abs(result.frequency - right.frequency)
@@ -82,6 +83,7 @@ def test_a_copy_has_the_same_bars() -> None:
     assert copy.deepcopy(modes) == modes
 
 
+@pytest.mark.reported("D5")
 @pytest.mark.parametrize("accuracy", [1e-2, 1e-5])
 def test_the_accuracy_that_is_asked_for_is_kept(accuracy: float) -> None:
     result, right = natural_modes(bar(1), count=6, accuracy=accuracy), natural_modes(bar(6, push=0.0), count=6)

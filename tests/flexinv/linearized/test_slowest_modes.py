@@ -57,6 +57,7 @@ UNSTABLE = {"buckled": "divergence", "fluttering": "flutter"}
 RIGID = {"hinged": 1, "free": 6, "hinged and pushed along": 1}
 
 
+@pytest.mark.reported("D10")
 @pytest.mark.parametrize("name", CASES)
 def test_few_modes_of_many_are_those_of_the_dense_matrices(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     mechanism, count = CASES[name], 8
@@ -89,6 +90,7 @@ def peak(elements: int) -> int:
         tracemalloc.stop()
 
 
+@pytest.mark.reported("D10")
 def test_memory_grows_with_the_mesh_and_not_with_its_square() -> None:
     few, many = peak(50), peak(200)
     assert many < 5 * few  # four times the mesh; its square is sixteen times as much

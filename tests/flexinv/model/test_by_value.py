@@ -87,6 +87,7 @@ def test_other_data_are_not_equal() -> None:
 FLEXIBLE = ("flex_one_link", "flex_one_link_damped", "spatial_arm")
 
 
+@pytest.mark.reported("A1")
 @pytest.mark.parametrize("sudden", [False, True])
 @pytest.mark.parametrize("name", FLEXIBLE)
 def test_a_copied_controller_goes_on_where_its_original_stands(name: str, sudden: bool) -> None:

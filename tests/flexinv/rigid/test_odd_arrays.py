@@ -56,6 +56,7 @@ WRONG: dict[str, tuple[Any, str]] = {
 }
 
 
+@pytest.mark.reported("A2")
 @pytest.mark.parametrize("place", range(3))
 def test_numbers_are_numbers_whatever_was_called_before(place: int) -> None:
     """Numba keeps what it found of an array's kind, of which the order of bytes is no part: 1e89 after a first call."""
@@ -68,6 +69,7 @@ def test_numbers_are_numbers_whatever_was_called_before(place: int) -> None:
         np.testing.assert_array_equal(ASKED.torques(*given), RIGHT, err_msg=dress)
 
 
+@pytest.mark.reported("A2")
 @pytest.mark.parametrize("place", range(3))
 @pytest.mark.parametrize("name", WRONG)
 def test_what_are_no_numbers_is_refused(name: str, place: int) -> None:

@@ -256,6 +256,7 @@ def with_tool(m: Mechanism, ahead: float) -> Mechanism:
     return replace(m, links=tuple(replace(one, bodies=(tool,)) if one.name == "link2" else one for one in m.links))
 
 
+@pytest.mark.reported("D12")
 def test_a_tool_ahead_of_the_tip_swings_on_and_the_tip_stays_on_its_path(root: Folder) -> None:
     """Its zeros are +-15.8i 1/s: bounded from rest on, no rest at the end, and the torques give that motion by another scheme."""
     m, _, start = two_links(root)
@@ -268,6 +269,7 @@ def test_a_tool_ahead_of_the_tip_swings_on_and_the_tip_stays_on_its_path(root: F
     assert f.distance(f.replay("stable inversion")).max() < 1e-3 * slow.length  # of the steps: 2e-4 of the length
 
 
+@pytest.mark.reported("D12")
 def test_a_motion_that_is_not_found_names_the_zeros(root: Folder) -> None:
     m, _, start = two_links(root)
     fast = Path.arc([0.3, 0, 0], [0.2, 0, 0], np.pi / 2, 0.3)
