@@ -10,6 +10,8 @@ Strain at the Gauss points, from positions and rotations relative to the element
 Kelvin-Voigt damping adds stresses that follow strain rates:
     n = C_N (Gamma) + D_N dGamma/dt,    m = C_M (kappa) + D_M dkappa/dt          in the section frame
 
+`beam_law` states the resultants.  Where strains are coupled, C has blocks beside C_N and C_M: what they add has functions of its own.
+
 Strain rates come from the same interpolation as the strains, with velocities relative to the moving first node:
     du_i = v_i - v_0 - W_0 x u_i,    dpsi_i = H_i^-1 (w_i - (R_0^T R_i)^T w_0),    r = H dpsi
     dGamma/dt = S^T du' - r x y,     dkappa/dt = H dpsi' + (d(H psi')/dpsi) dpsi         y = S^T u',  W_0 = R_0 w_0
@@ -301,20 +303,45 @@ def make_rate(count, shape, slope, point, rates):
     return Rate(slid, turn, psi, dpsi, gamma, vec3.add(apply(point.h, dpsi), apply(point.bend, psi)))
 
 
+class StrainSlopes(NamedTuple):
+    """How strains, or their rates, vary with the deformation: Gamma by u' and psi, kappa by psi' and psi [-], [1/m] or with 1/s."""
+
+    gamma_by_u: Matrix
+    gamma_by_psi: Matrix
+    kappa_by_slope: Matrix
+    kappa_by_psi: Matrix
+
+
 @jit_inner
-def add_rate_derivatives(point, rate, damping, w, parts):
-    """Add w B^T D d(de/dt)/dz, how strain rates vary with the deformation, to the parts by poses; damping D [N s], [N m^2 s]."""
-    psi, dpsi, q, s, h, stretch, bend = point
+def compute_strain_slopes(point):
+    """Return the `StrainSlopes` of the strains [-], [1/m]: dGamma = S^T du' + spin dpsi,  dkappa = H dpsi' + bend dpsi."""
+    return StrainSlopes(transpose(point.s), mul(skew(point.stretch), point.h), point.h, point.bend)
+
+
+@jit_inner
+def compute_rate_slopes(point, rate):
+    """Return the `StrainSlopes` of the rates of strain at given velocities [1/s], [rad/s]."""
+    psi, dpsi, q, s, h, stretch, _ = point
     slid, turn, psi_rate, dpsi_rate, _, _ = rate
+    whirl = skew(turn)
+    by_u = mscale(-1.0, mul(whirl, transpose(s)))
+    slides = mul(vec3.msub(skew(slid), mul(whirl, skew(stretch))), h)
+    by_psi = madd(slides, mul(skew(stretch), compute_tangent_slope(psi, psi_rate, q, 1.0)))
+    twice = _compute_curvature_rate(psi, dpsi, psi_rate, q)
+    by_bend = madd(compute_tangent_slope(psi, dpsi_rate, q, 1.0), twice)
+    return StrainSlopes(by_u, by_psi, _compute_tangent_rate(psi, psi_rate, q), by_bend)
+
+
+@jit_inner
+def add_rate_derivatives(point, slopes, damping, w, parts):
+    """Add w B^T D d(de/dt)/dz, how strain rates vary with the deformation, to the parts by poses; damping D [N s], [N m^2 s]."""
+    _, _, _, s, h, stretch, bend = point
     d_n, d_m = damping
     spin = mul(skew(stretch), h)
-    whirl = skew(turn)
-    by_u = rows(d_n, mscale(-1.0, mul(whirl, transpose(s))))
-    slides = mul(vec3.msub(skew(slid), mul(whirl, skew(stretch))), h)
-    by_psi = rows(d_n, madd(slides, mul(skew(stretch), compute_tangent_slope(psi, psi_rate, q, 1.0))))
-    by_slope = rows(d_m, _compute_tangent_rate(psi, psi_rate, q))
-    twice = _compute_curvature_rate(psi, dpsi, psi_rate, q)
-    by_bend = rows(d_m, madd(compute_tangent_slope(psi, dpsi_rate, q, 1.0), twice))
+    by_u = rows(d_n, slopes.gamma_by_u)
+    by_psi = rows(d_n, slopes.gamma_by_psi)
+    by_slope = rows(d_m, slopes.kappa_by_slope)
+    by_bend = rows(d_m, slopes.kappa_by_psi)
     _add_part(parts[0], 0, 0, mscale(w, mul(s, by_u)))
     _add_part(parts[0], 3, 3, mscale(w, tmul(h, by_slope)))
     _add_part(parts[1], 0, 3, mscale(w, mul(s, by_psi)))
@@ -322,6 +349,44 @@ def add_rate_derivatives(point, rate, damping, w, parts):
     _add_part(parts[2], 3, 0, mscale(w, tmul(spin, by_u)))
     _add_part(parts[2], 3, 3, mscale(w, tmul(bend, by_slope)))
     _add_part(parts[3], 3, 3, mscale(w, madd(tmul(spin, by_psi), tmul(bend, by_bend))))
+
+
+@jit_inner
+def clear_coupled_part(parts):
+    """Write zeros where only couplings write, slopes of places by slopes of turns [N], so that they can be added."""
+    none = vec3.diagonal(0.0)
+    write_part(parts[0], 0, 3, none)
+    write_part(parts[0], 3, 0, none)
+
+
+@jit_inner
+def add_coupled_derivatives(point, slopes, coupling, w, parts):
+    """Add w B^T C de/dz of the couplings C (6, 6) [N], [N m], [N m^2]; ``slopes`` of e: the strains, or their rates with D for C.
+
+    The blocks of C are n_n, n_m and m_m; its lower left one is n_m^T.
+    """
+    n_n = vec3.block(coupling, 0, 0)
+    n_m = vec3.block(coupling, 0, 3)
+    m_m = vec3.block(coupling, 3, 3)
+    s = point.s
+    h = point.h
+    bend = point.bend
+    spin = mul(skew(point.stretch), h)
+    n_by_u = mul(n_n, slopes.gamma_by_u)
+    n_by_slope = mul(n_m, slopes.kappa_by_slope)
+    n_by_psi = madd(mul(n_n, slopes.gamma_by_psi), mul(n_m, slopes.kappa_by_psi))
+    m_by_u = tmul(n_m, slopes.gamma_by_u)
+    m_by_slope = mul(m_m, slopes.kappa_by_slope)
+    m_by_psi = madd(tmul(n_m, slopes.gamma_by_psi), mul(m_m, slopes.kappa_by_psi))
+    _add_part(parts[0], 0, 0, mscale(w, mul(s, n_by_u)))
+    _add_part(parts[0], 0, 3, mscale(w, mul(s, n_by_slope)))
+    _add_part(parts[0], 3, 0, mscale(w, tmul(h, m_by_u)))
+    _add_part(parts[0], 3, 3, mscale(w, tmul(h, m_by_slope)))
+    _add_part(parts[1], 0, 3, mscale(w, mul(s, n_by_psi)))
+    _add_part(parts[1], 3, 3, mscale(w, tmul(h, m_by_psi)))
+    _add_part(parts[2], 3, 0, mscale(w, madd(tmul(spin, n_by_u), tmul(bend, m_by_u))))
+    _add_part(parts[2], 3, 3, mscale(w, madd(tmul(spin, n_by_slope), tmul(bend, m_by_slope))))
+    _add_part(parts[3], 3, 3, mscale(w, madd(tmul(spin, n_by_psi), tmul(bend, m_by_psi))))
 
 
 @jit_inner

@@ -14,18 +14,24 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexinv.elements.beam import (
+    add_coupled_derivatives,
     add_rate_derivatives,
     add_to_node_pairs,
+    clear_coupled_part,
     compute_inverse_slope,
+    compute_rate_slopes,
+    compute_strain_slopes,
     fill_point_hessian,
     make_point,
     make_rate,
     read_part,
 )
+from flexinv.elements.beam_law import compute_coupled_resultants, compute_direct_resultants
 from flexinv.kernels import vec3
 from flexinv.kernels.jit import jit_inner
 from flexinv.kernels.records import send_by_address
 from flexinv.kernels.vec3 import add, block, dot, madd, mat, msub, mul, put, put_block, scale, skew, sub, vec, vec_at
+from flexinv.model.owned_cache import make_read_only
 from flexinv.typing import Array
 
 
@@ -36,6 +42,8 @@ class Elements(NamedTuple):
     order : (elements,); nodes : (elements, order+1) node numbers, -1 where padded
     stiffness : (elements, points, 6) EA, GA_y, GA_z [N], GJ, EI_y, EI_z [N m^2] at the Gauss points
     damping : (elements, points, 6) [N s], [N m^2 s] of the rates of strain; (0, points, 6) where no beam has any
+    coupling, damping_coupling : (elements, points, 6, 6) what is beside the diagonals of both, their own diagonals zero
+        (`beam_law`) [N], [N m], [N m^2]; (0, points, 6, 6) where strains of no beam are coupled
     gamma0, kappa0 : (elements, points, 3) strains of the stress-free shape [-], [1/m]
     weight : (elements, points) Gauss weight times ds/dxi [m]
     shape, slope : (elements, points, order+1) interpolation and its derivative by arc length [-], [1/m]
@@ -46,6 +54,8 @@ class Elements(NamedTuple):
     nodes: NDArray[np.int64]
     stiffness: Array
     damping: Array
+    coupling: Array
+    damping_coupling: Array
     gamma0: Array
     kappa0: Array
     weight: Array
@@ -55,6 +65,12 @@ class Elements(NamedTuple):
     link: NDArray[np.int64]
 
 
+def scale_stiffness(elements: Elements, factor: float) -> Elements:
+    """Return the elements ``factor`` times as stiff [-], their damping as it is."""
+    stiffness = make_read_only(factor * elements.stiffness)
+    return elements._replace(stiffness=stiffness, coupling=make_read_only(factor * elements.coupling))
+
+
 @jit_inner
 def _add_point(k, g, count, elements, scratch, rates, internal, want_tangent):
     """Add a Gauss point to the gradient, and its derivatives; return what it stores [J] and loses [W]."""
@@ -62,38 +78,57 @@ def _add_point(k, g, count, elements, scratch, rates, internal, want_tangent):
     slope = elements.slope[k, g]
     w = elements.weight[k, g]
     stiffness = vec_at(elements.stiffness[k, g], 0), vec_at(elements.stiffness[k, g], 3)
+    coupled = len(elements.coupling) > 0
     point = make_point(count, shape, slope, scratch)
     gamma = sub(point.stretch, vec(elements.gamma0[k, g]))
     kappa = sub(vec3.apply(point.h, point.dpsi), vec(elements.kappa0[k, g]))
-    n = vec3.times(stiffness[0], gamma)
-    m = vec3.times(stiffness[1], kappa)
+    n = compute_direct_resultants(stiffness[0], gamma)
+    m = compute_direct_resultants(stiffness[1], kappa)
+    if coupled:
+        n, m = _add_coupled_resultants(elements.coupling[k, g], gamma, kappa, n, m)
     lost = 0.0
     stored = 0.5 * w * (dot(n, gamma) + dot(m, kappa))
     if rates is not None:
         damping = vec_at(elements.damping[k, g], 0), vec_at(elements.damping[k, g], 3)
         rate = make_rate(count, shape, slope, point, rates)
-        n, m, power = _add_damping(rate, damping, n, m)
-        lost = w * power
+        n_lost = compute_direct_resultants(damping[0], rate.gamma)
+        m_lost = compute_direct_resultants(damping[1], rate.kappa)
+        if coupled:
+            n_lost, m_lost = _add_coupled_resultants(
+                elements.damping_coupling[k, g], rate.gamma, rate.kappa, n_lost, m_lost
+            )
+        n = add(n, n_lost)
+        m = add(m, m_lost)
+        lost = w * (dot(n_lost, rate.gamma) + dot(m_lost, rate.kappa))
     put(internal, 0, n)
     put(internal, 3, m)
     couple = vec3.cross(n, point.stretch)
     _add_point_gradient(count, shape, slope, w, point, (n, m, couple), scratch.gradient)
     if want_tangent:
         fill_point_hessian(point, (n, m, couple), stiffness, w, scratch.parts)
+        if coupled:
+            clear_coupled_part(scratch.parts)
+            add_coupled_derivatives(point, compute_strain_slopes(point), elements.coupling[k, g], w, scratch.parts)
         if rates is not None:
             fill_point_hessian(point, (vec3.ZERO, vec3.ZERO, vec3.ZERO), damping, w, rates.parts)
-            add_rate_derivatives(point, rate, damping, w, scratch.parts)
+            slopes = compute_rate_slopes(point, rate)
+            add_rate_derivatives(point, slopes, damping, w, scratch.parts)
+            if coupled:
+                drag = elements.damping_coupling[k, g]
+                clear_coupled_part(rates.parts)
+                add_coupled_derivatives(point, compute_strain_slopes(point), drag, w, rates.parts)
+                add_coupled_derivatives(point, slopes, drag, w, scratch.parts)
             add_to_node_pairs(count, shape, slope, rates.parts, rates.drag, True)
         add_to_node_pairs(count, shape, slope, scratch.parts, scratch.hessian, rates is not None)
     return stored, lost
 
 
 @jit_inner
-def _add_damping(rate, damping, n, m):
-    """The stress resultants with those of damping [N], [N m], and the power that these lose [W/m]."""
-    n_lost = vec3.times(damping[0], rate.gamma)
-    m_lost = vec3.times(damping[1], rate.kappa)
-    return add(n, n_lost), add(m, m_lost), dot(n_lost, rate.gamma) + dot(m_lost, rate.kappa)
+def _add_coupled_resultants(coupling, gamma, kappa, n, m):
+    """The stress resultants with those that strains, or their rates, make of one another [N], [N m]."""
+    strain = gamma[0], gamma[1], gamma[2], kappa[0], kappa[1], kappa[2]
+    by = compute_coupled_resultants(coupling, strain)
+    return add(n, (by[0], by[1], by[2])), add(m, (by[3], by[4], by[5]))
 
 
 @jit_inner

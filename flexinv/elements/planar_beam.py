@@ -6,6 +6,8 @@ A rotation is an angle: R_0^T R_i = exp(psi_i) has psi_i = theta_i - theta_0, H 
     E = 1/2 sum_g w (Gamma . C Gamma + B kappa^2)
     dE/du' = w S n,   dE/dpsi = w (n_1 y_2 - n_2 y_1),   dE/dpsi' = w m      with n = C Gamma, m = B kappa, y = S^T u'
 
+Where axial strain, shear and bending are coupled (`beam_law`), functions of their own add what the couplings make, block by block.
+
 Kelvin-Voigt damping (`beam`), with v' the slope of velocities, phi' the rate of the section's angle, J (a, b) = (-b, a):
     dGamma/dt = S^T v' - phi' J y,     dkappa/dt = slope of the nodes' rates         n = C Gamma + D dGamma/dt,  m likewise
 
@@ -24,6 +26,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from flexinv.elements.beam_law import compute_direct_resultants, compute_planar_coupling
 from flexinv.kernels.jit import jit_inner
 from flexinv.kernels.records import send_by_address
 from flexinv.kernels.simd import cos_sin
@@ -35,6 +38,14 @@ _LANES = np.uint64(POINTS_AT_ONCE)
 (U1, U2, PHI, BEND, COS_PHI, SIN_PHI, Y1, Y2, N1, N2, M, BY_U1, BY_U2, BY_PSI, BY_BEND, U1_U1, U1_U2, U2_U2, U1_PSI, U2_PSI,
  PSI_PSI, BEND_BEND) = (np.uint64(POINTS_AT_ONCE * k) for k in range(22))  # fmt: skip
 POINT_BLOCK = np.uint64(22 * POINTS_AT_ONCE)
+# Behind all blocks, where a section is coupled: w times the second derivatives by bending and another, a block of each.
+BEND_U1, BEND_U2, BEND_PSI = (np.uint64(POINTS_AT_ONCE * k) for k in range(3))
+BEND_BLOCK = np.uint64(3 * POINTS_AT_ONCE)
+# Rows of a block of couplings: axial with shear [N], axial and shear with bending [N m], and of damping; empty without any.
+(AXIAL_SHEAR, AXIAL_BENDING, SHEAR_BENDING, D_AXIAL_SHEAR, D_AXIAL_BENDING, D_SHEAR_BENDING) = (
+    np.uint64(POINTS_AT_ONCE * k) for k in range(6)
+)
+COUPLINGS = np.uint64(6 * POINTS_AT_ONCE)
 # Rows of a block of constants.
 AXIAL, SHEAR, BENDING, WEIGHT, STRAIN1, STRAIN2, CURVATURE = (np.uint64(POINTS_AT_ONCE * k) for k in range(7))
 CONSTANTS = np.uint64(7 * POINTS_AT_ONCE)
@@ -56,6 +67,7 @@ class PlanarElements(NamedTuple):
     lanes : of a block, LANES; as a number that the compiler does not know, so that it takes them all at once
     constants : (blocks * CONSTANTS,) EA, GA [N], EI [N m^2], weights [m], Gamma_0 [-], kappa_0 [1/m] of all points
     damping : (blocks * COEFFICIENTS,) of all points, empty where no beam has any [N s], [N m^2 s]
+    coupling : (blocks * COUPLINGS,) of all points, empty where no section is coupled [N], [N m], [N s], [N m s]
     """
 
     order: NDArray[np.int64]
@@ -67,6 +79,7 @@ class PlanarElements(NamedTuple):
     lanes: np.uint64
     constants: Array
     damping: Array
+    coupling: Array
 
 
 @jit_inner
@@ -166,6 +179,8 @@ def fill_point_gradients(elements, p, r):
             _fill_block_gradients(elements.lanes, block, elements, p, r)
         else:
             _fill_block_gradients(elements.lanes, block, elements, p, None)
+        if len(elements.coupling) > 0:
+            _add_coupled_gradients(block, elements, p, r)
 
 
 @jit_inner
@@ -182,9 +197,10 @@ def _fill_block_gradients(lanes, block, elements, p, r):
         u2 = p[at + U2 + lane]
         y1 = c * u1 + s * u2
         y2 = c * u2 - s * u1
-        n1 = k[own + AXIAL + lane] * (y1 - k[own + STRAIN1 + lane])
-        n2 = k[own + SHEAR + lane] * (y2 - k[own + STRAIN2 + lane])
-        m = k[own + BENDING + lane] * (p[at + BEND + lane] - k[own + CURVATURE + lane])
+        direct = k[own + AXIAL + lane], k[own + SHEAR + lane], k[own + BENDING + lane]
+        bent = p[at + BEND + lane] - k[own + CURVATURE + lane]
+        strain = y1 - k[own + STRAIN1 + lane], y2 - k[own + STRAIN2 + lane], bent
+        n1, n2, m = compute_direct_resultants(direct, strain)
         if r is not None:
             v1 = r[by + R1 + lane]
             v2 = r[by + R2 + lane]
@@ -211,6 +227,58 @@ def _fill_block_gradients(lanes, block, elements, p, r):
 
 
 @jit_inner
+def _find_planar_strain(elements, block, lane, p):
+    """Axial strain, shear and curvature of a point whose gradients are there."""
+    at = block * POINT_BLOCK
+    own = block * CONSTANTS
+    k = elements.constants
+    axial = p[at + Y1 + lane] - k[own + STRAIN1 + lane]
+    shear = p[at + Y2 + lane] - k[own + STRAIN2 + lane]
+    return axial, shear, p[at + BEND + lane] - k[own + CURVATURE + lane]
+
+
+@jit_inner
+def _find_planar_rate(block, lane, r):
+    """Rates of axial strain, shear and curvature of a point."""
+    by = block * RATE_BLOCK
+    return r[by + RATE1 + lane], r[by + RATE2 + lane], r[by + KAPPA_RATE + lane]
+
+
+@jit_inner
+def _find_planar_coupling(elements, block, lane):
+    """The three couplings of a point, and those of its damping."""
+    e = block * COUPLINGS
+    c = elements.coupling
+    stiff = c[e + AXIAL_SHEAR + lane], c[e + AXIAL_BENDING + lane], c[e + SHEAR_BENDING + lane]
+    return stiff, (c[e + D_AXIAL_SHEAR + lane], c[e + D_AXIAL_BENDING + lane], c[e + D_SHEAR_BENDING + lane])
+
+
+@jit_inner
+def _add_coupled_gradients(block, elements, p, r):
+    """Add what couplings make of strains and their rates to resultants and first derivatives at the points of a block."""
+    at = block * POINT_BLOCK
+    damped = len(elements.damping) > 0
+    for lane in range(_LANES):
+        stiff, drag = _find_planar_coupling(elements, block, lane)
+        n1, n2, m = compute_planar_coupling(stiff, _find_planar_strain(elements, block, lane, p))
+        if damped:
+            d1, d2, d3 = compute_planar_coupling(drag, _find_planar_rate(block, lane, r))
+            n1 += d1
+            n2 += d2
+            m += d3
+        c = p[at + COS_PHI + lane]
+        s = p[at + SIN_PHI + lane]
+        w = elements.constants[block * CONSTANTS + WEIGHT + lane]
+        p[at + N1 + lane] += n1
+        p[at + N2 + lane] += n2
+        p[at + M + lane] += m
+        p[at + BY_U1 + lane] += w * (c * n1 - s * n2)
+        p[at + BY_U2 + lane] += w * (s * n1 + c * n2)
+        p[at + BY_PSI + lane] += w * (n1 * p[at + Y2 + lane] - n2 * p[at + Y1 + lane])
+        p[at + BY_BEND + lane] += w * m
+
+
+@jit_inner
 def fill_point_hessians(elements, cv, p):
     """Fill the second derivatives of the energy at all points [N], [N m]; velocities are cv of a change of pose [1/s].
 
@@ -221,6 +289,8 @@ def fill_point_hessians(elements, cv, p):
             _fill_block_hessians(elements.lanes, block, elements, cv, p)
         else:
             _fill_block_hessians(elements.lanes, block, elements, None, p)
+        if len(elements.coupling) > 0:
+            _add_coupled_hessians(block, elements, cv, p)
 
 
 @jit_inner
@@ -254,6 +324,38 @@ def _fill_block_hessians(lanes, block, elements, cv, p):
         p[at + U1_PSI + lane] = w * (c * b1 - s * b2)
         p[at + U2_PSI + lane] = w * (s * b1 + c * b2)
         p[at + PSI_PSI + lane] = w * (ea * y2 * y2 + ga * y1 * y1 - n1 * y1 - n2 * y2)
+
+
+@jit_inner
+def _add_coupled_hessians(block, elements, cv, p):
+    """Add what couplings c (with cv times those of damping) make: c_ij (a_i a_j^T + a_j a_i^T), a the derivatives of strains.
+
+    dGamma_1 = (c, s) . du' + y_2 dpsi,   dGamma_2 = (-s, c) . du' - y_1 dpsi,   dkappa = dpsi'
+    """
+    at = block * POINT_BLOCK
+    own = block * CONSTANTS
+    behind = np.uint64(len(elements.constants)) // CONSTANTS * POINT_BLOCK + block * BEND_BLOCK
+    damped = len(elements.damping) > 0
+    for lane in range(_LANES):
+        stiff, drag = _find_planar_coupling(elements, block, lane)
+        by = cv if damped else 0.0
+        shear = stiff[0] + by * drag[0]
+        bent = stiff[1] + by * drag[1]
+        slid = stiff[2] + by * drag[2]
+        c = p[at + COS_PHI + lane]
+        s = p[at + SIN_PHI + lane]
+        y1 = p[at + Y1 + lane]
+        y2 = p[at + Y2 + lane]
+        w = elements.constants[own + WEIGHT + lane]
+        p[at + U1_U1 + lane] -= 2.0 * w * shear * c * s
+        p[at + U2_U2 + lane] += 2.0 * w * shear * c * s
+        p[at + U1_U2 + lane] += w * shear * (c * c - s * s)
+        p[at + U1_PSI + lane] -= w * shear * (c * y1 + s * y2)
+        p[at + U2_PSI + lane] += w * shear * (c * y2 - s * y1)
+        p[at + PSI_PSI + lane] -= 2.0 * w * shear * y1 * y2
+        p[behind + BEND_U1 + lane] = w * (bent * c - slid * s)
+        p[behind + BEND_U2 + lane] = w * (bent * s + slid * c)
+        p[behind + BEND_PSI + lane] = w * (bent * y2 - slid * y1)
 
 
 @jit_inner
@@ -301,7 +403,8 @@ def add_forces(elements, pose, p, wrench, felt):
 def compute_pair_stiffness(k, i, j, elements, p):
     """Return the exact stiffness of element k between nodes i and j: force on i by pose of j, (3, 3) [N/m], [N], [N m].
 
-    K_ij = sum_g (A N_i' N_j', b N_i' N_j; b^T N_i N_j', d N_i N_j + w EI N_i' N_j')  with A, b, d of `fill_point_hessians`
+    K_ij = sum_g (A N_i' N_j', b N_i' N_j; b^T N_i N_j', d N_i N_j + w EI N_i' N_j')  with A, b, d of `fill_point_hessians`,
+    and where bending is coupled  (0, h N_i' N_j'; h^T N_i' N_j', e (N_i N_j' + N_i' N_j))  with h, e behind the blocks.
     """
     a11 = 0.0
     a12 = 0.0
@@ -326,6 +429,14 @@ def compute_pair_stiffness(k, i, j, elements, p):
         c1 = c1 + p[at + U1_PSI] * shape_i * slope_j
         c2 = c2 + p[at + U2_PSI] * shape_i * slope_j
         d += p[at + PSI_PSI] * shape_i * shape_j + p[at + BEND_BEND] * slopes
+        if len(elements.coupling) > 0:
+            n = np.uint64(k * elements.shape.shape[1] + g)
+            behind = np.uint64(len(elements.constants)) // CONSTANTS * POINT_BLOCK + n // _LANES * BEND_BLOCK + n % _LANES
+            b1 += p[behind + BEND_U1] * slopes
+            b2 += p[behind + BEND_U2] * slopes
+            c1 += p[behind + BEND_U1] * slopes
+            c2 += p[behind + BEND_U2] * slopes
+            d += p[behind + BEND_PSI] * (shape_i * slope_j + slope_i * shape_j)
     return (a11, a12, b1), (a12, a22, b2), (c1, c2, d)
 
 
@@ -344,7 +455,20 @@ def compute_energy(elements, p):
             stretched = c[own + AXIAL + lane] * axial * axial + c[own + SHEAR + lane] * shear * shear
             bent = c[own + BENDING + lane] * curvature * curvature
             total += 0.5 * c[own + WEIGHT + lane] * (stretched + bent)
+    if len(elements.coupling) > 0:
+        for block in range(np.uint64(len(c)) // CONSTANTS):
+            for lane in range(_LANES):
+                strain = _find_planar_strain(elements, block, lane, p)
+                work = _compute_coupled_work(_find_planar_coupling(elements, block, lane)[0], strain)
+                total += 0.5 * c[block * CONSTANTS + WEIGHT + lane] * work
     return total
+
+
+@jit_inner
+def _compute_coupled_work(coupling, strain):
+    """Strains times what couplings make of them."""
+    n1, n2, m = compute_planar_coupling(coupling, strain)
+    return n1 * strain[0] + n2 * strain[1] + m * strain[2]
 
 
 @jit_inner
@@ -362,5 +486,8 @@ def compute_dissipated_power(elements, r):
             bent = r[by + KAPPA_RATE + lane]
             lost = damping[d + D_AXIAL + lane] * rate1 * rate1 + damping[d + D_SHEAR + lane] * rate2 * rate2
             lost += damping[d + D_BENDING + lane] * bent * bent
+            if len(elements.coupling) > 0:
+                drag = _find_planar_coupling(elements, block, lane)[1]
+                lost += _compute_coupled_work(drag, _find_planar_rate(block, lane, r))
             total += elements.constants[own + WEIGHT + lane] * lost
     return total

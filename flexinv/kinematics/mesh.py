@@ -10,6 +10,7 @@ revolute ones with a massless node between, so that every joint has constant axe
 
 from __future__ import annotations
 
+from collections import defaultdict
 from dataclasses import dataclass, field
 from itertools import pairwise
 from typing import Any
@@ -18,12 +19,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexinv.elements.beam_element import Elements
+from flexinv.elements.beam_law import split_coupling
 from flexinv.elements.quadrature import build_reference
 from flexinv.errors import InputError
 from flexinv.kernels.so3 import exp_so3, log_so3, tangent3
 from flexinv.model.joint_kinds import CONFIGURATIONS, KINDS, RIGID, SECTION, VELOCITIES
-from flexinv.model.mechanism import WORLD, Attachment, Beam, Joint, Link, Mechanism, Placement, check_expanded
+from flexinv.model.mechanism import WORLD, Attachment, Beam, Joint, Link, Mechanism, Placement, Section, check_expanded
 from flexinv.model.owned_cache import make_owner_cache
+from flexinv.model.section_matrices import split_mass_matrix
 from flexinv.typing import Array
 
 # Axis, first coordinate in q and in the velocities, and motion subspace of a node without a joint.
@@ -145,16 +148,23 @@ class _Builder(MeshPlaces):
         wanted = [station for station in hung if station is not None]
         nodes = [self.add_node(node, RIGID, beam.placement, index)]
         stations = [0.0]
+        coupled_mass: dict[int, Array] = defaultdict(lambda: np.zeros((6, 6)))
         for start, end in pairwise(_list_element_bounds(beam, wanted)):
-            self.add_element(beam, index, start, end, nodes, stations)
+            self.add_element(beam, index, start, end, nodes, stations, coupled_mass)
+        for section, mass in coupled_mass.items():
+            self.add_coupled_mass(section, mass, index)
         self.tip_node[link.name] = nodes[-1]
         self.section_nodes[link.name] = np.array(nodes)
         self.section_stations[link.name] = np.array(stations)
 
     def add_element(
-        self, beam: Beam, link: int, start: float, end: float, nodes: list[int], stations: list[float]
-    ) -> None:
-        """Append one element between two fractions of the length: its nodes, lumped mass, stiffness, shape."""
+        self, beam: Beam, link: int, start: float, end: float, nodes: list[int], stations: list[float],
+        coupled_mass: dict[int, Array],
+    ) -> None:  # fmt: skip
+        """Append one element between two fractions of the length: its nodes, lumped mass, stiffness, shape.
+
+        Mass with a centre off the axis, or with products of inertia, goes to ``coupled_mass`` of the nodes (6, 6).
+        """
         ref = build_reference(beam.order)
         half = 0.5 * (end - start)
         own = [nodes[-1]]
@@ -167,19 +177,51 @@ class _Builder(MeshPlaces):
             )
         nodes += own[1:]
         stations += list(at_nodes[1:])
-        rho_a, rho_i = _evaluate_sections(
-            beam, (start, end), at_nodes, beam.section.mass_per_length, beam.section.rotary_inertia
-        )
-        for node, w, mass, rotary in zip(own, ref.weights * jacobian, rho_a, rho_i, strict=True):
-            self.mass[node] += float(w * mass)
-            self.inertia[node] = self.inertia[node] + w * np.diag(rotary)
+        self.add_lumped_mass(beam, (start, end), own, at_nodes, coupled_mass)
         gamma0, kappa0 = _compute_initial_strains(beam, at_nodes, ref.shape, ref.slope / jacobian)
-        of_rate = np.zeros_like(beam.section.stiffness) if beam.section.damping is None else beam.section.damping
-        stiffness, damping = _evaluate_sections(beam, (start, end), at_points, beam.section.stiffness, of_rate)
+        laws = _evaluate_laws(beam, (start, end), at_points)
         self.elements.append([
-            np.array(beam.order), np.array(own, dtype=float), stiffness, damping, gamma0, kappa0,
+            np.array(beam.order), np.array(own, dtype=float), *laws, gamma0, kappa0,
             ref.point_weights * jacobian, ref.shape, ref.slope / jacobian, at_points, np.array(link),
         ])  # fmt: skip
+
+    def add_lumped_mass(
+        self, beam: Beam, bounds: tuple[float, float], own: list[int], at: Array, coupled_mass: dict[int, Array]
+    ) -> None:
+        """Add the mass of an element to its nodes, which stand at fractions ``at``, each that of its part of the length."""
+        section = beam.section
+        half = 0.5 * (bounds[1] - bounds[0]) * beam.length
+        weights = build_reference(beam.order).weights * half
+        if section.has_coupled_mass:
+            (masses,) = _evaluate_sections(beam, bounds, at, section.mass_matrices)
+            for node, w, matrix in zip(own, weights, masses, strict=True):
+                coupled_mass[node] = coupled_mass[node] + w * matrix
+            return
+        rho_a, rho_i = _evaluate_sections(beam, bounds, at, section.mass_per_length, section.rotary_inertia)
+        for node, w, mass, rotary in zip(own, weights, rho_a, rho_i, strict=True):
+            self.mass[node] += float(w * mass)
+            self.inertia[node] = self.inertia[node] + w * np.diag(rotary)
+
+    def add_coupled_mass(self, section: int, matrix: Array, link: int) -> None:
+        """Add a mass (6, 6) about a section's node: as a node of its own where its centre is off the axis."""
+        if not matrix.any():
+            return
+        mass, centre, inertia = split_mass_matrix(matrix, "mass of a beam's node")
+        at = section
+        if centre.any():
+            at = self.add_node(section, RIGID, Placement(np.array([0.0, *centre])), link)
+        self.mass[at] += mass
+        self.inertia[at] = self.inertia[at] + inertia
+
+
+def _evaluate_laws(beam: Beam, bounds: tuple[float, float], at: Array) -> tuple[Array, Array, Array, Array]:
+    """Stiffness and damping of `Elements` at fractions ``at``, and what couples strains beside both."""
+    section = beam.section
+    of_rate = np.zeros_like(section.stiffness) if section.damping is None else section.damping
+    stiffness, damping = _evaluate_sections(beam, bounds, at, section.stiffness, of_rate)
+    direct, coupling = split_coupling(stiffness)
+    direct_rate, coupling_rate = split_coupling(damping)
+    return direct, direct_rate, coupling, coupling_rate
 
 
 def _list_element_bounds(beam: Beam, wanted: list[float]) -> list[float]:
@@ -213,12 +255,23 @@ def list_section_breaks(beam: Beam) -> list[float]:
     at = beam.section.stations
     if len(at) < 3:
         return []
-    columns = np.column_stack([section.stiffness, section.mass_per_length, section.rotary_inertia])
-    size = np.maximum(np.abs(columns[1:]), np.abs(columns[:-1]))
+    columns, sizes = _list_section_columns(section)
+    size = np.maximum(sizes[1:], sizes[:-1])
     width = np.maximum(np.diff(at), SAME_STATION)[:, None]
     slope = np.diff(columns, axis=0) / np.where(size > 0.0, size, 1.0) / width
     kinked = (np.abs(np.diff(slope, axis=0)) > KINK * beam.elements).any(axis=1)
     return [float(place) for place in at[1:-1][kinked]]
+
+
+def _list_section_columns(section: Section) -> tuple[Array, Array]:
+    """Numbers of a section (stations, numbers) and the sizes that they are compared with, of a coupling those of what it couples."""
+    if not section.is_coupled:
+        columns = np.column_stack([section.stiffness, section.mass_per_length, section.rotary_inertia])
+        return columns, np.abs(columns)
+    both = np.stack([section.stiffness_matrices, section.mass_matrices], axis=1)
+    root = np.sqrt(np.abs(np.diagonal(both, axis1=2, axis2=3)))
+    sizes = root[..., :, None] * root[..., None, :]
+    return both.reshape(len(both), -1), sizes.reshape(len(both), -1)
 
 
 def compute_section_frame(beam: Beam, length: float) -> Placement:
@@ -258,7 +311,8 @@ def _assemble_elements(rows: list[list[Array]]) -> Elements:
         flat = np.empty((0, 0))
         vectors = np.empty((0, 0, 3))
         sections = np.empty((0, 0, 6))
-        of_points = sections, sections, vectors, vectors, flat, vectors, vectors, flat
+        couplings = np.empty((0, 0, 6, 6))
+        of_points = sections, sections, couplings, couplings, vectors, vectors, flat, vectors, vectors, flat
         return Elements(index, np.empty((0, 0), np.int64), *of_points, index)
     parts: list[Any] = []
     for n, column in enumerate(zip(*rows, strict=True)):  # arrays of unequal shape, filled up: node numbers by -1
@@ -271,7 +325,11 @@ def _assemble_elements(rows: list[list[Array]]) -> Elements:
     for k in (0, 1, -1):
         parts[k] = parts[k].astype(np.int64)
     padded = Elements(*parts)
-    return padded if padded.damping.any() else padded._replace(damping=padded.damping[:0])
+    if not padded.damping.any():
+        padded = padded._replace(damping=padded.damping[:0])
+    if padded.coupling.any() or padded.damping_coupling.any():
+        return padded
+    return padded._replace(coupling=padded.coupling[:0], damping_coupling=padded.damping_coupling[:0])
 
 
 @make_owner_cache()

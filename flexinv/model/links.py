@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from flexinv.errors import InputError
 from flexinv.model import rules
+from flexinv.model import section_matrices as matrices
 from flexinv.model.by_value import ByValue, compute_hash
 from flexinv.typing import Array
 
@@ -105,8 +106,8 @@ class Attachment(Frozen):
 DIGITS = 1e-6
 
 
-def describe_impossible_inertia(tensor: Array) -> str:
-    """Return the reason against an inertia (3, 3) [kg m^2], ``""`` for one that a body can have.
+def describe_impossible_inertia(tensor: Array, unit: str = "kg m^2") -> str:
+    """Return the reason against an inertia (3, 3) [kg m^2], or per length [kg m], ``""`` for one that a body can have.
 
     It is symmetric, its principal moments are p >= 0 and p_i + p_j >= p_k.
     """
@@ -117,9 +118,9 @@ def describe_impossible_inertia(tensor: Array) -> str:
     moments = np.linalg.eigvalsh(tensor)
     text = ", ".join(f"{p:.4g}" for p in moments)
     if moments[0] < -DIGITS * largest:
-        return f"a principal moment is negative ({text} kg m^2)"
+        return f"a principal moment is negative ({text} {unit})"
     if moments[0] + moments[1] < moments[2] * (1 - DIGITS):
-        return f"one principal moment exceeds the sum of the others ({text} kg m^2)"
+        return f"one principal moment exceeds the sum of the others ({text} {unit})"
     return ""
 
 
@@ -194,8 +195,11 @@ class Section(Frozen):
     stations : (n,) [-], fraction 0..1 of the length, increasing; where two are equal the section steps
     stiffness : (n, 6): EA [N], GA_y [N], GA_z [N], GJ [N m^2], EI_y [N m^2], EI_z [N m^2]
         (shear stiffness with the shear factor already in it; EI_z bends the beam in its x-y plane)
-    mass_per_length : (n,) [kg/m]; rotary_inertia : (n, 3) [kg m]: rho I about x (polar), y, z
-    damping : (n, 6) [N s], [N m^2 s]: stress by rate of strain, in the order of ``stiffness``; None: none
+        or coupled, (n, 6, 6) [N], [N m], [N m^2]: stress resultants by strains, symmetric and positive definite, in that order
+    mass_per_length : (n,) [kg/m]
+    rotary_inertia : (n, 3) [kg m]: rho I about x (polar), y, z; or (n, 3, 3); about the mass centre
+    damping : (n, 6) [N s], [N m^2 s]: stress by rate of strain, in the order of ``stiffness``; or (n, 6, 6); None: none
+    mass_centre : (n, 2) [m]: y and z of the mass centre from the axis; None: on the axis
     """
 
     stations: Array
@@ -203,18 +207,22 @@ class Section(Frozen):
     mass_per_length: Array
     rotary_inertia: Array
     damping: Array | None = None
+    mass_centre: Array | None = None
 
     RULES: ClassVar[rules.Rules] = {
         "stations": rules.make_array_rule((None,), "-", least=0.0),
-        "stiffness": rules.make_array_rule((None, 6), "N, N m^2", least=0.0),
+        "stiffness": matrices.make_section_rule(6, "N, N m^2", matrices.describe_impossible_stiffness),
         "mass_per_length": rules.make_array_rule((None,), "kg/m", least=0.0),
-        "rotary_inertia": rules.make_array_rule((None, 3), "kg m", least=0.0),
-        "damping": rules.make_optional_rule(rules.make_array_rule((None, 6), "N s, N m^2 s", least=0.0)),
+        "rotary_inertia": matrices.make_section_rule(3, "kg m"),
+        "damping": rules.make_optional_rule(
+            matrices.make_section_rule(6, "N s, N m^2 s", matrices.describe_impossible_damping)
+        ),
+        "mass_centre": rules.make_optional_rule(rules.make_array_rule((None, 2), "m")),
     }
 
     def _check(self, where: str) -> None:
         count = len(self.stations)
-        for name in ("stiffness", "mass_per_length", "rotary_inertia", "damping"):
+        for name in ("stiffness", "mass_per_length", "rotary_inertia", "damping", "mass_centre"):
             rows = getattr(self, name)
             if rows is not None and len(rows) != count:
                 raise InputError(f"{where}{name} has {len(rows)} rows: expected {count}, one for each station")
@@ -224,6 +232,84 @@ class Section(Frozen):
             given = f"{where}stations = {self.stations.tolist()}"
             expected = "one or more fractions of the length, 0 to 1, increasing, two equal ones at a step [-]"
             raise InputError(f"{given}: expected {expected}")
+        for k, one in enumerate(matrices.build_full_matrices(self.rotary_inertia) if self.has_coupled_mass else ()):
+            if reason := describe_impossible_inertia(one, "kg m"):
+                given = f"{where}rotary_inertia[{k}] = {self.rotary_inertia[k].tolist()}"
+                raise InputError(f"{given}: {reason}; expected that of a mass about its own centre, p1 + p2 >= p3 >= 0")
+
+    @property
+    def has_coupled_strains(self) -> bool:
+        """True where a strain has stress of another one [-]: stiffness or damping are matrices."""
+        return self.stiffness.ndim == 3 or (self.damping is not None and self.damping.ndim == 3)
+
+    @property
+    def has_coupled_mass(self) -> bool:
+        """True where the mass centre is off the axis or the inertia has products [-]."""
+        return self.rotary_inertia.ndim == 3 or self.mass_centre is not None
+
+    @property
+    def is_coupled(self) -> bool:
+        """True where six stiffnesses, a mass and three rotary inertias do not say all of the section [-]."""
+        return self.has_coupled_strains or self.has_coupled_mass
+
+    @property
+    def stiffness_matrices(self) -> Array:
+        """Stiffness of every station as matrices (n, 6, 6) [N], [N m], [N m^2]."""
+        return matrices.build_full_matrices(self.stiffness)
+
+    @property
+    def damping_matrices(self) -> Array:
+        """Damping of every station as matrices (n, 6, 6) [N s], [N m s], [N m^2 s], zero where there is none."""
+        return np.zeros((len(self.stations), 6, 6)) if self.damping is None else matrices.build_full_matrices(self.damping)
+
+    @property
+    def mass_matrices(self) -> Array:
+        """Mass of every station about the axis, (n, 6, 6) [kg/m], [kg], [kg m], for velocities in the order of strains."""
+        centre = np.zeros((len(self.stations), 2)) if self.mass_centre is None else self.mass_centre
+        inertia = matrices.build_full_matrices(self.rotary_inertia)
+        parts = zip(self.mass_per_length, centre, inertia, strict=True)
+        return np.array([matrices.build_mass_matrix(float(m), c, j) for m, c, j in parts])
+
+    @classmethod
+    def build_from_matrices(cls, stations: Array, stiffness: Array, mass: Array, damping: Array | None = None) -> Section:
+        """Return the section of matrices (n, 6, 6) about the axis: stiffness, mass, damping; diagonal ones become numbers.
+
+        Units: [N], [N m], [N m^2]; [kg/m], [kg], [kg m]; [N s], [N m s], [N m^2 s]; order: axial, shear y, z, twist, bending y, z
+        Raises InputError for matrices that no section has: not symmetric, not positive definite, a mass out of the section.
+        """
+        given = rules.make_array_rule((None, 6, 6), "kg/m, kg, kg m")("Section: mass", mass)
+        parts = [matrices.split_mass_matrix(one, f"Section: mass[{k}]") for k, one in enumerate(given)]
+        centre = np.array([part[1] for part in parts])
+        inertia = np.array([part[2] for part in parts])
+        for k, one in enumerate(inertia):
+            if reason := describe_impossible_inertia(one, "kg m"):
+                start = f"Section: mass[{k}] = {given[k].tolist()}: about the mass centre {reason}"
+                raise InputError(f"{start}; expected principal moments p1 + p2 >= p3 >= 0 there")
+        return cls(
+            stations,
+            matrices.reduce_diagonal_matrices(stiffness),
+            np.array([part[0] for part in parts]),
+            matrices.reduce_diagonal_matrices(inertia),
+            None if damping is None else matrices.reduce_diagonal_matrices(damping),
+            centre if centre.any() else None,
+        )
+
+    def move_axis(self, y: float, z: float, angle: float = 0.0) -> Section:
+        """Return the section of the same beam about another axis: at y, z [m] of this one, turned by ``angle`` about x [rad]."""
+        back = np.linalg.inv(matrices.build_axis_change(y, z, angle))
+        damping = None if self.damping is None else back.T @ self.damping_matrices @ back
+        stiffness, mass = (back.T @ own @ back for own in (self.stiffness_matrices, self.mass_matrices))
+        return Section.build_from_matrices(self.stations, stiffness, mass, damping)
+
+    def check_independent(self, what: str) -> Section:
+        """Return itself [-] if six stiffnesses, a mass and three rotary inertias say all of it.
+
+        Raises InputError, which names ``what`` asks, for a coupled section.
+        """
+        if self.is_coupled:
+            given = "the section is coupled (matrices of stiffness or damping, an offset mass centre, products of inertia)"
+            raise InputError(f"{what}: {given}; expected a section of EA, GA, GJ, EI, mass and rotary inertia")
+        return self
 
 
 @dataclass(frozen=True, eq=False)

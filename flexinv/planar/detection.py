@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexinv.constraints.closures import Rows, build_constraint_rows
+from flexinv.elements.beam_element import Elements
 from flexinv.kinematics.mesh import Mesh
 from flexinv.model.joint_kinds import SECTION
 from flexinv.model.owned_cache import make_owner_cache
@@ -140,6 +141,21 @@ def _describe_spatial_node(mesh: Mesh, frames: Array, heights: Array) -> str:
     return ""
 
 
+def _leads_out_of_plane(elements: Elements, element: int, normal: Array) -> bool:
+    """True where axial strain, shear or bending in the plane have stress of the other three strains."""
+    aside = np.cross(normal, [1.0, 0.0, 0.0])
+    none = np.zeros(3)
+    within = np.array([[1.0, 0, 0, 0, 0, 0], [*aside, *none], [*none, *normal]])
+    outside = np.array([[*normal, *none], [0, 0, 0, 1.0, 0, 0], [*none, *aside]])
+    for coupling, direct in ((elements.coupling, elements.stiffness), (elements.damping_coupling, elements.damping)):
+        for matrix, own in zip(coupling[element : element + 1], direct[element : element + 1], strict=False):
+            size = np.sqrt(np.abs(np.einsum("gi,gj->gij", own, own)))
+            across = within @ matrix @ outside.T
+            if (np.abs(across) > PLACEMENT_ROUNDING * (np.abs(within) @ size @ np.abs(outside).T)).any():
+                return True
+    return False
+
+
 def _describe_asymmetry(mesh: Mesh, frames: Array) -> str:
     """Return a message on the first section or body that is not symmetric to the plane; empty if all are."""
     e = mesh.elements
@@ -151,6 +167,9 @@ def _describe_asymmetry(mesh: Mesh, frames: Array) -> str:
         about = e.kappa0[k] - np.outer(e.kappa0[k] @ normal, normal)
         if not (all(same) and upright and across and np.abs(about).max() * mesh.length <= PLACEMENT_ROUNDING):
             return f"the section or curvature of beam '{mesh.mechanism.links[int(e.link[k])].name}' is not symmetric to the plane"
+        if _leads_out_of_plane(e, k, normal):
+            name = mesh.mechanism.links[int(e.link[k])].name
+            return f"the section of beam '{name}' couples strains in the plane with strains out of it"
     for n in range(mesh.size):
         normal = frames[n][2]
         inertia = mesh.inertia[n]

@@ -178,7 +178,16 @@ def _build_elements(mesh: Mesh, plane: Plane, space: Embedding) -> PlanarElement
     return PlanarElements(
         e.order, e.nodes, e.shape, e.slope, bend, np.arctan2(frames[:, 1, 0], frames[:, 0, 0]), np.uint64(POINTS_AT_ONCE),
         _convert_to_blocks(constants), _convert_to_blocks(damping),
+        _convert_to_blocks([*_list_couplings(e.coupling, side, axle), *_list_couplings(e.damping_coupling, side, axle)]),
     )  # fmt: skip
+
+
+def _list_couplings(coupling: Array, side: Array, axle: Array) -> list[Array]:
+    """Axial with shear, axial with bending, shear with bending (elements, points) of couplings (elements, points, 6, 6)."""
+    own = slice(0, len(coupling))
+    shear = np.einsum("kgij,kj->kgi", coupling[..., :, :3], side[own])  # resultants by shear in the plane
+    bending = np.einsum("kgij,kj->kgi", coupling[..., :, 3:], axle[own])
+    return [shear[..., 0], bending[..., 0], _compute_components(bending[..., :3], side[own])]
 
 
 def _compute_components(vectors: Array, axes: Array) -> Array:

@@ -11,7 +11,7 @@ import numpy as np
 from flexinv.dynamics.constraint_rows import Ties
 from flexinv.dynamics.generalized_alpha import Scheme
 from flexinv.dynamics.system import State, Trajectory
-from flexinv.elements.planar_beam import COEFFICIENTS, CONSTANTS, POINT_BLOCK, RATE_BLOCK
+from flexinv.elements.planar_beam import BEND_BLOCK, COEFFICIENTS, CONSTANTS, COUPLINGS, POINT_BLOCK, RATE_BLOCK
 from flexinv.kernels.dense import ROWS_AT_ONCE
 from flexinv.kernels.memory import copy_aligned, make_aligned_zeros
 from flexinv.kernels.so3 import exp_so3
@@ -187,8 +187,10 @@ def _make_work(model: PlanarModel) -> PlanarWork:
     """Scratch of a march: one right side of the tree, and one for each row of the closures."""
     elements = model.elements
     unknowns = (1 + len(model.ties.a), len(model.tree.scale))
+    blocks = len(elements.constants) // int(CONSTANTS)
+    behind = len(elements.coupling) // int(COUPLINGS) * int(BEND_BLOCK)
     return PlanarWork(
-        points=make_aligned_zeros(len(elements.constants) // int(CONSTANTS) * int(POINT_BLOCK)),
+        points=make_aligned_zeros(blocks * int(POINT_BLOCK) + behind),
         rates=make_aligned_zeros(len(elements.damping) // int(COEFFICIENTS) * int(RATE_BLOCK)),
         u=make_aligned_zeros(max(elements.nodes.shape[1], 1), 3),
         node_forces=make_aligned_zeros(*elements.nodes.shape, 3),

@@ -26,6 +26,7 @@ from flexinv.dynamics.loads import build_load_table, update_loads
 from flexinv.dynamics.solver import Solver, build_coordinate_map
 from flexinv.dynamics.stepper import evaluate, write_sample
 from flexinv.dynamics.system import System, Trajectory
+from flexinv.elements.beam_element import scale_stiffness
 from flexinv.kernels.dense import solve_tridiagonal
 from flexinv.kernels.jit import jit
 from flexinv.kernels.records import send_by_address
@@ -34,7 +35,6 @@ from flexinv.kernels.vec3 import mat, put, put_block, vec
 from flexinv.kinematics.mesh import Mesh, build
 from flexinv.kinematics.nodal_motion import compute_relative_motion, compute_rigid_motion
 from flexinv.kinematics.tree import Joints
-from flexinv.model.owned_cache import make_read_only
 from flexinv.planar.detection import Plane, find_plane
 from flexinv.tracking.frame_path import Poses
 from flexinv.tracking.inverse_kinematics import PathMotion, RigidPath
@@ -296,8 +296,7 @@ class Horizon:
         out = LinearisedEquations(residual, tangents, missed, derivatives, Trajectory.make_zero(size, mesh))
         solver = self.layout.solver
         pick = self.layout.pick
-        beams = solver.elements._replace(stiffness=make_read_only(stiffness * solver.elements.stiffness))
-        system = solver.system._replace(elements=beams)
+        system = solver.system._replace(elements=scale_stiffness(solver.elements, stiffness))
         for first in range(0, size, CHUNK):
             part = slice(first, min(first + CHUNK, size))
             motion = self._take_motion(at, u, du, part)

@@ -25,7 +25,13 @@ class Example:
     r: Array
 
 
-def example(order: int) -> Example:
+def couplings(order: int, seed: int) -> Array:
+    """Symmetric couplings (1, points, 6, 6) without a diagonal, so small that stiffnesses from 0.5 on stay positive definite."""
+    dice = np.random.default_rng(seed).uniform(-1.0, 1.0, size=(1, order, 6, 6))
+    return np.asarray(0.04 * (dice + dice.swapaxes(2, 3)) * (1.0 - np.eye(6)))
+
+
+def example(order: int, coupled: bool = False) -> Example:
     rng, ref, half = np.random.default_rng(order), build_reference(order), 1.0
     count = order + 1
     arrays = Elements(
@@ -36,6 +42,8 @@ def example(order: int) -> Example:
         weight=ref.point_weights[None] * half,
         stiffness=rng.uniform(1.0, 3.0, size=(1, order, 6)),
         damping=np.zeros((0, order, 6)),
+        coupling=couplings(order, order) if coupled else np.zeros((0, order, 6, 6)),
+        damping_coupling=np.zeros((1 if coupled else 0, order, 6, 6)),
         gamma0=np.array([1.0, 0.0, 0.0]) + 0.1 * rng.normal(size=(1, order, 3)),
         kappa0=0.3 * rng.normal(size=(1, order, 3)),
         station=np.zeros((1, order)),

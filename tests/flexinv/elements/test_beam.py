@@ -37,16 +37,18 @@ def tangent_error(case: Example, tangent: Array) -> float:
     return float(np.abs(np.array(columns).T - tangent).max())
 
 
+@pytest.mark.parametrize("coupled", [False, True])
 @pytest.mark.parametrize("order", ORDERS)
-def test_forces_are_the_gradient_of_the_energy(order: int) -> None:
-    case = example(order)
+def test_forces_are_the_gradient_of_the_energy(order: int, coupled: bool) -> None:
+    case = example(order, coupled)
     energy, forces, _ = evaluated(case)
     assert gradient_error(case, forces) < DIFFERENCE * max(energy, np.abs(forces).max())
 
 
+@pytest.mark.parametrize("coupled", [False, True])
 @pytest.mark.parametrize("order", ORDERS)
-def test_tangent_is_the_derivative_of_the_forces(order: int) -> None:
-    case = example(order)
+def test_tangent_is_the_derivative_of_the_forces(order: int, coupled: bool) -> None:
+    case = example(order, coupled)
     tangent = evaluated(case)[2]
     assert tangent_error(case, tangent) < DIFFERENCE * np.abs(tangent).max()
 
@@ -62,9 +64,10 @@ def test_one_wrong_entry_of_the_tangent_is_found(order: int) -> None:
         assert tangent_error(case, wrong) > DIFFERENCE * size
 
 
+@pytest.mark.parametrize("coupled", [False, True])
 @pytest.mark.parametrize("order", ORDERS)
-def test_forces_and_moments_are_in_balance(order: int) -> None:
-    case = example(order)
+def test_forces_and_moments_are_in_balance(order: int, coupled: bool) -> None:
+    case = example(order, coupled)
     force, moment = np.split(evaluated(case)[1].reshape(-1, 6), 2, axis=1)
     world = np.cross(case.x, force) + np.einsum("nij,nj->ni", case.r, moment)
     # sums over the nodes of terms known to some eps: a dozen products each
@@ -73,9 +76,10 @@ def test_forces_and_moments_are_in_balance(order: int) -> None:
     np.testing.assert_allclose(world.sum(axis=0), 0.0, atol=rounding)
 
 
+@pytest.mark.parametrize("coupled", [False, True])
 @pytest.mark.parametrize("order", ORDERS)
-def test_a_rigid_motion_turns_forces_and_changes_nothing_else(order: int) -> None:
-    case, count = example(order), order + 1
+def test_a_rigid_motion_turns_forces_and_changes_nothing_else(order: int, coupled: bool) -> None:
+    case, count = example(order, coupled), order + 1
     turn = exp_so3(np.array([1.1, 2.0, -0.7]))
     carried = replace(case, x=case.x @ turn.T + [3.0, -2.0, 1.0], r=turn @ case.r)
     energy, forces, tangent = evaluated(case)
@@ -90,10 +94,11 @@ def test_a_rigid_motion_turns_forces_and_changes_nothing_else(order: int) -> Non
     np.testing.assert_allclose(tangent_there, to_world @ tangent @ to_world.T, rtol=0, atol=rounding)
 
 
+@pytest.mark.parametrize("coupled", [False, True])
 @pytest.mark.parametrize("order", ORDERS)
-def test_the_tangent_is_symmetric_but_for_the_turns_of_one_node(order: int) -> None:
+def test_the_tangent_is_symmetric_but_for_the_turns_of_one_node(order: int, coupled: bool) -> None:
     """Turns of one node do not commute: K - K^T = skew(M_i)^T or its negative there, and zero everywhere else."""
-    case, count = example(order), order + 1
+    case, count = example(order, coupled), order + 1
     _, forces, tangent = evaluated(case)
     lopsided = tangent - tangent.T
     for node in range(count):

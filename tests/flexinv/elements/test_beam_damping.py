@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
-from element_example import EPS, Example, evaluated, example
+from element_example import EPS, Example, couplings, evaluated, example
 from kernels import DIFFERENCE, damped_element, derivative
 
 from flexinv.elements.beam import Rates, Scratch
@@ -37,12 +37,13 @@ class DampedForces:
     power: float
 
 
-def moving(order: int, damping: float = 1.0) -> MovingElement:
-    case, rng = example(order), np.random.default_rng(order + 10)
+def moving(order: int, damping: float = 1.0, coupled: bool = False) -> MovingElement:
+    case, rng = example(order, coupled), np.random.default_rng(order + 10)
     coefficients = damping * rng.uniform(0.5, 2.0, size=(1, order, 6))
-    return MovingElement(
-        replace(case, arrays=case.arrays._replace(damping=coefficients)), *rng.normal(size=(2, order + 1, 3))
-    )
+    arrays = case.arrays._replace(damping=coefficients)
+    if coupled:
+        arrays = arrays._replace(damping_coupling=damping * couplings(order, order + 20))
+    return MovingElement(replace(case, arrays=arrays), *rng.normal(size=(2, order + 1, 3)))
 
 
 def seen(case: MovingElement) -> DampedForces:
@@ -80,9 +81,10 @@ def rigid(case: MovingElement, turn: Array, slide: Array) -> MovingElement:
     return replace(case, v=case.v + world, w=case.w + np.einsum("nji,j->ni", case.at.r, turn))
 
 
+@pytest.mark.parametrize("coupled", [False, True])
 @pytest.mark.parametrize("order", ORDERS)
-def test_forces_by_poses_and_velocities_are_exact(order: int) -> None:
-    case = moving(order)
+def test_forces_by_poses_and_velocities_are_exact(order: int, coupled: bool) -> None:
+    case = moving(order, coupled=coupled)
     result = seen(case)
     for freedom in range(6 * order + 6):
         by_pose = derivative(lambda h, f=freedom: seen(shifted(case, f, h)).forces)  # type: ignore[misc]
@@ -93,10 +95,11 @@ def test_forces_by_poses_and_velocities_are_exact(order: int) -> None:
         np.testing.assert_allclose(result.by_velocity[:, freedom], by_velocity, rtol=0, atol=bar)
 
 
+@pytest.mark.parametrize("coupled", [False, True])
 @pytest.mark.parametrize("order", ORDERS)
-def test_power_of_the_forces_is_elastic_and_dissipated(order: int) -> None:
+def test_power_of_the_forces_is_elastic_and_dissipated(order: int, coupled: bool) -> None:
     """P . v + Q . w = dE/dt + dissipation, the rate of the energy by a central difference along the motion."""
-    case = moving(order)
+    case = moving(order, coupled=coupled)
     result, count = seen(case), order + 1
     given = result.forces @ np.concatenate([case.v, case.w], axis=1).ravel()
 
@@ -109,9 +112,10 @@ def test_power_of_the_forces_is_elastic_and_dissipated(order: int) -> None:
     assert given - result.power == pytest.approx(float(derivative(energy)), abs=bar)
 
 
+@pytest.mark.parametrize("coupled", [False, True])
 @pytest.mark.parametrize("order", ORDERS)
-def test_a_rigid_motion_of_a_bent_element_dissipates_nothing(order: int) -> None:
-    case = moving(order)
+def test_a_rigid_motion_of_a_bent_element_dissipates_nothing(order: int, coupled: bool) -> None:
+    case = moving(order, coupled=coupled)
     turn, slide = np.array([3.0, -5.0, 4.0]), np.array([2.0, 1.0, -1.0])
     still = replace(case, v=np.zeros_like(case.v), w=np.zeros_like(case.w))
     turning, here = seen(rigid(still, turn, slide)), seen(still)
@@ -124,9 +128,10 @@ def test_a_rigid_motion_of_a_bent_element_dissipates_nothing(order: int) -> None
     np.testing.assert_allclose(both.forces, alone.forces, rtol=0, atol=rounding)
 
 
+@pytest.mark.parametrize("coupled", [False, True])
 @pytest.mark.parametrize("order", ORDERS)
-def test_forces_balance_and_velocities_act_symmetrically(order: int) -> None:
-    case = moving(order)
+def test_forces_balance_and_velocities_act_symmetrically(order: int, coupled: bool) -> None:
+    case = moving(order, coupled=coupled)
     result, rounding = seen(case), 100 * EPS * (1 + order**2)
     forces = result.forces.reshape(-1, 6)
     moments = np.einsum("nij,nj->ni", case.at.r, forces[:, 3:]) + np.cross(case.at.x, forces[:, :3])
