@@ -157,6 +157,47 @@ def named(law: str = "cycloid", **angles: float) -> flexinv.Motion:
     return flexinv.Motion.point_to_point(dict.fromkeys(angles, 0.0), dict(angles), 0.2, law=law)
 
 
+def with_couplings(mechanism: Mechanism) -> Mechanism:
+    """The same with sections that couple strains in the plane, whichever axis is normal to it, and mass off the axis in it.
+
+    Axial strain, the shear and the bending in the plane; beside them what lies out of it: twist with the other shear.
+    """
+
+    def coupled(link: Link) -> Link:
+        if link.beam is None:
+            return link
+        upright = abs(link.beam.placement.rotation[2, 2]) > 0.5  # z of the section is normal to the plane
+        within, outside, side = ((0, 1, 5), (2, 3, 4), (1.0, 0.0)) if upright else ((0, 2, 4), (1, 3, 5), (0.0, 1.0))
+        own = link.beam.section
+        stiffness = own.stiffness_matrices.copy()
+        root = np.sqrt(own.stiffness)
+        for group in (within, outside):
+            for (i, j), part in zip(((0, 1), (0, 2), (1, 2)), (0.2, -0.35, 0.15), strict=True):
+                a = group[i]
+                b = group[j]
+                stiffness[:, a, b] = stiffness[:, b, a] = part * root[:, a] * root[:, b]
+        rotary = own.rotary_inertia * (1.0, 1.0, 1.0)
+        centre = np.outer(np.linspace(1.0, 0.5, len(rotary)), side) * 0.01
+        made = replace(own, stiffness=stiffness, mass_centre=centre)
+        return replace(link, beam=replace(link.beam, section=made))
+
+    return replace(mechanism, links=tuple(coupled(link) for link in mechanism.links))
+
+
+def retarded_matrices(mechanism: Mechanism, seconds: float) -> Mechanism:
+    """The same with damping matrices, of which those within the plane and out of it are not proportional to stiffness."""
+
+    def damped_link(link: Link) -> Link:
+        if link.beam is None:
+            return link
+        own = link.beam.section
+        sizes = np.sqrt([1.0, 2.0, 1.5, 1.0, 0.7, 0.5])
+        damping = seconds * sizes[:, None] * own.stiffness_matrices * sizes
+        return replace(link, beam=replace(link.beam, section=replace(own, damping=damping)))
+
+    return replace(mechanism, links=tuple(damped_link(link) for link in mechanism.links))
+
+
 Case = Callable[[], tuple[Mechanism, flexinv.Motion, dict[str, Any]]]
 TILT, SHIFT = np.array([0.7, -0.4, 1.9]), np.array([0.3, -0.1, 0.2])
 SOFT_CASES: dict[str, Case] = {
@@ -167,6 +208,17 @@ SOFT_CASES: dict[str, Case] = {
     "branches": lambda: (branches(), named(root=0.8, leaf=0.5, twig=0.02), {"start": {"swing": 0.2}}),
     "branches, jumps": lambda: (branches(), named("bang-bang", root=0.4, leaf=0.5, twig=0.02), {}),
     "hanging": lambda: (hanging(), named(drive=1.0), {"start": {"pivot": -0.4}, "start_rate": {"pivot": 2.0}}),
+    "coupled": lambda: (with_couplings(two_links(1, 4)), quick(1.0, -0.5, 0.8), {"initial": "static"}),
+    "coupled branches": lambda: (
+        with_couplings(branches()),
+        named(root=0.8, leaf=0.5, twig=0.02),
+        {"start": {"swing": 0.2}},
+    ),
+    "coupled, damped": lambda: (
+        retarded_matrices(with_couplings(two_links(2, 3)), 1e-4),
+        quick(1.0, -0.5, 0.8),
+        {},
+    ),
     "tilted": lambda: (stood(two_links(1, 4), TILT, SHIFT), quick(1.0, -0.5, 0.8), {}),
     "damped": lambda: (damped(two_links(1, 4)), quick(1.0, -0.5, 0.8), {"initial": "static"}),
     "damped, jumps": lambda: (damped(two_links(2, 1)), quick(0.5, -0.2, 0.3, law="bang-bang"), {}),
