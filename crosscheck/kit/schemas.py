@@ -27,7 +27,7 @@ from flexinv.files.closures import (
 )
 from flexinv.files.joints import DRIVES, JOINT_TABLES, MOTORS
 from flexinv.files.schema import BeamLinkTable, MechanismTable, OverlayLinkTable, RigidLinkTable
-from flexinv.files.sections import SECTION_SHAPES, StiffnessSectionTable
+from flexinv.files.sections import MATRICES, SECTION_SHAPES, MatrixSectionTable, StiffnessSectionTable
 
 FOLDER = Path(__file__).with_name("schema")
 DRAFT = "https://json-schema.org/draft/2020-12/schema"
@@ -36,7 +36,11 @@ KIT: dict[str, type[BaseModel]] = {"case": CaseFile, "certificate": CertificateF
 # Tables whose entries are read later: (table, key of the entries, key that decides) -> what they may be.
 Places = Mapping[tuple[str, str, str], Alternatives]
 MECHANISM: Places = {
-    ("MechanismTable", "sections", "shape"): {"": StiffnessSectionTable, **SECTION_SHAPES},
+    ("MechanismTable", "sections", "shape"): {
+        "": StiffnessSectionTable,
+        **SECTION_SHAPES,
+        MATRICES: MatrixSectionTable,
+    },
     ("MechanismTable", "links", "kind"): {"": RigidLinkTable, "beam": BeamLinkTable},
     ("MechanismTable", "joints", "kind"): JOINT_TABLES,
     ("MechanismTable", "closures", "kind"): {**CLOSURE_TABLES, "coupling": CouplingTable},

@@ -12,9 +12,12 @@ from flexinv.constraints.loop_starts import find_closed_anywhere, list_closed_ne
 from flexinv.files.load_cases import Case
 from flexinv.kinematics.mesh import build
 from flexinv.linearized.modal_damping import apply_stated_ratio
-from flexinv.model.mechanism import CLOSURES, Link, Mechanism
+from flexinv.model.mechanism import CLOSURES, Link, Mechanism, Section
 from flexinv.model.motion import resolve_start_coordinates
+from flexinv.model.section_matrices import COMPONENTS, UPPER, scale_to_unit_diagonal
 from flexinv.typing import Array
+
+SEEN = 1e-3  # of the geometric mean of two stiffnesses: a smaller coupling of theirs is not named
 
 
 def resolve_start_configuration(mechanism: Mechanism, case: Case | None) -> Array:
@@ -120,6 +123,18 @@ def _build_link_table(mechanism: Mechanism) -> pd.DataFrame:
     return pd.DataFrame(columns)
 
 
+def _describe_couplings(section: Section) -> str:
+    """The strains that are coupled with another one at the root, largest part of the geometric mean first, and the mass centre."""
+    unit = scale_to_unit_diagonal(section.stiffness_matrices[0])
+    upper = [(int(i), int(j)) for i, j in zip(*UPPER, strict=True)]
+    pairs = sorted(upper, key=lambda pair: -abs(float(unit[pair])))
+    words = [f"{COMPONENTS[i]} with {COMPONENTS[j]} {unit[i, j]:+.2g}" for i, j in pairs if abs(unit[i, j]) >= SEEN][:3]
+    if section.mass_centre is not None:
+        y, z = section.mass_centre[0]
+        words.append(f"mass centre {y:g}, {z:g} m")
+    return ", ".join(words) or ("a little" if section.is_coupled else "no")
+
+
 def _build_beam_table(mechanism: Mechanism) -> pd.DataFrame:
     beams = [link.beam for link in mechanism.links if link.beam is not None]
     columns: dict[str, Sequence[object]] = {
@@ -128,6 +143,8 @@ def _build_beam_table(mechanism: Mechanism) -> pd.DataFrame:
         "mesh": [f"{beam.elements} x order {beam.order}" for beam in beams],
     }
     for k, label in ((0, "EA [N]"), (3, "GJ [N m^2]"), (4, "EI_y [N m^2]"), (5, "EI_z [N m^2]")):
-        columns[label] = [beam.section.stiffness[0][k] for beam in beams]
+        columns[label] = [beam.section.stiffness_matrices[0, k, k] for beam in beams]
     columns["mass [kg/m]"] = [beam.section.mass_per_length[0] for beam in beams]
+    if any(beam.section.is_coupled for beam in beams):
+        columns["coupled"] = [_describe_couplings(beam.section) for beam in beams]
     return pd.DataFrame(columns)

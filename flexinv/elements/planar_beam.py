@@ -431,7 +431,9 @@ def compute_pair_stiffness(k, i, j, elements, p):
         d += p[at + PSI_PSI] * shape_i * shape_j + p[at + BEND_BEND] * slopes
         if len(elements.coupling) > 0:
             n = np.uint64(k * elements.shape.shape[1] + g)
-            behind = np.uint64(len(elements.constants)) // CONSTANTS * POINT_BLOCK + n // _LANES * BEND_BLOCK + n % _LANES
+            behind = (
+                np.uint64(len(elements.constants)) // CONSTANTS * POINT_BLOCK + n // _LANES * BEND_BLOCK + n % _LANES
+            )
             b1 += p[behind + BEND_U1] * slopes
             b2 += p[behind + BEND_U2] * slopes
             c1 += p[behind + BEND_U1] * slopes

@@ -41,10 +41,11 @@ def read_named_numbers(value: Any, required: str, optional: str = "") -> Numbers
     return {name: read_finite_number(number) for name, number in value.items()}
 
 
-def _read_matrix(value: Any) -> np.ndarray[Any, np.dtype[np.float64]]:
+def _read_matrix(value: Any, size: int = 3) -> np.ndarray[Any, np.dtype[np.float64]]:
     rows = value if isinstance(value, list) else []
-    if len(rows) != 3 or any(not isinstance(row, list) or len(row) != 3 for row in rows):
-        raise ValueError("should have three rows of three numbers")
+    if len(rows) != size or any(not isinstance(row, list) or len(row) != size for row in rows):
+        many = "three" if size == 3 else "six"
+        raise ValueError(f"should have {many} rows of {many} numbers")
     return np.array([[read_finite_number(x) for x in row] for row in rows])
 
 
@@ -84,6 +85,10 @@ def _read_tensor(value: Any) -> np.ndarray[Any, np.dtype[np.float64]]:
     return np.array([[i["xx"], xy, xz], [xy, i["yy"], yz], [xz, yz, i["zz"]]])
 
 
+def _read_six(value: Any) -> np.ndarray[Any, np.dtype[np.float64]]:
+    return _read_matrix(value, 6)
+
+
 def _read_rotation(value: Any) -> np.ndarray[Any, np.dtype[np.float64]]:
     matrix = _read_matrix(value)
     # 1e-6: a matrix typed with seven digits; anything further off is no rotation but a mistake
@@ -109,6 +114,8 @@ Across = Annotated[tuple[float, float], PlainValidator(_read_across), _make_numb
 Rotary = Annotated[tuple[float, float, float], PlainValidator(_read_rotary), _make_number_schema("y z", "x")]
 Times = Annotated[tuple[float, ...], PlainValidator(_read_times), _make_number_schema("axial shear twist bending")]
 Tensor = Annotated[Any, PlainValidator(_read_tensor), _make_number_schema("xx yy zz", "xy xz yz", _ROWS)]
+_SIX = {"type": "array", "minItems": 6, "maxItems": 6}
+SixBySix = Annotated[Any, PlainValidator(_read_six), WithJsonSchema({**_SIX, "items": {**_SIX, "items": _NUMBER}})]
 Rotation = Annotated[Any, PlainValidator(_read_rotation), WithJsonSchema(_ROWS)]
 Along = Literal["x", "y", "z"]
 

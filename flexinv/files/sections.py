@@ -11,7 +11,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydantic import Field
 
-from flexinv.files.schema import SOURCE, Across, Rotary, Times
+from flexinv.errors import InputError
+from flexinv.files.schema import SOURCE, Across, Rotary, SixBySix, Times
 from flexinv.files.toml_tables import (
     Location,
     Table,
@@ -21,7 +22,7 @@ from flexinv.files.toml_tables import (
     make_optional_key,
     read_option,
 )
-from flexinv.files.values import Fraction, Name, Number, Positive, Text
+from flexinv.files.values import Fraction, Name, NotNegative, Number, Positive, Text
 from flexinv.model.mechanism import Section
 from flexinv.typing import Array
 from flexinv.validation import find_nearest_word
@@ -51,6 +52,39 @@ class StiffnessSectionTable(Table):
     rho_I_kgm: Rotary = make_key(
         "rotary inertia per length [kg m]: { y, z } (x is their sum unless given), one number for both, or 0 if none",
         "{ y = 5.3e-7, z = 1.77e-8 }",
+    )
+    source: Text = SOURCE
+
+
+class AxisTable(Table):
+    """Place of an axis in a section."""
+
+    y_m: Number = make_key("along the section's y, a number [m]", "0.01", 0.0)
+    z_m: Number = make_key("along the section's z, a number [m]", "-0.02", 0.0)
+    turn_deg: Number = make_key("a turn about x, from y to z, a number [deg]", "5", 0.0)
+
+
+class MatrixSectionTable(Table):
+    """A section by its matrices, as VABS, SONATA or BeamDyn have them."""
+
+    shape: Literal["matrices"] = make_key('"matrices", or "rectangle", "circle", "tube"', '"matrices"')
+    convention: Literal["VABS", "BeamDyn"] = make_key(
+        '"VABS": axial, shear y, shear z, twist, bending y, bending z; "BeamDyn": shear, shear, axial, bending, bending, twist',
+        '"VABS"', "VABS",
+    )  # fmt: skip
+    stiffness_matrix: SixBySix = make_key(
+        "six rows of six numbers, symmetric and positive definite [N, N m, N m^2]", "[[1.4e6, 0, 0, 0, 0, 0], ...]"
+    )
+    mass_matrix: SixBySix = make_key(
+        "six rows of six numbers per length, about the axis of the stiffness [kg/m, kg, kg m]",
+        "[[0.06, 0, 0, 0, 0, -1e-4], ...]",
+    )
+    damping_matrix: SixBySix | None = make_optional_key(
+        "six rows of six numbers, stress by rate of strain [N s, N m s, N m^2 s]", "[[1.4e2, 0, 0, 0, 0, 0], ...]"
+    )
+    retardation_s: NotNegative = make_key("damping over stiffness, a number, 0 or more [s]", "1e-3", 0.0)
+    axis: AxisTable = make_key(
+        "where the beam's axis is in the axes of the matrices: { y_m, z_m, turn_deg }", "{ y_m = 0.01 }", AxisTable()
     )
     source: Text = SOURCE
 
@@ -96,6 +130,11 @@ class TubeTable(MaterialTable):
 
 ShapeTable = RectangleTable | CircleTable | TubeTable
 SECTION_SHAPES: dict[str, type[ShapeTable]] = {"rectangle": RectangleTable, "circle": CircleTable, "tube": TubeTable}
+MATRICES = "matrices"
+MATRIX_KEYS = ("stiffness_matrix", "mass_matrix", "damping_matrix")
+MATERIAL_KEYS = tuple(dict.fromkeys(key for table in SECTION_SHAPES.values() for key in table.model_fields))
+# Where axial, shear y, shear z, twist, bending y, bending z stand: BeamDyn's z runs along the beam, its x and y are our y and z.
+MATRIX_ORDERS = {"VABS": [0, 1, 2, 3, 4, 5], "BeamDyn": [2, 0, 1, 5, 3, 4]}
 # A taper is stated at so many stations that what is linear between them is off by this part of it at most: EI goes with the
 # fourth power of dimensions, and 1e-5 is far below what anybody knows of a section.
 TAPER = 1e-5
@@ -107,15 +146,26 @@ class CrossSection:
     """One cross-section in numbers (16,), and the shape and material that they follow from, None where they are given.
 
     numbers : stiffness (6) [N, N, N, N m^2, N m^2, N m^2], mass [kg/m], rotary inertia (3) [kg m], retardation (6) [s]
+    coupled : the section of matrices, whose numbers are nan; None of all others
     """
 
     numbers: Array
     table: ShapeTable | None = None
+    coupled: Section | None = None
+
+    def build_section(self) -> Section:
+        """Return the section of one station [N], [N m^2], [kg/m], [kg m]."""
+        return self.coupled or _build_section(np.zeros(1), self.numbers[None])
 
 
 def read_section(data: Any, where: Location) -> CrossSection:
     """Read ``[sections.NAME]``: by ``shape`` and material, or by its numbers [N, N m^2, kg/m, kg m]."""
-    shape = read_option(data, where, "shape", SECTION_SHAPES, f"one of {', '.join(SECTION_SHAPES)}", "rectangle")
+    shapes = (*SECTION_SHAPES, MATRICES)
+    shape = read_option(data, where, "shape", shapes, f"one of {', '.join(shapes)}", "rectangle")
+    if isinstance(data, dict):
+        _check_one_form(data, shape, where)
+    if shape == MATRICES:
+        return _read_matrices(check_table(MatrixSectionTable, data, where), where)
     if not shape:
         given = check_table(StiffnessSectionTable, data, where)
         stiffness = given.EA_N, *given.GA_N, given.GJ_Nm2, *given.EI_Nm2
@@ -132,6 +182,56 @@ def read_section(data: Any, where: Location) -> CrossSection:
             "nu", "neither" if table.nu is None else "both", "one of nu [-] and G_Pa [Pa]", "nu = 0.33"
         )
     return _compute_section(table)
+
+
+def _check_one_form(data: Mapping[str, Any], shape: str, where: Location) -> None:
+    """Raise InputError for matrices beside other numbers, or without the shape that says that they are there."""
+    stated = [key for key in MATRIX_KEYS if key in data]
+    if not stated and shape != MATRICES:
+        return
+    others = [key for key in (*StiffnessSectionTable.model_fields, *MATERIAL_KEYS) if key in data]
+    beside = [key for key in others if key not in MatrixSectionTable.model_fields]
+    if beside:
+        given = f"{beside[0]} beside {stated[0]}" if stated else f'{beside[0]} beside shape = "{MATRICES}"'
+        expected = "a section by matrices or one by numbers, not both"
+        raise where.make_error(beside[0], given, expected, f"either without {', '.join(beside)}, or without matrices")
+    if shape != MATRICES:
+        given = f'{stated[0]} with shape = "{shape}"' if shape else f"{stated[0]} without a shape"
+        raise where.make_error("shape", given, "the shape that matrices belong to", f'shape = "{MATRICES}"')
+
+
+def _read_matrices(table: MatrixSectionTable, where: Location) -> CrossSection:
+    """The section of matrices about the beam's axis."""
+    if table.damping_matrix is not None and table.retardation_s:
+        expected = "one of retardation_s [s] and damping_matrix [N s, N m s, N m^2 s]"
+        raise where.make_error("damping_matrix", "both", expected, "retardation_s = 1e-3")
+    order = np.ix_(MATRIX_ORDERS[table.convention], MATRIX_ORDERS[table.convention])
+    stiffness = table.stiffness_matrix[order]
+    damping = None if table.damping_matrix is None else table.damping_matrix[order]
+    if table.retardation_s:
+        damping = table.retardation_s * stiffness
+    lost = None if damping is None else damping[None]
+    at = table.axis
+    try:
+        made = Section.build_from_matrices(np.zeros(1), stiffness[None], table.mass_matrix[order][None], lost)
+    except InputError as error:
+        reason = str(error).removeprefix("Section: ")
+        key = next((key for key in MATRIX_KEYS if reason.startswith(key.split("_")[0])), MATRIX_KEYS[0])
+        given, _, expected = reason.rpartition("; expected ")
+        advice = f"the numbers of the cross-section's analysis, with convention = one of {', '.join(MATRIX_ORDERS)}"
+        raise where.make_error(key, given.replace("[0]", "", 1), expected, advice) from None
+    moved = at.y_m or at.z_m or at.turn_deg
+    whole = made.move_axis(at.y_m, at.z_m, float(np.radians(at.turn_deg))) if moved else made
+    if not whole.is_coupled:
+        return CrossSection(_list_numbers(whole), coupled=None)
+    return CrossSection(np.full(16, np.nan), coupled=whole)
+
+
+def _list_numbers(section: Section) -> Array:
+    """The numbers (16,) of a section of one station whose matrices are diagonal."""
+    damping = np.zeros(6) if section.damping is None else section.damping[0]
+    retardation = damping / section.stiffness[0]
+    return np.array([*section.stiffness[0], section.mass_per_length[0], *section.rotary_inertia[0], *retardation])
 
 
 def _compute_section(table: ShapeTable) -> CrossSection:
@@ -210,9 +310,22 @@ def assemble_section(value: Any, sections: Mapping[str, CrossSection], where: Lo
         if end > start and first.table is not None and type(first.table) is type(last.table):
             stations += _list_stations_between(first, last, start, end)
         stations.append((end, last))
-    numbers = np.array([part.numbers for _, part in stations])
-    stiffness, mass, rotary, retardation = np.split(numbers, [6, 7, 10], axis=1)
     places = np.array([place for place, _ in stations])
+    if all(part.coupled is None for _, part in stations):
+        return _build_section(places, np.array([part.numbers for _, part in stations]))
+    sections_there = [part.build_section() for _, part in stations]
+    stiffness, mass, damping = (
+        np.concatenate(tables)
+        for tables in zip(
+            *((one.stiffness_matrices, one.mass_matrices, one.damping_matrices) for one in sections_there), strict=True
+        )
+    )
+    return Section.build_from_matrices(places, stiffness, mass, damping if damping.any() else None)
+
+
+def _build_section(places: Array, numbers: Array) -> Section:
+    """The section of the numbers (stations, 16) of `CrossSection`."""
+    stiffness, mass, rotary, retardation = np.split(numbers, [6, 7, 10], axis=1)
     return Section(places, stiffness, mass[:, 0], rotary, retardation * stiffness if retardation.any() else None)
 
 

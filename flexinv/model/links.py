@@ -260,7 +260,9 @@ class Section(Frozen):
     @property
     def damping_matrices(self) -> Array:
         """Damping of every station as matrices (n, 6, 6) [N s], [N m s], [N m^2 s], zero where there is none."""
-        return np.zeros((len(self.stations), 6, 6)) if self.damping is None else matrices.build_full_matrices(self.damping)
+        return (
+            np.zeros((len(self.stations), 6, 6)) if self.damping is None else matrices.build_full_matrices(self.damping)
+        )
 
     @property
     def mass_matrices(self) -> Array:
@@ -271,7 +273,9 @@ class Section(Frozen):
         return np.array([matrices.build_mass_matrix(float(m), c, j) for m, c, j in parts])
 
     @classmethod
-    def build_from_matrices(cls, stations: Array, stiffness: Array, mass: Array, damping: Array | None = None) -> Section:
+    def build_from_matrices(
+        cls, stations: Array, stiffness: Array, mass: Array, damping: Array | None = None
+    ) -> Section:
         """Return the section of matrices (n, 6, 6) about the axis: stiffness, mass, damping; diagonal ones become numbers.
 
         Units: [N], [N m], [N m^2]; [kg/m], [kg], [kg m]; [N s], [N m s], [N m^2 s]; order: axial, shear y, z, twist, bending y, z
@@ -307,7 +311,9 @@ class Section(Frozen):
         Raises InputError, which names ``what`` asks, for a coupled section.
         """
         if self.is_coupled:
-            given = "the section is coupled (matrices of stiffness or damping, an offset mass centre, products of inertia)"
+            given = (
+                "the section is coupled (matrices of stiffness or damping, an offset mass centre, products of inertia)"
+            )
             raise InputError(f"{what}: {given}; expected a section of EA, GA, GJ, EI, mass and rotary inertia")
         return self
 

@@ -286,15 +286,24 @@ def with_retardation(mechanism: Mechanism, seconds: ArrayLike) -> Mechanism:
     """Return the mechanism with damped beams, D = seconds C [N s], [N m^2 s]; a stated ratio is replaced.
 
     seconds : retardation time [s], one for all strains or six: axial, shear y, shear z, twist, bending y, bending z
-    Raises InputError for negative times.
+    Raises InputError for negative times, and for six that differ where strains are coupled.
     """
     times = np.asarray(seconds, dtype=float)
     if times.shape not in ((), (6,)) or not np.isfinite(times).all() or (times < 0).any():
         raise InputError(f"retardation times {times.tolist()}: expected one number >= 0 or six [s], for example 1e-3")
-    damped = mechanism._replace_beams(
-        lambda b: replace(b, section=replace(b.section, damping=times * b.section.stiffness))
-    )
-    return replace(damped, modal_damping=None)
+
+    def damp(beam: Beam) -> Beam:
+        section = beam.section
+        if section.stiffness.ndim == 2:
+            return replace(beam, section=replace(section, damping=times * section.stiffness))
+        if np.ptp(times):
+            given = f"retardation times {times.tolist()} of coupled strains"
+            raise InputError(
+                f"{given}: expected one number [s], or a damping matrix of the section; write {times.max():g}"
+            )
+        return replace(beam, section=replace(section, damping=float(times.flat[0]) * section.stiffness))
+
+    return replace(mechanism._replace_beams(damp), modal_damping=None)
 
 
 def build_drive_model(mechanism: Mechanism) -> Mechanism:

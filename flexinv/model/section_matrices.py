@@ -103,7 +103,11 @@ def describe_impossible_damping(matrix: Array) -> str:
     if (np.abs(matrix[UPPER]) > 0.0)[scaled[UPPER] == 0.0].any():
         return "a strain without damping of its own is coupled with another"
     least = float(np.linalg.eigvalsh(scaled)[0])
-    return "" if least > -LEAST_STIFFNESS else f"it feeds energy: with its diagonal scaled to 1 an eigenvalue is {least:.3g}"
+    return (
+        ""
+        if least > -LEAST_STIFFNESS
+        else f"it feeds energy: with its diagonal scaled to 1 an eigenvalue is {least:.3g}"
+    )
 
 
 def build_mass_matrix(mass: float, centre: Array, inertia: Array) -> Array:
@@ -118,7 +122,7 @@ def split_mass_matrix(matrix: Array, name: str) -> tuple[float, Array, Array]:
     Raises InputError, which begins with ``name``, where it is not the M of a mass in the plane of the section.
     """
     expected = "M = (m 1, -m skew(c); m skew(c), J) with c = (0, y, z), in the order " + ", ".join(COMPONENTS)
-    mass = float(np.trace(matrix[:3, :3])) / 3.0
+    mass = float(matrix[0, 0])
     size = np.sqrt(np.abs(np.diagonal(matrix)))
     reason = describe_asymmetry(matrix)
     if not reason and not mass > 0.0:
@@ -131,7 +135,9 @@ def split_mass_matrix(matrix: Array, name: str) -> tuple[float, Array, Array]:
     off = np.abs(build_mass_matrix(mass, centre, inertia) - matrix) - ASYMMETRY * np.outer(size, size)
     if off.max() > 0.0:
         row, column = np.unravel_index(int(off.argmax()), off.shape)
-        reason = f"entry ({row + 1}, {column + 1}) is {matrix[row, column]:.7g}, which no mass in the section's plane has"
+        reason = (
+            f"entry ({row + 1}, {column + 1}) is {matrix[row, column]:.7g}, which no mass in the section's plane has"
+        )
         raise InputError(f"{name} = {matrix.tolist()}: {reason}; expected {expected}")
     return mass, centre, inertia
 

@@ -60,7 +60,9 @@ def find_small_tip(stiffness: Array, wrench: Array) -> Array:
 def test_small_loads_bend_and_twist_a_cantilever_as_linear_theory_has_it(name: str, component: int) -> None:
     wrench = np.eye(6)[component]
     exact = find_linear_tip(np.linalg.inv(STIFFNESSES[name]), wrench, LENGTH)
-    np.testing.assert_allclose(find_small_tip(STIFFNESSES[name], wrench), exact, rtol=0, atol=EXACT * np.abs(exact).max())
+    np.testing.assert_allclose(
+        find_small_tip(STIFFNESSES[name], wrench), exact, rtol=0, atol=EXACT * np.abs(exact).max()
+    )
 
 
 @FLUTTERS
@@ -121,7 +123,9 @@ def test_an_end_wrench_makes_a_helix(name: str, pull: float) -> None:
     # two elements of order 8 interpolate an arc of 1.6 rad to 1e-12
     np.testing.assert_allclose(s.tip["beam"][0], place, rtol=0, atol=EXACT)
     np.testing.assert_allclose(s.nodes.rotation[0, s.mesh.tip_node["beam"]], turn, rtol=0, atol=EXACT)
-    np.testing.assert_allclose(s.internal["beam"][0], np.tile(resultants, (16, 1)), atol=EXACT * np.abs(resultants).max())
+    np.testing.assert_allclose(
+        s.internal["beam"][0], np.tile(resultants, (16, 1)), atol=EXACT * np.abs(resultants).max()
+    )
 
 
 MASSES = {"on the axis": mass_about(0.0, 0.0, product=0.0), "off the axis": mass_about(0.03, -0.02)}
@@ -206,9 +210,7 @@ def moved_tree(own: Section, y: float, z: float, angle: float, order: int) -> Me
         links.append(replace(link, beam=beam, bodies=(replace(body, inertia=inertia),)))
     back = Placement(-there.rotation.T @ there.position, there.rotation.T)
     joints = [
-        replace(
-            joint, station=1.0 if joint.station is None else joint.station, placement=join(back, joint.placement)
-        )
+        replace(joint, station=1.0 if joint.station is None else joint.station, placement=join(back, joint.placement))
         if joint.parent == "boom"
         else joint
         for joint in tree.joints
