@@ -154,8 +154,8 @@ def _add_spring_dampers(mechanism: Mechanism) -> Mechanism:
 
 def _make_thick_beam(beam: Beam) -> Beam:
     """THICKER times as thick with the same area: bending, twist and rotary inertia grow with the square of that."""
-    stiffness = beam.section.stiffness.copy()
-    section = beam.section
+    section = beam.section.check_independent("the bench of thick beams")
+    stiffness = section.stiffness.copy()
     stiffness[:, 3:] *= THICKER**2
     return replace(
         beam, section=replace(section, stiffness=stiffness, rotary_inertia=section.rotary_inertia * THICKER**2)
@@ -164,7 +164,7 @@ def _make_thick_beam(beam: Beam) -> Beam:
 
 def _make_tube_beam(beam: Beam) -> Beam:
     """A round tube with the area and the bending stiffness along y of a section, a fifth of its radius thick, nu = 0.3."""
-    section = beam.section
+    section = beam.section.check_independent("the bench of tubes")
     nu = 0.3
     m = 0.8
     shear = 1.0 / (2.0 * (1.0 + nu))  # G / E

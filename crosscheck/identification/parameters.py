@@ -242,7 +242,7 @@ def find_prior_value(mechanism: Mechanism, settings: IdentifyTable, kind: Parame
         section = getattr(mechanism.link_of[place].beam, "section", None)
         if section is None or section.damping is None:
             return 0.0
-        return float(section.damping[0, 5] / section.stiffness[0, 5])
+        return float(section.damping_matrices[0, 5, 5] / section.stiffness_matrices[0, 5, 5])
     if kind.name == "place x" and joint is not None:
         return float(joint.placement.position[0])
     return kind.known(joint) if joint is not None else 0.0
@@ -270,7 +270,9 @@ def apply_values(mechanism: Mechanism, values: Mapping[Key, float]) -> Mechanism
             section = beam.section
             rate = values.get(("beam damping", link.name))
             stiff = section.stiffness * factor
-            stiff[:, GJ] *= values.get(("torsion stiffness", link.name), 1.0)
+            if ("torsion stiffness", link.name) in values:
+                section.check_independent(f"identify: torsion stiffness of {link.name}")
+                stiff[:, GJ] *= values["torsion stiffness", link.name]
             damping = stiff * rate if rate is not None else section.damping
             length = values.get(("beam length", link.name), beam.length)
             beam = replace(beam, length=length, section=replace(section, stiffness=stiff, damping=damping))

@@ -369,7 +369,10 @@ def compute_gauge_flexibility(machine: Machine, gauge: str) -> float:
             f"identify.toml, gauges.{gauge}: {table.beam!r} is no beam of {machine.mechanism.name}; "
             "write flexibility_rad_per_Nm, what the rig makes of a moment"
         )
-    return float(link.beam.length / (3.0 * link.beam.section.stiffness[0, 5]))
+    section = link.beam.section
+    if section.has_coupled_strains:  # 1 / EI with no stress but the moment, whatever bending is coupled with
+        return float(link.beam.length / 3.0 * np.linalg.inv(section.stiffness_matrices[0])[5, 5])
+    return float(link.beam.length / (3.0 * section.stiffness[0, 5]))
 
 
 def apply_delay(values: Array, spacing: float, delay: float) -> Array:

@@ -18,6 +18,7 @@ from crosscheck.kit.tables import (
     Frame,
     JointData,
     MechanismData,
+    SectionData,
 )
 from crosscheck.lifting.attachment_features import list_force_features
 from crosscheck.lifting.description import Description
@@ -74,12 +75,30 @@ def _build_body(data: BodyData) -> Body:
 
 
 def _build_beam(data: BeamData) -> Beam:
-    s = data.section
+    section = _build_section(data.section)
+    return Beam(data.length, section, data.elements, data.order, np.array(data.curvature), _build_placement(data.root))
+
+
+def _build_section(s: SectionData) -> Section:
+    if s.stiffness_matrix or s.mass_matrix:
+        return _build_coupled_section(s)
     stiffness = np.column_stack([s.EA, s.GA_y, s.GA_z, s.GJ, s.EI_y, s.EI_z])
     rotary = np.column_stack([s.rho_I_x, s.rho_I_y, s.rho_I_z])
     damping = np.array(s.damping) if s.damping else None
-    section = Section(np.array(s.station), stiffness, np.array(s.rho_A), rotary, damping)
-    return Beam(data.length, section, data.elements, data.order, np.array(data.curvature), _build_placement(data.root))
+    return Section(np.array(s.station), stiffness, np.array(s.rho_A), rotary, damping)
+
+
+def _build_coupled_section(s: SectionData) -> Section:
+    """The section of matrices; raises InputError where numbers stand beside them."""
+    both = [name for name in ("EA", "GA_y", "GA_z", "GJ", "EI_y", "EI_z", "rho_A", "damping") if getattr(s, name)]
+    if both:
+        raise InputError(
+            f"section: {', '.join(both)} beside matrices; expected one or the other; write [] for the numbers"
+        )
+    damping = np.array(s.damping_matrix) if s.damping_matrix else None
+    return Section.build_from_matrices(
+        np.array(s.station), np.array(s.stiffness_matrix), np.array(s.mass_matrix), damping
+    )
 
 
 def _build_placement(data: Frame) -> Placement:

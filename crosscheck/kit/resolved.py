@@ -35,7 +35,7 @@ from crosscheck.measures.series_csv import list_all_series
 from flexinv.files.load_cases import Case
 from flexinv.model.attachments import GasLaw, SpringLaw
 from flexinv.model.joint_kinds import KINDS
-from flexinv.model.mechanism import Attachment, Beam, Body, Closure, Joint, Link, Mechanism, Placement
+from flexinv.model.mechanism import Attachment, Beam, Body, Closure, Joint, Link, Mechanism, Placement, Section
 
 COLUMNS = ("EA", "GA_y", "GA_z", "GJ", "EI_y", "EI_z")
 # By kind of joint: unit of every coordinate and of every velocity.
@@ -199,16 +199,7 @@ def _convert_body(body: Body) -> BodyData:
 
 
 def _convert_beam(beam: Beam) -> BeamData:
-    s = beam.section
-    stiff: dict[str, Any] = {name: _list_numbers(s.stiffness[:, k]) for k, name in enumerate(COLUMNS)}
-    rotary: dict[str, Any] = {f"rho_I_{axis}": _list_numbers(s.rotary_inertia[:, k]) for k, axis in enumerate(XYZ)}
-    section = SectionData(
-        station=_list_numbers(s.stations),
-        rho_A=_list_numbers(s.mass_per_length),
-        damping=[] if s.damping is None else s.damping.tolist(),
-        **stiff,
-        **rotary,
-    )
+    section = _convert_coupled_section(beam.section) if beam.section.is_coupled else _convert_section(beam.section)
     return BeamData(
         length=beam.length,
         root=_convert_frame(beam.placement),
@@ -216,6 +207,30 @@ def _convert_beam(beam: Beam) -> BeamData:
         section=section,
         elements=beam.elements,
         order=beam.order,
+    )
+
+
+def _convert_coupled_section(s: Section) -> SectionData:
+    """A section as matrices, without the numbers that would be its diagonals."""
+    empty: dict[str, Any] = {name: [] for name in (*COLUMNS, "rho_A", *(f"rho_I_{axis}" for axis in XYZ), "damping")}
+    return SectionData(
+        station=_list_numbers(s.stations),
+        stiffness_matrix=s.stiffness_matrices.tolist(),
+        mass_matrix=s.mass_matrices.tolist(),
+        damping_matrix=[] if s.damping is None else s.damping_matrices.tolist(),
+        **empty,
+    )
+
+
+def _convert_section(s: Section) -> SectionData:
+    stiff: dict[str, Any] = {name: _list_numbers(s.stiffness[:, k]) for k, name in enumerate(COLUMNS)}
+    rotary: dict[str, Any] = {f"rho_I_{axis}": _list_numbers(s.rotary_inertia[:, k]) for k, axis in enumerate(XYZ)}
+    return SectionData(
+        station=_list_numbers(s.stations),
+        rho_A=_list_numbers(s.mass_per_length),
+        damping=[] if s.damping is None else s.damping.tolist(),
+        **stiff,
+        **rotary,
     )
 
 

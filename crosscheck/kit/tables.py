@@ -7,12 +7,14 @@ from __future__ import annotations
 
 from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, ConfigDict, Field, SerializerFunctionWrapHandler, model_serializer
 
 FORMAT: Literal["crosscheck-case/1"] = "crosscheck-case/1"
 LONGEST = 4000  # [characters] of a text in an answer
 Vector = Annotated[list[float], Field(min_length=3, max_length=3)]
 Matrix = Annotated[list[Vector], Field(min_length=3, max_length=3)]
+Row = Annotated[list[float], Field(min_length=6, max_length=6)]
+SixBySix = Annotated[list[Row], Field(min_length=6, max_length=6)]
 Words = Annotated[str, Field(max_length=LONGEST)]
 Side = Literal["first", "second"]
 
@@ -48,7 +50,10 @@ class BodyData(Data):
 
 
 class SectionData(Data):
-    """Section of a beam along its length, linear between the stations (one station: uniform); forces in the section frame."""
+    """Section of a beam along its length, linear between the stations (one station: uniform); forces in the section frame.
+
+    A coupled section has matrices and leaves all other numbers empty, so that no program takes a diagonal for the whole.
+    """
 
     station: list[float] = describe_key("fractions 0..1 of the length [-]")
     EA: list[float] = describe_key("axial stiffness [N]")
@@ -61,10 +66,30 @@ class SectionData(Data):
     rho_I_x: list[float] = describe_key("rotary inertia per length about x [kg m]")
     rho_I_y: list[float] = describe_key("rotary inertia per length about y [kg m]")
     rho_I_z: list[float] = describe_key("rotary inertia per length about z [kg m]")
-    damping: list[Annotated[list[float], Field(min_length=6, max_length=6)]] = describe_key(
+    damping: list[Row] = describe_key(
         "stress by rate of strain, in the order EA, GA_y, GA_z, GJ, EI_y, EI_z [N s], [N m^2 s], one row per station; "
         "empty: none"
     )
+    stiffness_matrix: list[SixBySix] = describe_key(
+        "of a coupled section, whose EA, GA, GJ, EI, rho_A, rho_I and damping are empty then: stress by strain in the same "
+        "order [N], [N m], [N m^2], one matrix per station",
+        default_factory=list,
+    )
+    mass_matrix: list[SixBySix] = describe_key(
+        "of a coupled section: momentum by velocity, translations along x, y, z then rotations, about the beam's axis "
+        "[kg/m], [kg], [kg m], one matrix per station",
+        default_factory=list,
+    )
+    damping_matrix: list[SixBySix] = describe_key(
+        "of a coupled section: stress by rate of strain [N s], [N m s], [N m^2 s], one matrix per station; empty: none",
+        default_factory=list,
+    )
+
+    @model_serializer(mode="wrap")
+    def _leave_out_empty_matrices(self, convert: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        """Return the keys of the table; matrices only where there are any, so that other sections read as they always did."""
+        plain: dict[str, Any] = convert(self)
+        return {key: value for key, value in plain.items() if value or not key.endswith("_matrix")}
 
 
 class BeamData(Data):

@@ -298,6 +298,18 @@ class Section(Frozen):
             centre if centre.any() else None,
         )
 
+    def evaluate_inertia(self, at: float) -> Inertia:
+        """Return mass [kg/m], its centre [m] and the inertia about it [kg m] per length at a fraction of the length [-]."""
+        if self.has_coupled_mass:
+            table = self.mass_matrices.reshape(-1, 36)
+            matrix = np.array([np.interp(at, self.stations, column) for column in table.T]).reshape(6, 6)
+            mass, centre, tensor = matrices.split_mass_matrix(matrix, "Section: mass")
+            return Inertia(mass, np.array([0.0, *centre]), tensor)
+        rotary = [np.interp(at, self.stations, column) for column in self.rotary_inertia.T]
+        return Inertia.build_unchecked(
+            float(np.interp(at, self.stations, self.mass_per_length)), np.zeros(3), np.diag(rotary)
+        )
+
     def move_axis(self, y: float, z: float, angle: float = 0.0) -> Section:
         """Return the section of the same beam about another axis: at y, z [m] of this one, turned by ``angle`` about x [rad]."""
         back = np.linalg.inv(matrices.build_axis_change(y, z, angle))

@@ -22,7 +22,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from crosscheck.engines.base import sample_times
-from crosscheck.engines.shared.prescribed import missing_motion, passive_effort, rotor_effort
+from crosscheck.engines.shared.prescribed import (
+    describe_coupled_sections,
+    missing_motion,
+    passive_effort,
+    rotor_effort,
+)
 from crosscheck.lifting.rigid import turned
 from crosscheck.measures.record import Record, Series, series, torque_series, vector_series
 from flexinv.files.load_cases import Case
@@ -63,6 +68,8 @@ def unsupported(mechanism: Mechanism, case: Case, engine: str) -> str | None:
         return "the beam has to turn about a revolute joint on the world"
     if mechanism.closures or mechanism.springs or mechanism.forces or link.bodies or joint.stiffness:
         return "closures, springs, forces and bodies on the beam are not in this adapter"
+    if (reason := describe_coupled_sections(mechanism, "the rods of this adapter")) is not None:
+        return reason
     if np.ptp(section.stiffness, axis=0).any() or np.ptp(section.mass_per_length) or link.beam.curvature.any():
         return "a straight, uniform beam is what this adapter builds"
     if section.damping is not None and np.any(section.damping):

@@ -34,9 +34,12 @@ def _scale_component(subject: Subject, target: str, size: Array) -> Subject:
 
 
 def _scale_stiffness(beam: Beam, columns: tuple[int, ...], size: float) -> Beam:
-    stiffness = beam.section.stiffness.copy()
+    section = beam.section
+    if section.has_coupled_strains:
+        section.check_independent("causes: a change of some stiffnesses")
+    stiffness = section.stiffness.copy()
     stiffness[:, list(columns)] *= 1.0 + size
-    return replace(beam, section=replace(beam.section, stiffness=stiffness))
+    return replace(beam, section=replace(section, stiffness=stiffness))
 
 
 def _scale_mass_per_length(beam: Beam, size: float) -> Beam:
@@ -64,6 +67,9 @@ def _compute_rotary_scale(model: Model, target: str) -> float:
 def _add_kelvin_voigt_damping(beam: Beam, size: float) -> Beam:
     """Add size [s] times each stiffness to the damping: stress by the rate of strain (Kelvin-Voigt)."""
     section = beam.section
+    if section.has_coupled_strains:
+        damping = section.damping_matrices + size * section.stiffness_matrices
+        return replace(beam, section=replace(section, damping=damping))
     before = 0.0 * section.stiffness if section.damping is None else section.damping
     return replace(beam, section=replace(section, damping=before + size * section.stiffness))
 
@@ -82,8 +88,10 @@ def _compute_retardation_scale(model: Model, target: str) -> float:
 
 
 def _turn_section(beam: Beam, size: float) -> Beam:
-    """Exchange the section's y and z."""
+    """Exchange the section's y and z; a coupled section is turned by a quarter."""
     section = beam.section
+    if section.is_coupled:
+        return replace(beam, section=section.move_axis(0.0, 0.0, 0.5 * np.pi))
     swap = [0, 2, 1, 3, 5, 4]
     return replace(
         beam,
@@ -111,11 +119,10 @@ def _move_mass_to_lumps(subject: Subject, target: str, size: Array) -> Subject:
         section = beam.section
         stations = np.linspace(0.0, 1.0, BUSHELS + 1)
         weights = np.array([0.5, *[1.0] * (BUSHELS - 1), 0.5]) / BUSHELS * beam.length * part
-        mass = np.interp(stations, section.stations, section.mass_per_length)
-        rotary = [np.interp(stations, section.stations, section.rotary_inertia[:, k]) for k in range(3)]
+        there = [section.evaluate_inertia(float(s)) for s in stations]
         lumps = tuple(
-            Body(f"lump {k}", Inertia(float(w * m), np.zeros(3), np.diag([w * r[k] for r in rotary])), float(s))
-            for k, (s, w, m) in enumerate(zip(stations, weights, mass, strict=True))
+            Body(f"lump {k}", Inertia(float(w * own.mass), own.com, w * own.tensor), float(s))
+            for k, (s, w, own) in enumerate(zip(stations, weights, there, strict=True))
         )
         light = replace(
             section,
@@ -128,7 +135,12 @@ def _move_mass_to_lumps(subject: Subject, target: str, size: Array) -> Subject:
 
 
 def _list_components(model: Model) -> list[str]:
-    return [f"{name}{AT}{component}" for name in list_beams(model) for component in STIFFNESS]
+    return [f"{name}{AT}{component}" for name in _list_independent(model) for component in STIFFNESS]
+
+
+def _list_independent(model: Model) -> list[str]:
+    """Return the beams whose stiffnesses can be changed one by one."""
+    return _make_beam_targets(lambda beam: not beam.section.has_coupled_strains)(model)
 
 
 def _make_beam_targets(test: Callable[[Beam], bool]) -> Targets:
@@ -136,6 +148,8 @@ def _make_beam_targets(test: Callable[[Beam], bool]) -> Targets:
 
 
 def _has_unequal_axes(beam: Beam) -> bool:
+    if beam.section.is_coupled:
+        return True
     s = beam.section.stiffness
     return not (np.allclose(s[:, 1], s[:, 2]) and np.allclose(s[:, 4], s[:, 5]))
 
@@ -178,7 +192,7 @@ ROWS = (
         "shear factor",
         "the shear stiffness of {target} is larger by the fraction {size}",
         _make_section_change(lambda beam, size: _scale_stiffness(beam, SHEAR, size)),
-        list_beams,
+        _list_independent,
         fraction=True,
         shows="a short, thick beam, or quick motion: shear matters where bending waves are short",
     ),

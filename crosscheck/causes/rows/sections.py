@@ -49,7 +49,12 @@ def _list_all_beams(subject: Subject) -> list[str]:
     return [link.name for link in subject.mechanism.beams]
 
 
-def _make_section_targets(test: Callable[[Section], bool] = lambda section: True) -> Targets:
+def _has_independent_numbers(section: Section) -> bool:
+    """Return True if six stiffnesses and three rotary inertias can be changed one by one: the section is not coupled."""
+    return not section.is_coupled
+
+
+def _make_section_targets(test: Callable[[Section], bool] = _has_independent_numbers) -> Targets:
     """Return the beams whose section passes a test, and "" for all where all of two or more do."""
 
     def list_targets(model: Model) -> list[str]:
@@ -66,7 +71,15 @@ def _find_section(model: Model, name: str) -> Section:
 
 
 def _scale_section(section: Section, stiffness: Array, mass: float, rotary: Array) -> Section:
-    """Return a section with stiffness (6,) or (n, 6), mass and rotary inertia (3,) or (n, 3) multiplied [-]."""
+    """Return a section with stiffness (6,) or (n, 6), mass and rotary inertia (3,) or (n, 3) multiplied [-].
+
+    Raises InputError where a coupled section would need more than one factor for all its stiffness or all its inertia.
+    """
+    if section.is_coupled:
+        if np.ptp(stiffness) or np.ptp(rotary):
+            section.check_independent("causes: a change of some numbers of a section")
+        stiffness = np.full(1, stiffness.flat[0])
+        rotary = np.full(1, rotary.flat[0])
     damping = None if section.damping is None else section.damping * stiffness
     return replace(
         section,
@@ -95,7 +108,12 @@ def _scale_modulus(subject: Subject, target: str, size: Array) -> Subject:
 
 
 def _list_material_targets(model: Model) -> list[str]:
-    return [target + more for target in _make_section_targets()(model) for more in ("", SAME_G)]
+    alone = _make_section_targets()(model)
+    return [
+        target + more
+        for target in _make_section_targets(lambda section: True)(model)
+        for more in ("", *([SAME_G] if target in alone else []))
+    ]
 
 
 def _scale_density(section: Section, factor: float) -> Section:
@@ -133,6 +151,8 @@ def _compute_rectangle_sides(section: Section) -> tuple[Array, Array]:
 
 def _is_rectangle(section: Section) -> bool:
     """Return True if torsion is that of a rectangle with these sizes, G from the shear of Cowper's factor."""
+    if section.is_coupled:
+        return False
     s = section.stiffness
     y, z = _compute_rectangle_sides(section)
     for row, a, b in zip(s, y, z, strict=True):
@@ -155,6 +175,8 @@ def _scale_all_dimensions(section: Section, factor: float) -> Section:
 
 def _is_tube(section: Section) -> bool:
     """Return True if a section is a round tube: equal EI_y and EI_z, no rectangle, less shear than a full circle's."""
+    if section.is_coupled:
+        return False
     s = section.stiffness
     if not np.allclose(s[:, EI_Y], s[:, EI_Z], rtol=1e-6):
         return False
@@ -216,7 +238,7 @@ ROWS = (
         "density",
         "the density of {target} is larger by the fraction {size}",
         _make_section_change(_scale_density),
-        _make_section_targets(),
+        _make_section_targets(lambda section: True),
         shows=RING,
         fraction=True,
     ),

@@ -28,7 +28,13 @@ from crosscheck.engines.exudyn.integration import quiet
 from crosscheck.engines.exudyn.models import planar as exudyn_planar
 from crosscheck.engines.exudyn.models import spatial as exudyn_spatial
 from crosscheck.engines.exudyn.run_in_time import ANCF, DAE, EXACT, TREE, TimedRun, build_start_layout, integrate_tree
-from crosscheck.engines.shared.prescribed import describe_nontree_parts, missing_motion, passive_effort, rotor_effort
+from crosscheck.engines.shared.prescribed import (
+    describe_coupled_sections,
+    describe_nontree_parts,
+    missing_motion,
+    passive_effort,
+    rotor_effort,
+)
 from crosscheck.measures.mechanisms import check_resolved
 from crosscheck.measures.record import Record, compute_fingerprint, make_wrench_series, torque_series, vector_series
 from flexinv.files.load_cases import Case
@@ -60,6 +66,8 @@ def abilities() -> str:
 def unsupported(mechanism: Mechanism, case: Case, engine: str) -> str | None:
     """Return the reason why Exudyn cannot do this case, or None."""
     beyond = describe_nontree_parts(mechanism)
+    if engine not in (TREE, DAE) and (reason := describe_coupled_sections(mechanism, "Exudyn's beams")) is not None:
+        return reason
     if beyond and engine != TREE:
         return _describe_loop_refusal(mechanism, case, engine)
     if (reason := beyond or missing_motion(mechanism, case)) is not None:

@@ -15,7 +15,7 @@ from flexinv.constraints.closures import build_constraint_rows, compute_constrai
 from flexinv.files.load_cases import Case
 from flexinv.kinematics.mesh import Mesh, build
 from flexinv.kinematics.nodal_motion import NodalMotion, compute_rigid_motion
-from flexinv.model.mechanism import WORLD, Beam, Body, Mechanism, Placement
+from flexinv.model.mechanism import WORLD, Beam, Body, Mechanism, Placement, Section
 from flexinv.rigid.joint_torques import joint_torques
 
 SPRING = ("stiffness", "rest", "damping")
@@ -216,15 +216,29 @@ def _integrate_beam_mass(beam: Beam, power: int = 0) -> float:
 
 
 def compute_beam_stiffness(mechanism: Mechanism) -> dict[str, float]:
-    """Return length over compliance, 1 / mean(1 / stiffness), of every straight beam: EA, GJ, EI_y, EI_z [N], [N m^2]."""
+    """Return length over compliance, 1 / mean(1 / stiffness), of every straight beam: EA, GJ, EI_y, EI_z [N], [N m^2].
+
+    Of a coupled section it is that of each strain under its own stress alone, from the diagonal of C^-1.
+    """
     beam_stiffness = {}
     for link in mechanism.beams:
         assert link.beam is not None
         section = link.beam.section
         for name, column in {"EA": 0, "GA_y": 1, "GA_z": 2, "GJ": 3, "EI_y": 4, "EI_z": 5}.items():
+            if section.has_coupled_strains:
+                compliance = _evaluate_compliance(section)[:, column]
+                beam_stiffness[f"{link.name}: {name}"] = float(1.0 / np.mean(compliance))
+                continue
             along = np.interp(_make_quadrature_points(), section.stations, section.stiffness[:, column])
             beam_stiffness[f"{link.name}: {name}"] = float(1.0 / np.mean(1.0 / along))
     return beam_stiffness
+
+
+def _evaluate_compliance(section: Section) -> Array:
+    """Diagonals of C^-1 along a beam, (points, 6) [1/N], [1/(N m^2)]."""
+    table = section.stiffness_matrices.reshape(-1, 36)
+    along = np.column_stack([np.interp(_make_quadrature_points(), section.stations, column) for column in table.T])
+    return np.asarray(np.diagonal(np.linalg.inv(along.reshape(-1, 6, 6)), axis1=1, axis2=2))
 
 
 def _make_quadrature_points() -> Array:

@@ -36,7 +36,13 @@ from crosscheck.engines.mujoco.rod import (
     describe_spatial_bending,
     find_bending_axis,
 )
-from crosscheck.engines.shared.prescribed import describe_nontree_parts, missing_motion, passive_effort, rotor_effort
+from crosscheck.engines.shared.prescribed import (
+    describe_coupled_sections,
+    describe_nontree_parts,
+    missing_motion,
+    passive_effort,
+    rotor_effort,
+)
 from crosscheck.measures.budget import Family, add_error_bars, compute_richardson_limit
 from crosscheck.measures.mechanisms import check_resolved
 from crosscheck.measures.record import Record, Series, make_wrench_series, series, torque_series, vector_series
@@ -88,6 +94,8 @@ def _describe_refusal(mechanism: Mechanism, link: Link) -> str | None:
         if body.station not in (None, 0.0) and not (body.station == 1.0 and point):
             return f"{NO_FRAME}: {link.name} carries a point mass at its end at most, not {body.name!r}"
     assert link.beam is not None
+    if (reason := describe_coupled_sections(mechanism, "a flex of dimension 1")) is not None:
+        return reason
     if len(link.beam.section.stations) > 1 or link.beam.curvature.any():
         return f"a flex of dimension 1 has one section, and is straight here; {link.name} varies or is curved"
     if link.beam.section.damping is not None and link.beam.section.damping.any():

@@ -56,7 +56,8 @@ class Rod:
     @property
     def stiffness(self) -> tuple[float, float]:
         """EA [N] and the EI [N m^2] of the plane."""
-        ea, _, _, _, ei_y, ei_z = (float(x) for x in self.beam.section.stiffness[0])
+        section = self.beam.section.check_independent("MuJoCo's flex")
+        ea, _, _, _, ei_y, ei_z = (float(x) for x in section.stiffness[0])
         return ea, ei_z if self.bent == 1 else ei_y
 
     @property

@@ -29,6 +29,15 @@ def describe_nontree_parts(mechanism: Mechanism, sprung: bool = False) -> str | 
     return f"this formulation has open trees and their drives only; here: {'; '.join(found)}" if found else None
 
 
+def describe_coupled_sections(mechanism: Mechanism, what: str) -> str | None:
+    """Return the beams whose sections are coupled, in words, for engines that have no such thing, or None."""
+    names = [link.name for link in mechanism.beams if link.beam is not None and link.beam.section.is_coupled]
+    if not names:
+        return None
+    parts = "no stiffness beside EA, GA, GJ and EI, no mass centre off the axis, no products of inertia"
+    return f"{what} cannot do coupled sections ({parts}); here: {', '.join(names)}"
+
+
 def missing_motion(mechanism: Mechanism, case: Case) -> str | None:
     """Return the reason why joints cannot all be prescribed, or None when the case gives every joint a motion."""
     given = case.motion.joints(mechanism)

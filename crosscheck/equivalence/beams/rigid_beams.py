@@ -69,12 +69,10 @@ def _list_slice_inertias(beam: Beam) -> Iterator[Inertia]:
     bounds = np.union1d(np.linspace(0.0, 1.0, 3), np.clip(section.stations, 0.0, 1.0))
     for low, high in pairwise(bounds):
         for at, weight in zip((low + high) / 2 + (high - low) / 2 * nodes, weights * (high - low) / 2, strict=True):
-            mass = np.interp(at, section.stations, section.mass_per_length)
-            rotary = [np.interp(at, section.stations, column) for column in section.rotary_inertia.T]
+            own = section.evaluate_inertia(float(at))
             ds = weight * beam.length
-            yield move_inertia(
-                evaluate_section_frame(beam, float(at)), Inertia(float(mass) * ds, np.zeros(3), np.diag(rotary) * ds)
-            )
+            slice_inertia = Inertia(own.mass * ds, own.com, own.tensor * ds)
+            yield move_inertia(evaluate_section_frame(beam, float(at)), slice_inertia)
 
 
 def _make_rigid_joint(joint: Joint, beam: Beam | None) -> Joint:

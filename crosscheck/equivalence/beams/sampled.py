@@ -43,7 +43,7 @@ class SampledBeam:
 
 def sample_beam(beam: Beam, stations: Array) -> SampledBeam:
     """Return a beam's numbers at stations [-] that include its own: between them they are linear."""
-    section = beam.section
+    section = beam.section.check_independent("compare: numbers of a beam")
     tables = section.stiffness, np.column_stack([section.mass_per_length, section.rotary_inertia])
     stiffness, inertia = (_evaluate_table(stations, section.stations, table) for table in tables)
     damping = (

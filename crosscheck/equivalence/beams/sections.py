@@ -67,17 +67,27 @@ class MatchedBeams:
                 yield first, second, a, b
 
     def _build_matched_beams(self) -> dict[str, Beam]:
-        """B's beams with A's numbers at B's root, by link of B."""
-        return {second: sample_beam(a, collect_stations(a, b)).build_beam(b) for _, second, a, b in self.both}
+        """B's beams with A's numbers at B's root, by link of B, but for coupled ones, which are no numbers to be exchanged."""
+        return {
+            second: sample_beam(a, collect_stations(a, b)).build_beam(b)
+            for _, second, a, b in self.both
+            if not (a.section.is_coupled or b.section.is_coupled)
+        }
 
     def list_lone_beams(self) -> Iterator[Difference]:
-        """Yield the links that bend in one of both only; the other holds their shape."""
+        """Yield the links that bend in one of both only; the other holds their shape; and beams of other coupled sections."""
         for first, second in self.links.items():
             bends = [self.first.link_of[first].beam is not None, self.second.link_of[second].beam is not None]
             if bends[0] != bends[1]:
                 values = ("beam", "rigid") if bends[0] else ("rigid", "beam")
                 cause = f"link that bends in {'A' if bends[0] else 'B'} only"
                 yield Difference("beam", cause, f"link {first}", 1.0, "-", *values, structural=True)
+        for first, _, a, b in self.both:
+            if (a.section.is_coupled or b.section.is_coupled) and not _is_same_coupled_beam(a, b):
+                words = ["coupled" if beam.section.is_coupled else "not coupled" for beam in (a, b)]
+                yield Difference(
+                    "beam", "beam with a coupled section", f"link {first}", 1.0, "-", *words, structural=True
+                )
 
     def describe_other_meshes(self) -> list[str]:
         """Return in words which beams have another mesh: that is discretisation, and not the machine."""
@@ -106,11 +116,13 @@ class MatchedBeams:
 
     def list_differences(self) -> Iterator[BeamDifference]:
         """Yield every difference of beams with its edit [unit of each]."""
+        names = COLUMNS if not self._stated else [name for name in COLUMNS if name != "retardation"]
         for first, second, a, b in self.both:
-            stations = collect_stations(a, b)
-            tables = sample_beam(a, stations), sample_beam(b, stations)
-            for name in COLUMNS if not self._stated else [name for name in COLUMNS if name != "retardation"]:
-                yield from _list_table_changes(first, second, name, *tables)
+            if not (a.section.is_coupled or b.section.is_coupled):
+                stations = collect_stations(a, b)
+                tables = sample_beam(a, stations), sample_beam(b, stations)
+                for name in names:
+                    yield from _list_table_changes(first, second, name, *tables)
             yield from self._list_station_changes(first, second)
         yield from self._list_damping_changes()
 
@@ -148,6 +160,21 @@ class MatchedBeams:
         hints = describe_factor(two.ratio, one.ratio) if one.mode == two.mode else ()
         difference = Difference("beam", "modal damping", "all beams", size, "-", *shown, hints=hints)
         yield BeamDifference(difference, lambda mechanism: replace(mechanism, modal_damping=_drop_damping_time(two)))
+
+
+def _is_same_coupled_beam(one: Beam, two: Beam) -> bool:
+    """True where two beams, of which one is coupled, have the same length, curvature and matrices at the same stations."""
+    pairs = [
+        (np.array(one.length), np.array(two.length)),
+        (one.curvature, two.curvature),
+        (one.section.stations, two.section.stations),
+        (one.section.stiffness_matrices, two.section.stiffness_matrices),
+        (one.section.mass_matrices, two.section.mass_matrices),
+        (one.section.damping_matrices, two.section.damping_matrices),
+    ]
+    return all(
+        a.shape == b.shape and np.abs(a - b).max(initial=0.0) <= SAME * np.abs(a).max(initial=0.0) for a, b in pairs
+    )
 
 
 def _drop_damping_time(modal_damping: ModalDamping | None) -> ModalDamping | None:

@@ -186,7 +186,7 @@ def compute_section_pose(beam: Beam, s: float) -> Placement:
 
 def evaluate_section(beam: Beam, fraction: float) -> tuple[Array, float, Array]:
     """Return stiffness (6,) [N, N m^2], mass per length [kg/m] and rotary inertia (3,) [kg m] at a fraction [-]."""
-    s = beam.section
+    s = beam.section.check_independent("Exudyn's beams")
     stiffness = np.array([np.interp(fraction, s.stations, c) for c in s.stiffness.T])
     rotary = np.array([np.interp(fraction, s.stations, c) for c in s.rotary_inertia.T])
     return stiffness, float(np.interp(fraction, s.stations, s.mass_per_length)), rotary
@@ -194,7 +194,7 @@ def evaluate_section(beam: Beam, fraction: float) -> tuple[Array, float, Array]:
 
 def evaluate_damping(beam: Beam, fraction: float) -> Array:
     """Return stress by rate of strain (6,) [N s, N m^2 s] at a fraction [-], in the order of the stiffness."""
-    s = beam.section
+    s = beam.section.check_independent("Exudyn's beams")
     if s.damping is None:
         return np.zeros(6)
     return np.array([np.interp(fraction, s.stations, c) for c in s.damping.T])
