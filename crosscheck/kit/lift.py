@@ -79,25 +79,25 @@ def _build_beam(data: BeamData) -> Beam:
     return Beam(data.length, section, data.elements, data.order, np.array(data.curvature), _build_placement(data.root))
 
 
-def _build_section(s: SectionData) -> Section:
-    if s.stiffness_matrix or s.mass_matrix:
-        return _build_coupled_section(s)
-    stiffness = np.column_stack([s.EA, s.GA_y, s.GA_z, s.GJ, s.EI_y, s.EI_z])
-    rotary = np.column_stack([s.rho_I_x, s.rho_I_y, s.rho_I_z])
-    damping = np.array(s.damping) if s.damping else None
-    return Section(np.array(s.station), stiffness, np.array(s.rho_A), rotary, damping)
+def _build_section(data: SectionData) -> Section:
+    if data.stiffness_matrix or data.mass_matrix:
+        return _build_coupled_section(data)
+    stiffness = np.column_stack([data.EA, data.GA_y, data.GA_z, data.GJ, data.EI_y, data.EI_z])
+    rotary = np.column_stack([data.rho_I_x, data.rho_I_y, data.rho_I_z])
+    damping = np.array(data.damping) if data.damping else None
+    return Section(np.array(data.station), stiffness, np.array(data.rho_A), rotary, damping)
 
 
-def _build_coupled_section(s: SectionData) -> Section:
+def _build_coupled_section(data: SectionData) -> Section:
     """The section of matrices; raises InputError where numbers stand beside them."""
-    both = [name for name in ("EA", "GA_y", "GA_z", "GJ", "EI_y", "EI_z", "rho_A", "damping") if getattr(s, name)]
+    both = [name for name in ("EA", "GA_y", "GA_z", "GJ", "EI_y", "EI_z", "rho_A", "damping") if getattr(data, name)]
     if both:
         raise InputError(
             f"section: {', '.join(both)} beside matrices; expected one or the other; write [] for the numbers"
         )
-    damping = np.array(s.damping_matrix) if s.damping_matrix else None
+    damping = np.array(data.damping_matrix) if data.damping_matrix else None
     return Section.build_from_matrices(
-        np.array(s.station), np.array(s.stiffness_matrix), np.array(s.mass_matrix), damping
+        np.array(data.station), np.array(data.stiffness_matrix), np.array(data.mass_matrix), damping
     )
 
 

@@ -86,7 +86,7 @@ class SectionData(Data):
     )
 
     @model_serializer(mode="wrap")
-    def _leave_out_empty_matrices(self, convert: SerializerFunctionWrapHandler) -> dict[str, Any]:
+    def _drop_empty_matrices(self, convert: SerializerFunctionWrapHandler) -> dict[str, Any]:
         """Return the keys of the table; matrices only where there are any, so that other sections read as they always did."""
         plain: dict[str, Any] = convert(self)
         return {key: value for key, value in plain.items() if value or not key.endswith("_matrix")}

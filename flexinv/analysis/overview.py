@@ -14,7 +14,7 @@ from flexinv.kinematics.mesh import build
 from flexinv.linearized.modal_damping import apply_stated_ratio
 from flexinv.model.mechanism import CLOSURES, Link, Mechanism, Section
 from flexinv.model.motion import resolve_start_coordinates
-from flexinv.model.section_matrices import COMPONENTS, UPPER, scale_to_unit_diagonal
+from flexinv.model.section_matrices import COMPONENTS, UPPER, scale_to_unit_strengths
 from flexinv.typing import Array
 
 SEEN = 1e-3  # of the geometric mean of two stiffnesses: a smaller coupling of theirs is not named
@@ -124,8 +124,8 @@ def _build_link_table(mechanism: Mechanism) -> pd.DataFrame:
 
 
 def _describe_couplings(section: Section) -> str:
-    """The strains that are coupled with another one at the root, largest part of the geometric mean first, and the mass centre."""
-    unit = scale_to_unit_diagonal(section.stiffness_matrices[0])
+    """The strains that are coupled at the root, the largest part of the geometric mean first, and where the mass centre is."""
+    unit = scale_to_unit_strengths(section.stiffness_matrices[0])
     upper = [(int(i), int(j)) for i, j in zip(*UPPER, strict=True)]
     pairs = sorted(upper, key=lambda pair: -abs(float(unit[pair])))
     words = [f"{COMPONENTS[i]} with {COMPONENTS[j]} {unit[i, j]:+.2g}" for i, j in pairs if abs(unit[i, j]) >= SEEN][:3]

@@ -10,7 +10,7 @@ Strain at the Gauss points, from positions and rotations relative to the element
 Kelvin-Voigt damping adds stresses that follow strain rates:
     n = C_N (Gamma) + D_N dGamma/dt,    m = C_M (kappa) + D_M dkappa/dt          in the section frame
 
-`beam_law` states the resultants.  Where strains are coupled, C has blocks beside C_N and C_M: what they add has functions of its own.
+`beam_law` states the resultants.  Where strains are coupled, C has more than C_N and C_M: functions of their own add that.
 
 Strain rates come from the same interpolation as the strains, with velocities relative to the moving first node:
     du_i = v_i - v_0 - W_0 x u_i,    dpsi_i = H_i^-1 (w_i - (R_0^T R_i)^T w_0),    r = H dpsi
@@ -304,7 +304,7 @@ def make_rate(count, shape, slope, point, rates):
 
 
 class StrainSlopes(NamedTuple):
-    """How strains, or their rates, vary with the deformation: Gamma by u' and psi, kappa by psi' and psi [-], [1/m] or with 1/s."""
+    """Derivatives of strains [-], [1/m], or of their rates: Gamma by u' and psi, kappa by psi' and psi."""
 
     gamma_by_u: Matrix
     gamma_by_psi: Matrix
@@ -352,8 +352,8 @@ def add_rate_derivatives(point, slopes, damping, w, parts):
 
 
 @jit_inner
-def clear_coupled_part(parts):
-    """Write zeros where only couplings write, slopes of places by slopes of turns [N], so that they can be added."""
+def fill_coupled_part_with_zeros(parts):
+    """Fill the part that only couplings have, slopes of places by slopes of turns, with zeros [N], so that they can be added."""
     none = vec3.diagonal(0.0)
     write_part(parts[0], 0, 3, none)
     write_part(parts[0], 3, 0, none)

@@ -17,10 +17,10 @@ from flexinv.elements.beam import (
     add_coupled_derivatives,
     add_rate_derivatives,
     add_to_node_pairs,
-    clear_coupled_part,
     compute_inverse_slope,
     compute_rate_slopes,
     compute_strain_slopes,
+    fill_coupled_part_with_zeros,
     fill_point_hessian,
     make_point,
     make_rate,
@@ -77,26 +77,15 @@ def _add_point(k, g, count, elements, scratch, rates, internal, want_tangent):
     shape = elements.shape[k, g]
     slope = elements.slope[k, g]
     w = elements.weight[k, g]
-    stiffness = vec_at(elements.stiffness[k, g], 0), vec_at(elements.stiffness[k, g], 3)
-    coupled = len(elements.coupling) > 0
     point = make_point(count, shape, slope, scratch)
     gamma = sub(point.stretch, vec(elements.gamma0[k, g]))
     kappa = sub(vec3.apply(point.h, point.dpsi), vec(elements.kappa0[k, g]))
-    n = compute_direct_resultants(stiffness[0], gamma)
-    m = compute_direct_resultants(stiffness[1], kappa)
-    if coupled:
-        n, m = _add_coupled_resultants(elements.coupling[k, g], gamma, kappa, n, m)
+    n, m = _compute_resultants(elements.stiffness, elements.coupling, k, g, gamma, kappa)
     lost = 0.0
     stored = 0.5 * w * (dot(n, gamma) + dot(m, kappa))
     if rates is not None:
-        damping = vec_at(elements.damping[k, g], 0), vec_at(elements.damping[k, g], 3)
         rate = make_rate(count, shape, slope, point, rates)
-        n_lost = compute_direct_resultants(damping[0], rate.gamma)
-        m_lost = compute_direct_resultants(damping[1], rate.kappa)
-        if coupled:
-            n_lost, m_lost = _add_coupled_resultants(
-                elements.damping_coupling[k, g], rate.gamma, rate.kappa, n_lost, m_lost
-            )
+        n_lost, m_lost = _compute_resultants(elements.damping, elements.damping_coupling, k, g, rate.gamma, rate.kappa)
         n = add(n, n_lost)
         m = add(m, m_lost)
         lost = w * (dot(n_lost, rate.gamma) + dot(m_lost, rate.kappa))
@@ -105,30 +94,46 @@ def _add_point(k, g, count, elements, scratch, rates, internal, want_tangent):
     couple = vec3.cross(n, point.stretch)
     _add_point_gradient(count, shape, slope, w, point, (n, m, couple), scratch.gradient)
     if want_tangent:
-        fill_point_hessian(point, (n, m, couple), stiffness, w, scratch.parts)
-        if coupled:
-            clear_coupled_part(scratch.parts)
-            add_coupled_derivatives(point, compute_strain_slopes(point), elements.coupling[k, g], w, scratch.parts)
+        _fill_parts(elements.stiffness, elements.coupling, k, g, point, (n, m, couple), w, scratch.parts)
         if rates is not None:
-            fill_point_hessian(point, (vec3.ZERO, vec3.ZERO, vec3.ZERO), damping, w, rates.parts)
-            slopes = compute_rate_slopes(point, rate)
-            add_rate_derivatives(point, slopes, damping, w, scratch.parts)
-            if coupled:
-                drag = elements.damping_coupling[k, g]
-                clear_coupled_part(rates.parts)
-                add_coupled_derivatives(point, compute_strain_slopes(point), drag, w, rates.parts)
-                add_coupled_derivatives(point, slopes, drag, w, scratch.parts)
+            _fill_damped_parts(elements, k, g, point, rate, w, scratch.parts, rates.parts)
             add_to_node_pairs(count, shape, slope, rates.parts, rates.drag, True)
         add_to_node_pairs(count, shape, slope, scratch.parts, scratch.hessian, rates is not None)
     return stored, lost
 
 
 @jit_inner
-def _add_coupled_resultants(coupling, gamma, kappa, n, m):
-    """The stress resultants with those that strains, or their rates, make of one another [N], [N m]."""
-    strain = gamma[0], gamma[1], gamma[2], kappa[0], kappa[1], kappa[2]
-    by = compute_coupled_resultants(coupling, strain)
-    return add(n, (by[0], by[1], by[2])), add(m, (by[3], by[4], by[5]))
+def _compute_resultants(direct, coupling, k, g, gamma, kappa):
+    """The stress resultants of strains, or those of damping of their rates, by the law at a point [N], [N m]."""
+    n = compute_direct_resultants(vec_at(direct[k, g], 0), gamma)
+    m = compute_direct_resultants(vec_at(direct[k, g], 3), kappa)
+    if len(coupling) > 0:
+        strain = gamma[0], gamma[1], gamma[2], kappa[0], kappa[1], kappa[2]
+        by = compute_coupled_resultants(coupling[k, g], strain)
+        n = add(n, (by[0], by[1], by[2]))
+        m = add(m, (by[3], by[4], by[5]))
+    return n, m
+
+
+@jit_inner
+def _fill_parts(direct, coupling, k, g, point, stress, w, parts):
+    """Fill second derivatives at a point by the law there, of stiffness or of damping [N], [N m]."""
+    fill_point_hessian(point, stress, (vec_at(direct[k, g], 0), vec_at(direct[k, g], 3)), w, parts)
+    if len(coupling) > 0:
+        fill_coupled_part_with_zeros(parts)
+        add_coupled_derivatives(point, compute_strain_slopes(point), coupling[k, g], w, parts)
+
+
+@jit_inner
+def _fill_damped_parts(elements, k, g, point, rate, w, parts, by_velocity):
+    """Fill what damping at a point makes of velocities, and add what it makes of poses at given velocities [N], [N m]."""
+    none = (vec3.ZERO, vec3.ZERO, vec3.ZERO)
+    _fill_parts(elements.damping, elements.damping_coupling, k, g, point, none, w, by_velocity)
+    slopes = compute_rate_slopes(point, rate)
+    damping = vec_at(elements.damping[k, g], 0), vec_at(elements.damping[k, g], 3)
+    add_rate_derivatives(point, slopes, damping, w, parts)
+    if len(elements.damping_coupling) > 0:
+        add_coupled_derivatives(point, slopes, elements.damping_coupling[k, g], w, parts)
 
 
 @jit_inner

@@ -17,19 +17,18 @@ from flexinv.kernels.jit import jit_formula
 from flexinv.model.links import Section
 from flexinv.typing import Array
 
-Numbers = Array | float
 Three = tuple[Any, Any, Any]
 Six = tuple[Any, Any, Any, Any, Any, Any]
 
 
 @jit_formula
 def compute_direct_resultants(direct: Three, strain: Three) -> Three:
-    """Return what each of three strains [-] or [1/m] makes of itself [N], [N m]."""
+    """Return the resultants [N], [N m] of three strains [-], [1/m] that are independent."""
     return direct[0] * strain[0], direct[1] * strain[1], direct[2] * strain[2]
 
 
 @jit_formula
-def compute_coupled_resultant(row: Any, strain: Six) -> Numbers:
+def compute_coupled_resultant(row: Any, strain: Six) -> Any:
     """Return one of six resultants [N], [N m] that the strains [-], [1/m] make of one another; row : (6,) of the coupling."""
     first = row[0] * strain[0] + row[1] * strain[1] + row[2] * strain[2]
     return first + row[3] * strain[3] + row[4] * strain[4] + row[5] * strain[5]
@@ -50,7 +49,7 @@ def compute_coupled_resultants(coupling: Any, strain: Six) -> Six:
 
 @jit_formula
 def compute_planar_coupling(coupling: Three, strain: Three) -> Three:
-    """Return what axial strain, shear and bending [-], [1/m] make of one another in a plane [N], [N m].
+    """Return the resultants [N], [N m] of axial strain, shear and bending in a plane [-], [1/m] by their couplings.
 
     coupling : axial with shear [N], axial with bending [N m], shear with bending [N m]
     """
@@ -84,7 +83,7 @@ class BeamLaw(NamedTuple):
         return own + np.stack(compute_coupled_resultants(self.coupling, six), axis=-1)
 
     def tangent(self, strain: Array) -> Array:
-        """Return how the resultants vary with the strains, (..., 6, 6) [N], [N m], [N m^2]: the same at every strain (..., 6)."""
+        """Return the derivative of the resultants (..., 6, 6) [N], [N m], [N m^2], the same at every strain (..., 6)."""
         whole = np.diag(self.direct) if self.coupling is None else np.diag(self.direct) + self.coupling
         return np.broadcast_to(whole, (*np.shape(strain)[:-1], 6, 6))
 

@@ -6,7 +6,7 @@ A rotation is an angle: R_0^T R_i = exp(psi_i) has psi_i = theta_i - theta_0, H 
     E = 1/2 sum_g w (Gamma . C Gamma + B kappa^2)
     dE/du' = w S n,   dE/dpsi = w (n_1 y_2 - n_2 y_1),   dE/dpsi' = w m      with n = C Gamma, m = B kappa, y = S^T u'
 
-Where axial strain, shear and bending are coupled (`beam_law`), functions of their own add what the couplings make, block by block.
+Where axial strain, shear and bending are coupled (`beam_law`), functions of their own add what that makes, block by block.
 
 Kelvin-Voigt damping (`beam`), with v' the slope of velocities, phi' the rate of the section's angle, J (a, b) = (-b, a):
     dGamma/dt = S^T v' - phi' J y,     dkappa/dt = slope of the nodes' rates         n = C Gamma + D dGamma/dt,  m likewise

@@ -311,14 +311,17 @@ def assemble_section(value: Any, sections: Mapping[str, CrossSection], where: Lo
             stations += _list_stations_between(first, last, start, end)
         stations.append((end, last))
     places = np.array([place for place, _ in stations])
-    if all(part.coupled is None for _, part in stations):
-        return _build_section(places, np.array([part.numbers for _, part in stations]))
-    sections_there = [part.build_section() for _, part in stations]
+    parts = [part for _, part in stations]
+    if any(part.coupled for part in parts):
+        return _join_sections(places, [part.build_section() for part in parts])
+    return _build_section(places, np.array([part.numbers for part in parts]))
+
+
+def _join_sections(places: Array, own: list[Section]) -> Section:
+    """The section whose matrices at the places are those of sections of one station each."""
     stiffness, mass, damping = (
-        np.concatenate(tables)
-        for tables in zip(
-            *((one.stiffness_matrices, one.mass_matrices, one.damping_matrices) for one in sections_there), strict=True
-        )
+        np.concatenate([getattr(section, name) for section in own])
+        for name in ("stiffness_matrices", "mass_matrices", "damping_matrices")
     )
     return Section.build_from_matrices(places, stiffness, mass, damping if damping.any() else None)
 

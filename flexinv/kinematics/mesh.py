@@ -264,7 +264,7 @@ def list_section_breaks(beam: Beam) -> list[float]:
 
 
 def _list_section_columns(section: Section) -> tuple[Array, Array]:
-    """Numbers of a section (stations, numbers) and the sizes that they are compared with, of a coupling those of what it couples."""
+    """Numbers of a section (stations, numbers) and sizes to compare them with, of a coupling those of what it couples."""
     if not section.is_coupled:
         columns = np.column_stack([section.stiffness, section.mass_per_length, section.rotary_inertia])
         return columns, np.abs(columns)

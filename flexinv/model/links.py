@@ -291,10 +291,10 @@ class Section(Frozen):
                 raise InputError(f"{start}; expected principal moments p1 + p2 >= p3 >= 0 there")
         return cls(
             stations,
-            matrices.reduce_diagonal_matrices(stiffness),
+            matrices.take_diagonals(stiffness),
             np.array([part[0] for part in parts]),
-            matrices.reduce_diagonal_matrices(inertia),
-            None if damping is None else matrices.reduce_diagonal_matrices(damping),
+            matrices.take_diagonals(inertia),
+            None if damping is None else matrices.take_diagonals(damping),
             centre if centre.any() else None,
         )
 

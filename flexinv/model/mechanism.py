@@ -292,7 +292,7 @@ def with_retardation(mechanism: Mechanism, seconds: ArrayLike) -> Mechanism:
     if times.shape not in ((), (6,)) or not np.isfinite(times).all() or (times < 0).any():
         raise InputError(f"retardation times {times.tolist()}: expected one number >= 0 or six [s], for example 1e-3")
 
-    def damp(beam: Beam) -> Beam:
+    def apply_times(beam: Beam) -> Beam:
         section = beam.section
         if section.stiffness.ndim == 2:
             return replace(beam, section=replace(section, damping=times * section.stiffness))
@@ -303,7 +303,7 @@ def with_retardation(mechanism: Mechanism, seconds: ArrayLike) -> Mechanism:
             )
         return replace(beam, section=replace(section, damping=float(times.flat[0]) * section.stiffness))
 
-    return replace(mechanism._replace_beams(damp), modal_damping=None)
+    return replace(mechanism._replace_beams(apply_times), modal_damping=None)
 
 
 def build_drive_model(mechanism: Mechanism) -> Mechanism:

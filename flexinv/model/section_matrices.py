@@ -57,7 +57,7 @@ def build_full_matrices(rows: Array) -> Array:
     return rows if rows.ndim == 3 else np.asarray(rows[:, :, None] * np.eye(rows.shape[1]))
 
 
-def reduce_diagonal_matrices(given: Array) -> Array:
+def take_diagonals(given: Array) -> Array:
     """Return the diagonals (n, size) [any unit] of matrices (n, size, size) of which none has anything beside it, else all."""
     whole = np.asarray(given)
     if whole.ndim != 3 or whole.shape[1] != whole.shape[2] or (whole * (1.0 - np.eye(whole.shape[1]))).any():
@@ -65,7 +65,7 @@ def reduce_diagonal_matrices(given: Array) -> Array:
     return np.diagonal(whole, axis1=1, axis2=2).copy()
 
 
-def scale_to_unit_diagonal(matrix: Array) -> Array:
+def scale_to_unit_strengths(matrix: Array) -> Array:
     """Return the matrix with rows and columns so scaled that its diagonal is one [-], zero where it is zero."""
     size = np.sqrt(np.abs(np.diagonal(matrix)))
     over = np.divide(1.0, size, out=np.zeros_like(size), where=size > 0.0)
@@ -88,7 +88,7 @@ def describe_impossible_stiffness(matrix: Array) -> str:
     diagonal = np.diagonal(matrix)
     if diagonal.min() <= 0.0:
         return f"it is not positive definite: the stiffness of {COMPONENTS[int(diagonal.argmin())]} is {diagonal.min():.4g}"
-    least = float(np.linalg.eigvalsh(scale_to_unit_diagonal(matrix))[0])
+    least = float(np.linalg.eigvalsh(scale_to_unit_strengths(matrix))[0])
     if least > LEAST_STIFFNESS:
         return ""
     return f"it is not positive definite: with its diagonal scaled to 1 the least eigenvalue is {least:.3g}"
@@ -99,7 +99,7 @@ def describe_impossible_damping(matrix: Array) -> str:
     diagonal = np.diagonal(matrix)
     if diagonal.min() < 0.0:
         return f"the damping of {COMPONENTS[int(diagonal.argmin())]} is negative, {diagonal.min():.4g}"
-    scaled = scale_to_unit_diagonal(matrix)
+    scaled = scale_to_unit_strengths(matrix)
     if (np.abs(matrix[UPPER]) > 0.0)[scaled[UPPER] == 0.0].any():
         return "a strain without damping of its own is coupled with another"
     least = float(np.linalg.eigvalsh(scaled)[0])
@@ -111,7 +111,7 @@ def describe_impossible_damping(matrix: Array) -> str:
 
 
 def build_mass_matrix(mass: float, centre: Array, inertia: Array) -> Array:
-    """Return M (6, 6) [kg/m], [kg], [kg m] from mass [kg/m], its centre (2,) y, z [m] and the inertia (3, 3) about that [kg m]."""
+    """Return M (6, 6) [kg/m], [kg], [kg m] of a mass [kg/m], its centre (2,) y, z [m], the inertia (3, 3) about that [kg m]."""
     arm = _build_skew(np.array([0.0, *centre]))
     return np.block([[mass * np.eye(3), -mass * arm], [mass * arm, inertia - mass * arm @ arm]])
 
@@ -143,7 +143,10 @@ def split_mass_matrix(matrix: Array, name: str) -> tuple[float, Array, Array]:
 
 
 def build_axis_change(y: float, z: float, angle: float) -> Array:
-    """Return T (6, 6) [-], [m]: strains (or velocities) about an axis at y, z [m], turned by ``angle`` about x [rad], from given ones."""
+    """Return T (6, 6) [-], [m], which makes strains, or velocities, about another axis of given ones.
+
+    y, z : where that axis is [m]; angle : by which its frame is turned about x [rad]
+    """
     c = np.cos(angle)
     s = np.sin(angle)
     turn = np.array([[1.0, 0.0, 0.0], [0.0, c, -s], [0.0, s, c]])

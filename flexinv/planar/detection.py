@@ -141,7 +141,7 @@ def _describe_spatial_node(mesh: Mesh, frames: Array, heights: Array) -> str:
     return ""
 
 
-def _leads_out_of_plane(elements: Elements, element: int, normal: Array) -> bool:
+def _has_couplings_out_of_plane(elements: Elements, element: int, normal: Array) -> bool:
     """True where axial strain, shear or bending in the plane have stress of the other three strains."""
     aside = np.cross(normal, [1.0, 0.0, 0.0])
     none = np.zeros(3)
@@ -167,7 +167,7 @@ def _describe_asymmetry(mesh: Mesh, frames: Array) -> str:
         about = e.kappa0[k] - np.outer(e.kappa0[k] @ normal, normal)
         if not (all(same) and upright and across and np.abs(about).max() * mesh.length <= PLACEMENT_ROUNDING):
             return f"the section or curvature of beam '{mesh.mechanism.links[int(e.link[k])].name}' is not symmetric to the plane"
-        if _leads_out_of_plane(e, k, normal):
+        if _has_couplings_out_of_plane(e, k, normal):
             name = mesh.mechanism.links[int(e.link[k])].name
             return f"the section of beam '{name}' couples strains in the plane with strains out of it"
     for n in range(mesh.size):

@@ -58,7 +58,7 @@ def cantilever(own: Section, order: int = 8, elements: int = 1, length: float = 
 
 
 def find_linear_tip(compliance: Array, wrench: Array, length: float) -> Array:
-    """Displacement [m] and rotation [rad] of the tip under a small wrench there: strains C^-1 (F, M + (L - s) e1 x F), integrated.
+    """Displacement [m] and rotation [rad] of the tip under a small wrench there: strains C^-1 (F, M + (L - s) e1 x F) summed up.
 
     theta' = kappa,  u' = gamma + theta x e1: the second integral is that of (L - s) kappa x e1.
     """
@@ -75,7 +75,8 @@ def find_linear_tip(compliance: Array, wrench: Array, length: float) -> Array:
 def compute_frequency_function(stiffness: Array, mass: Array, length: float, omega: float) -> float:
     """Zero at the natural frequencies [rad/s] of a clamped beam: det of what the root's wrench makes of the tip's.
 
-    u' = gamma + theta x e1,  theta' = kappa,  F' = -omega^2 (M v)_1,  m' = -e1 x F - omega^2 (M v)_2,  (gamma, kappa) = C^-1 (F, m)
+    u' = gamma + theta x e1,  theta' = kappa,  (gamma, kappa) = C^-1 (F, m)
+    F' = -omega^2 (M v)_1,  m' = -e1 x F - omega^2 (M v)_2
     """
     carried = np.block([[np.zeros((3, 3)), -skew(E1)], [np.zeros((3, 6))]])
     lever = np.block([[np.zeros((3, 6))], [-skew(E1), np.zeros((3, 3))]])

@@ -16,6 +16,9 @@ KEPT: dict[str, str] = {
     "members that adapters and their readers offer": """
         abilities certify closing dynamics efforts export lifts replay unsupported version
     """,
+    "members of a beam's law, as its users ask for them": """
+        resultants tangent
+    """,
     "methods that other libraries prescribe": """
         _compile_bytecode _optimize_final_module _optimize_functions compile define_pipelines finalize generic_resolve
         get_call_template get_pointer_to_function on_broken_pipe repr_instance unify

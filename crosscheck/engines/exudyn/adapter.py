@@ -66,8 +66,6 @@ def abilities() -> str:
 def unsupported(mechanism: Mechanism, case: Case, engine: str) -> str | None:
     """Return the reason why Exudyn cannot do this case, or None."""
     beyond = describe_nontree_parts(mechanism)
-    if engine not in (TREE, DAE) and (reason := describe_coupled_sections(mechanism, "Exudyn's beams")) is not None:
-        return reason
     if beyond and engine != TREE:
         return _describe_loop_refusal(mechanism, case, engine)
     if (reason := beyond or missing_motion(mechanism, case)) is not None:
@@ -82,6 +80,8 @@ def unsupported(mechanism: Mechanism, case: Case, engine: str) -> str | None:
 
 def _describe_loop_refusal(mechanism: Mechanism, case: Case, engine: str) -> str | None:
     """Return the reason why there is no model in time with closures, springs or forces, or None."""
+    if (reason := describe_coupled_sections(mechanism, "Exudyn's beams")) is not None:
+        return reason
     if exudyn_phases.has_switched_closures(mechanism):
         if engine == DAE:
             return exudyn_phases.describe_refusal(mechanism, case)
@@ -92,6 +92,8 @@ def _describe_loop_refusal(mechanism: Mechanism, case: Case, engine: str) -> str
 
 def _describe_refusal(mechanism: Mechanism, case: Case, engine: str) -> str | None:
     """Return the reason why there is no model in time, or None; the tree of rigid bodies has no such limits."""
+    if (reason := describe_coupled_sections(mechanism, "Exudyn's beams")) is not None:
+        return reason
     layout = build_start_layout(mechanism, case)
     if not isinstance(exudyn_planar.find_plane(mechanism, layout), str):
         return None

@@ -73,7 +73,8 @@ def unsupported(mechanism: Mechanism, case: Case, engine: str) -> str | None:
     """Return the reason why MuJoCo's flex cannot do this case, or None."""
     if mechanism.is_rigid:
         return "no link is a beam: see mujoco"
-    if (reason := describe_nontree_parts(mechanism) or missing_motion(mechanism, case)) is not None:
+    reason = describe_nontree_parts(mechanism) or missing_motion(mechanism, case)
+    if (reason := reason or describe_coupled_sections(mechanism, "a flex of dimension 1")) is not None:
         return reason
     for link in mechanism.beams:
         if (reason := _describe_refusal(mechanism, link)) is not None:
@@ -94,8 +95,6 @@ def _describe_refusal(mechanism: Mechanism, link: Link) -> str | None:
         if body.station not in (None, 0.0) and not (body.station == 1.0 and point):
             return f"{NO_FRAME}: {link.name} carries a point mass at its end at most, not {body.name!r}"
     assert link.beam is not None
-    if (reason := describe_coupled_sections(mechanism, "a flex of dimension 1")) is not None:
-        return reason
     if len(link.beam.section.stations) > 1 or link.beam.curvature.any():
         return f"a flex of dimension 1 has one section, and is straight here; {link.name} varies or is curved"
     if link.beam.section.damping is not None and link.beam.section.damping.any():

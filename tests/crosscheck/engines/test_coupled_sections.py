@@ -161,10 +161,18 @@ def test_causes_change_coupled_sections_as_a_whole_or_not_at_all() -> None:
     subject = Subject(mechanism, case)
     model = make_model(subject)
     rows = {row.name: row for row in (*section_rows.ROWS, *beam_rows.ROWS)}
-    whole = ("modulus of elasticity", "density", "beam mass", "rotary inertia of the section", "beam damping", "section turned", "lumped mass")  # fmt: skip
-    for kind in ("section stiffness", "shear factor", "shear modulus", "cross-section area", "section width", "section size", "wall thickness"):  # fmt: skip
+    alone = [
+        "section stiffness",
+        "shear factor",
+        "shear modulus",
+        "cross-section area",
+        "section width",
+        "section size",
+    ]
+    whole = ["modulus of elasticity", "density", "beam mass", "rotary inertia of the section", "beam damping"]
+    for kind in (*alone, "wall thickness"):
         assert rows[kind].targets(model) == []
-    for kind in whole:
+    for kind in (*whole, "section turned", "lumped mass"):
         assert name in rows[kind].targets(model)
         made = rows[kind].change(subject, name, np.array([0.1]))
         assert made.mechanism != mechanism

@@ -15,7 +15,15 @@ from flexinv.model.mechanism import Mechanism, Section, with_retardation
 from flexinv.typing import Array
 
 HEAD = 'source = "test"\ngravity_m_per_s2 = [0, 0, 0]\n'
-LINK = '[links.link]\nkind = "beam"\nlength_m = 1\nsection = "s"\n[joints.base]\nkind = "fixed"\nparent = "world"\nchild = "link"\n'
+LINK = """[links.link]
+kind = "beam"
+length_m = 1
+section = "s"
+[joints.base]
+kind = "fixed"
+parent = "world"
+child = "link"
+"""
 MASS = mass_about(0.01, -0.02)
 # BeamDyn's axes: x and y across, z along the blade, so that x, y, z of VABS are its z, x, y.
 BEAMDYN = [1, 2, 0, 4, 5, 3]
