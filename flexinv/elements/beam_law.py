@@ -80,7 +80,7 @@ class BeamLaw(NamedTuple):
         if self.coupling is None:
             return own
         six = e[0], e[1], e[2], e[3], e[4], e[5]
-        return own + np.stack(compute_coupled_resultants(self.coupling, six), axis=-1)
+        return np.asarray(own + np.stack(compute_coupled_resultants(self.coupling, six), axis=-1))
 
     def tangent(self, strain: Array) -> Array:
         """Return the derivative of the resultants (..., 6, 6) [N], [N m], [N m^2], the same at every strain (..., 6)."""

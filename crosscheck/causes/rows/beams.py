@@ -140,7 +140,7 @@ def _list_components(model: Model) -> list[str]:
 
 def _list_independent(model: Model) -> list[str]:
     """Return the beams whose stiffnesses can be changed one by one."""
-    return _make_beam_targets(lambda beam: not beam.section.has_coupled_strains)(model)
+    return list(_make_beam_targets(lambda beam: not beam.section.has_coupled_strains)(model))
 
 
 def _make_beam_targets(test: Callable[[Beam], bool]) -> Targets:

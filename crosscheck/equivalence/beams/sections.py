@@ -84,9 +84,9 @@ class MatchedBeams:
                 yield Difference("beam", cause, f"link {first}", 1.0, "-", *values, structural=True)
         for first, _, a, b in self.both:
             if (a.section.is_coupled or b.section.is_coupled) and not _is_same_coupled_beam(a, b):
-                words = ["coupled" if beam.section.is_coupled else "not coupled" for beam in (a, b)]
+                one, two = ("coupled" if beam.section.is_coupled else "not coupled" for beam in (a, b))
                 yield Difference(
-                    "beam", "beam with a coupled section", f"link {first}", 1.0, "-", *words, structural=True
+                    "beam", "beam with a coupled section", f"link {first}", 1.0, "-", one, two, structural=True
                 )
 
     def describe_other_meshes(self) -> list[str]:
