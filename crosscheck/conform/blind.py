@@ -41,6 +41,9 @@ OF_KEY = {
     "GJ_Nm2": SECTION,
     "EI_Nm2": SECTION,
     "mass_per_length_kg_per_m": SECTION,
+    "stiffness_matrix": SECTION,
+    "mass_matrix": SECTION,
+    "damping_matrix": DRIVE,
     "retardation_s": DRIVE,
     **dict.fromkeys((f"{end}_{unit}" for end in ENDS for unit in ("deg", "rad", "m", "xyz_m", "rpy_deg")), MOTION),
 }

@@ -36,7 +36,7 @@ POWER = {
     "coulomb friction": 1,
 }  # of the gear ratio: from the joint to the motor
 SCALED = {"stiffness_N_per_m", "force_N"}
-OF_SECTION = {"EA_N", "GA_N", "GJ_Nm2", "EI_Nm2", "E_Pa", "G_Pa"}
+OF_SECTION = {"EA_N", "GA_N", "GJ_Nm2", "EI_Nm2", "E_Pa", "G_Pa", "stiffness_matrix"}
 Tables = dict[str, dict[str, tuple[Any, str]]]
 
 
@@ -129,6 +129,7 @@ def _fill_beam_tables(rows: Mapping[Any, Row], data: Mapping[str, Any], tables: 
             for key, value in data["sections"][table["section"]].items():
                 section.setdefault(key, (value, ""))
             if kind == "beam damping":
+                section.pop("damping_matrix", None)  # in whose place the time is
                 section["retardation_s"] = (row.value, _describe_row(row))
                 yield kind, place
                 continue

@@ -176,8 +176,7 @@ def with_couplings(mechanism: Mechanism) -> Mechanism:
                 a = group[i]
                 b = group[j]
                 stiffness[:, a, b] = stiffness[:, b, a] = part * root[:, a] * root[:, b]
-        rotary = own.rotary_inertia * (1.0, 1.0, 1.0)
-        centre = np.outer(np.linspace(1.0, 0.5, len(rotary)), side) * 0.01
+        centre = np.outer(np.linspace(1.0, 0.5, len(root)), side) * 0.01
         made = replace(own, stiffness=stiffness, mass_centre=centre)
         return replace(link, beam=replace(link.beam, section=made))
 

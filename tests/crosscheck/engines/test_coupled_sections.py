@@ -20,7 +20,9 @@ from crosscheck.engines.flexinv.certificate import compute_beam_stiffness
 from crosscheck.engines.mujoco.rod import Rod
 from crosscheck.equivalence.beams.rigid_beams import make_rigid_mechanism
 from crosscheck.equivalence.beams.sampled import sample_beam
+from crosscheck.identification.identified_file import Tables, _fill_beam_tables
 from crosscheck.identification.parameters import apply_values
+from crosscheck.identification.table import Row
 from crosscheck.kit.lift import lift_kit
 from crosscheck.kit.resolved import build_case_file
 from flexinv import joint_torques
@@ -181,3 +183,17 @@ def test_causes_change_coupled_sections_as_a_whole_or_not_at_all() -> None:
     for kind, target in (("shear modulus", name), ("section stiffness", f"{name}: EI_z"), ("cross-section area", name)):
         with pytest.raises(InputError, match="the section is coupled"):
             rows[kind].change(subject, target, np.array([0.1]))
+
+
+def test_an_identified_factor_is_written_into_the_matrix() -> None:
+    blade = {"shape": "matrices", "stiffness_matrix": [[2.0, 1.0], [1.0, 3.0]], "damping_matrix": [[1.0]]}
+    data = {"links": {"arm": {"section": "blade"}}, "sections": {"blade": blade}}
+    stiffer = Row("beam stiffness", "arm", "-", 1.5, 1.4, 1.6, 1.0, 0.5, 1.5, True)
+    tables: Tables = {}
+    assert list(_fill_beam_tables({("beam stiffness", "arm"): stiffer}, data, tables)) == [("beam stiffness", "arm")]
+    written = tables['sections."blade of arm"']
+    assert written["stiffness_matrix"][0] == [[3.0, 1.5], [1.5, 4.5]]
+    later = {("beam damping", "arm"): replace(stiffer, parameter="beam damping", value=1e-3)}
+    assert list(_fill_beam_tables(later, data, tables))
+    assert written["retardation_s"][0] == 1e-3
+    assert "damping_matrix" not in written

@@ -9,8 +9,10 @@ import pytest
 from coupled_beams import BEND_TWIST, full, mass_about
 
 import flexinv
+from flexinv.elements.beam_element import scale_stiffness
 from flexinv.errors import InputError
 from flexinv.files.load_mechanism import load_mechanism
+from flexinv.kinematics.mesh import build
 from flexinv.model.mechanism import Mechanism, Section, with_retardation
 from flexinv.typing import Array
 
@@ -178,3 +180,32 @@ def test_the_overview_says_what_is_coupled(tmp_path: Path) -> None:
     row = build_overview_tables(load(tmp_path, write(BEND_TWIST, MASS)))["beams"].iloc[0]
     assert row["EI_y [N m^2]"] == BEND_TWIST[4, 4]
     assert row["coupled"] == "twist with bending y +0.4, mass centre 0.01, -0.02 m"
+
+
+def test_elements_end_where_matrices_step_or_kink(tmp_path: Path) -> None:
+    """A coupling that jumps from one station to the next ends an element; one that grows along the beam does not."""
+    sections = ""
+    for name, part in (("s", 0.1), ("t", 0.2), ("u", -0.3)):
+        c = full()
+        c[3, 4] = c[4, 3] = part * np.sqrt(c[3, 3] * c[4, 4])
+        sections += f"[sections.{name}]\n" + write(c, MASS)
+    rows = {
+        "smooth": ([(0, "s"), (0.5, "t"), (1, "t")], 2),
+        "step": ([(0, "s"), (0.4, "s"), (0.4, "u"), (1, "u")], 3),
+    }
+    for stations, bounds in rows.values():
+        table = ", ".join(f'{{ at = {at}, section = "{name}" }}' for at, name in stations)
+        file = tmp_path / "mechanism.toml"
+        file.write_text(HEAD + sections + LINK.replace('section = "s"', f"section = [{table}]"), encoding="utf-8")
+        mesh = build(load_mechanism(file))
+        assert len(mesh.elements.order) == bounds - 1
+        # the mass of a beam whose matrices are linear between the stations, at order 4 to rounding
+        assert mesh.mass.sum() == pytest.approx(0.4, rel=1e-14)
+
+
+def test_stiffer_elements_are_coupled_as_much(tmp_path: Path) -> None:
+    elements = build(load(tmp_path, write(full(), MASS, "retardation_s = 1e-3"))).elements
+    stiffer = scale_stiffness(elements, 3.0)
+    for name, factor in (("stiffness", 3.0), ("coupling", 3.0), ("damping", 1.0), ("damping_coupling", 1.0)):
+        np.testing.assert_array_equal(getattr(stiffer, name), factor * getattr(elements, name))
+    assert np.abs(elements.coupling).max() > 0.0
