@@ -60,6 +60,13 @@ def compute_planar_coupling(coupling: Three, strain: Three) -> Three:
     )
 
 
+@jit_formula
+def compute_planar_work(coupling: Three, strain: Three) -> Any:
+    """Return the work [N], or of rates and damping the power [W/m], of three strains [-], [1/m] on their coupled resultants."""
+    by = compute_planar_coupling(coupling, strain)
+    return by[0] * strain[0] + by[1] * strain[1] + by[2] * strain[2]
+
+
 class BeamLaw(NamedTuple):
     """The law at one place of a beam.
 

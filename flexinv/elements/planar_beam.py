@@ -26,7 +26,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from flexinv.elements.beam_law import compute_direct_resultants, compute_planar_coupling
+from flexinv.elements.beam_law import compute_direct_resultants, compute_planar_coupling, compute_planar_work
 from flexinv.kernels.jit import jit_inner
 from flexinv.kernels.records import send_by_address
 from flexinv.kernels.simd import cos_sin
@@ -429,17 +429,32 @@ def compute_pair_stiffness(k, i, j, elements, p):
         c1 = c1 + p[at + U1_PSI] * shape_i * slope_j
         c2 = c2 + p[at + U2_PSI] * shape_i * slope_j
         d += p[at + PSI_PSI] * shape_i * shape_j + p[at + BEND_BEND] * slopes
-        if len(elements.coupling) > 0:
-            n = np.uint64(k * elements.shape.shape[1] + g)
-            behind = (
-                np.uint64(len(elements.constants)) // CONSTANTS * POINT_BLOCK + n // _LANES * BEND_BLOCK + n % _LANES
-            )
-            b1 += p[behind + BEND_U1] * slopes
-            b2 += p[behind + BEND_U2] * slopes
-            c1 += p[behind + BEND_U1] * slopes
-            c2 += p[behind + BEND_U2] * slopes
-            d += p[behind + BEND_PSI] * (shape_i * slope_j + slope_i * shape_j)
+    if len(elements.coupling) > 0:
+        h1, h2, e = _compute_coupled_pair(k, i, j, elements, p)
+        b1 += h1
+        b2 += h2
+        c1 += h1
+        c2 += h2
+        d += e
     return (a11, a12, b1), (a12, a22, b2), (c1, c2, d)
+
+
+@jit_inner
+def _compute_coupled_pair(k, i, j, elements, p):
+    """The part of couplings of bending in the stiffness between two nodes: h and e of `compute_pair_stiffness`."""
+    h1 = 0.0
+    h2 = 0.0
+    e = 0.0
+    blocks = np.uint64(len(elements.constants)) // CONSTANTS
+    for g in range(elements.order[k]):
+        n = np.uint64(k * elements.shape.shape[1] + g)
+        at = blocks * POINT_BLOCK + n // _LANES * BEND_BLOCK + n % _LANES
+        slope_i = elements.slope[k, g, i]
+        slope_j = elements.slope[k, g, j]
+        h1 += p[at + BEND_U1] * slope_i * slope_j
+        h2 += p[at + BEND_U2] * slope_i * slope_j
+        e += p[at + BEND_PSI] * (elements.shape[k, g, i] * slope_j + slope_i * elements.shape[k, g, j])
+    return h1, h2, e
 
 
 @jit_inner
@@ -457,20 +472,10 @@ def compute_energy(elements, p):
             stretched = c[own + AXIAL + lane] * axial * axial + c[own + SHEAR + lane] * shear * shear
             bent = c[own + BENDING + lane] * curvature * curvature
             total += 0.5 * c[own + WEIGHT + lane] * (stretched + bent)
-    if len(elements.coupling) > 0:
-        for block in range(np.uint64(len(c)) // CONSTANTS):
-            for lane in range(_LANES):
-                strain = _find_planar_strain(elements, block, lane, p)
-                work = _compute_coupled_work(_find_planar_coupling(elements, block, lane)[0], strain)
-                total += 0.5 * c[block * CONSTANTS + WEIGHT + lane] * work
+            if len(elements.coupling) > 0:
+                stiff = _find_planar_coupling(elements, block, lane)[0]
+                total += 0.5 * c[own + WEIGHT + lane] * compute_planar_work(stiff, (axial, shear, curvature))
     return total
-
-
-@jit_inner
-def _compute_coupled_work(coupling, strain):
-    """Strains times what couplings make of them."""
-    n1, n2, m = compute_planar_coupling(coupling, strain)
-    return n1 * strain[0] + n2 * strain[1] + m * strain[2]
 
 
 @jit_inner
@@ -490,6 +495,6 @@ def compute_dissipated_power(elements, r):
             lost += damping[d + D_BENDING + lane] * bent * bent
             if len(elements.coupling) > 0:
                 drag = _find_planar_coupling(elements, block, lane)[1]
-                lost += _compute_coupled_work(drag, _find_planar_rate(block, lane, r))
+                lost += compute_planar_work(drag, _find_planar_rate(block, lane, r))
             total += elements.constants[own + WEIGHT + lane] * lost
     return total
