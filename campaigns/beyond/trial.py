@@ -23,6 +23,7 @@ from crosscheck.measures.certificate import Check
 from crosscheck.measures.limits import REFERENCE, find
 from crosscheck.measures.record import Record, RecordError, check, read_record
 from crosscheck.run.child import run_case
+from crosscheck.run.child_jobs import CaseJobFile
 from crosscheck.run.isolation import Attempt
 from crosscheck.run.questions import list_questions
 from crosscheck.run.result_rows import compare_all, run_row
@@ -56,10 +57,17 @@ class TrialLocation:
         """The case as it is run."""
         return discover(Path(self.models), (f"{self.mechanism}/{self.case}",)).tasks[0]
 
-    def make_job(self, engine: str, out: Path) -> dict[str, Any]:
+    def make_job(self, engine: str, out: Path) -> CaseJobFile:
         """Return the instructions for the process of an engine."""
-        where = {"mechanism": str((Path(self.models) / self.mechanism).resolve()), "case": self.case}
-        return {"engine": engine, "module": ENGINES[engine].module, **where, "options": {}, "out": str(out)}
+        return {
+            "kind": "run",
+            "engine": engine,
+            "module": ENGINES[engine].module,
+            "mechanism": str((Path(self.models) / self.mechanism).resolve()),
+            "case": self.case,
+            "options": {},
+            "out": str(out),
+        }
 
     def read_setup(self) -> FaultScenario:
         """The scene of the unharmed reference.  Raises RecordError where there is none."""

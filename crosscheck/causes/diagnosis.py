@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import traceback
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import TypedDict
 
 import numpy as np
 
@@ -20,13 +20,14 @@ from crosscheck.causes.quantity_causes import find_other_causes
 from crosscheck.causes.repair import Repair, apply_repair
 from crosscheck.causes.separate import find_separating_motion
 from crosscheck.causes.subject import Subject
-from crosscheck.engines import open_adapter
+from crosscheck.engines import Door, open_adapter
 from crosscheck.engines.base import Adapter
 from crosscheck.measures.certificate import build_certificate
 from crosscheck.measures.limits import find
 from crosscheck.measures.mechanisms import read_mechanism
 from crosscheck.measures.record import Record, read_record
 from crosscheck.verdicts.bars import find_checked_bar
+from crosscheck.verdicts.results import DiagnosisQuestion, NamedCause
 from flexinv.files.load_cases import load_cases
 from flexinv.typing import Array
 
@@ -55,15 +56,33 @@ class Answer:
         return max(self.limit, NOISE * self.naming.noise, rounding)
 
 
+class DiagnosisAnswer(TypedDict):
+    """Answer of a child process: what a `crosscheck.verdicts.results.Diagnosis` says beside its place, differences [-]."""
+
+    words: str
+    named: list[NamedCause]
+    separate: str
+    difference: float
+    noise: float
+    repaired: float | None
+    where: str
+
+
+class DiagnosesAnswer(TypedDict):
+    """Answer of a child process about several engines, in their order; None where a diagnosis has failed."""
+
+    answers: list[DiagnosisAnswer | None]
+
+
 def diagnose(
     folder: str,
     case: str,
     engine: str,
     ours: str,
     theirs: str,
-    door: Mapping[str, Any] | None = None,
+    door: Door | None = None,
     columns: Columns | None = None,
-) -> dict[str, Any]:
+) -> DiagnosisAnswer:
     """Return the diagnosis of two saved records (stems of their files) of a case [-] as JSON values.
 
     door : where the engine's adapter is (`crosscheck.engines.open_adapter`), None for one of ours
@@ -74,7 +93,7 @@ def diagnose(
     settled = naming
     best = None
     if naming.named and record_causes.shown:
-        behind = None if door is None else open_adapter({**door, "engine": engine, "mechanism": folder})
+        behind = None if door is None else open_adapter(door, engine, folder)
         settled, best = check_by_full_runs(record_causes, engine, behind)
     fits = settled.named
     return {
@@ -88,13 +107,13 @@ def diagnose(
     }
 
 
-def make_diagnoses(asked: Iterable[Mapping[str, Any]]) -> dict[str, Any]:
+def make_diagnoses(asked: Iterable[DiagnosisQuestion]) -> DiagnosesAnswer:
     """Return the diagnoses of several engines in one case: ``answers`` in their order, None where one has failed.
 
     asked : what `diagnose` is called with, for each engine
     """
     columns = Columns()
-    answers: list[dict[str, Any] | None] = []
+    answers: list[DiagnosisAnswer | None] = []
     for options in asked:
         try:
             answers.append(diagnose(**options, columns=columns))
@@ -171,7 +190,7 @@ def find_allowed_difference(model: Model, record: Record, reference: Record) -> 
     return 0.0 if limit is None else limit.maximum
 
 
-def describe_cause(fit: Fit) -> dict[str, Any]:
+def describe_cause(fit: Fit) -> NamedCause:
     """Return one cause for the report: name, target, the sentence with its size [unit], what it leaves [-]."""
     words = fit.cause.words.format(target=fit.target or "all", size=describe_size(fit.size, fit.cause.unit))
     return {

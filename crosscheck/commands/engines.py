@@ -15,6 +15,7 @@ from crosscheck.commands.shared.terminal import Console
 from crosscheck.engines import describe_missing_package
 from crosscheck.report.words import join_alike_engines
 from crosscheck.run.abilities import LIMIT as DESCRIBE
+from crosscheck.run.child_jobs import DescribeRequest
 from crosscheck.run.forking import ForkServers
 from crosscheck.run.isolation import ChildProcesses, ask
 from crosscheck.verdicts.results import EngineRow
@@ -41,7 +42,7 @@ def command(models: Path, config: Path | None, engine: tuple[str, ...]) -> None:
                 rows.append(EngineRow(one.name, False, "missing", message=reason))
                 continue
             if one.adapter_key not in known:
-                job = {"kind": "describe", "engine": one.name, **one.door}
+                job: DescribeRequest = {"kind": "describe", "engine": one.name, **one.door}
                 known[one.adapter_key] = ask(job, DESCRIBE, ChildProcesses(servers=servers))
             answer, ending = known[one.adapter_key]
             if answer is None:

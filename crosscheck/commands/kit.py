@@ -11,6 +11,7 @@ from crosscheck.commands.shared.terminal import MODELS, TIMEOUT, Failure
 from crosscheck.engines import ENGINES
 from crosscheck.kit.write import write
 from crosscheck.measures.limits import REFERENCE
+from crosscheck.run.child_jobs import CaseRequest
 from crosscheck.run.isolation import ChildProcesses, run_engine
 
 
@@ -37,8 +38,8 @@ def command(name: str, models: Path, case: str | None, out: Path | None, blind: 
         raise Failure(f"{folder} is there already: write --out with a new or an empty folder, or remove it")
     expected = None
     if not blind:
-        job = {"mechanism": str(task.folder.resolve()), "case": task.case.name, "options": {}}
-        expected = run_engine(ENGINES[REFERENCE], job, task.time, timeout, ChildProcesses()).record
+        request: CaseRequest = {"mechanism": str(task.folder.resolve()), "case": task.case.name, "options": {}}
+        expected = run_engine(ENGINES[REFERENCE], request, task.time, timeout, ChildProcesses()).record
         if expected.status != "ok":
             raise Failure(f"{name}/{task.case.name}: {REFERENCE} gives no expected values: {expected.message}")
     try:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import NotRequired, TypedDict
 
 from crosscheck.measures.limits import BY_DISCRETISATION, Verdict, find_worst_verdict
 from crosscheck.report.words import format_short
@@ -44,6 +44,25 @@ COLUMNS = (
     ("time", "its own time", "s"),
     ("message", "result", ""),
 )
+
+
+class RungNumbers(TypedDict, total=False):
+    """Difference over the range [-] and time [s] of a rung, where there are any."""
+
+    difference: float
+    time: float
+
+
+class RungRow(TypedDict):
+    """A line of the table of rungs: difference over the range [-], time [s], where there are any."""
+
+    rung: str
+    what: str
+    engine: str
+    message: str
+    difference: NotRequired[float]
+    time: NotRequired[float]
+    verdict: Verdict
 
 
 @dataclass(frozen=True)
@@ -173,15 +192,24 @@ def find_exit_code(climbed: Sequence[Rung]) -> int:
 
 def make_ladder_table(results: Results, engines: tuple[str, ...], text: str) -> StudyRow:
     """Return the table of the ladder for a report; differences over the range [-]."""
-    rows: list[dict[str, Any]] = []
-    for engine in engines:
-        for rung in list_rungs(results, engine):
-            what = RUNGS.get(rung.name, "what its own model says of itself, everywhere")
-            numbers = {"difference": rung.difference, "time": rung.time}
-            known = {key: value for key, value in numbers.items() if value is not None}
-            words = {"rung": rung.name.replace("_", " "), "what": what, "engine": engine, "message": rung.message}
-            rows.append({**words, **known, "verdict": rung.verdict})
+    rows = [_make_row(rung) for engine in engines for rung in list_rungs(results, engine)]
     return StudyRow("conform", f"The ladder ({VERSION})", text=text, columns=COLUMNS, rows=tuple(rows))
+
+
+def _make_row(rung: Rung) -> RungRow:
+    numbers: RungNumbers = {}
+    if rung.difference is not None:
+        numbers["difference"] = rung.difference
+    if rung.time is not None:
+        numbers["time"] = rung.time
+    return {
+        "rung": rung.name.replace("_", " "),
+        "what": RUNGS.get(rung.name, "what its own model says of itself, everywhere"),
+        "engine": rung.engine,
+        "message": rung.message,
+        **numbers,
+        "verdict": rung.verdict,
+    }
 
 
 def describe_engine(results: Results, engine: str, blind: str) -> str:

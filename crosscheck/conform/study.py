@@ -5,18 +5,19 @@ Engines run as in `crosscheck conform`, each in a process of its own; records an
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
-from typing import Any
+from collections.abc import Iterator, Sequence
+from typing import NotRequired, TypedDict
 
 from crosscheck.conform import ladder
 from crosscheck.doors.registry import RECORD
-from crosscheck.engines import ENGINES, Engine, describe_missing_package
+from crosscheck.engines import ENGINES, Engine, NamedDoor, describe_missing_package
 from crosscheck.measures.limits import REFERENCE, Verdict, find_worst_verdict
 from crosscheck.run.isolation import open_scratch_folder
 from crosscheck.run.runner import run
 from crosscheck.run.work import Options, Work
 from crosscheck.verdicts.plan import discover
 from crosscheck.verdicts.results import Results
+from crosscheck.verdicts.study_table import SideTable, StudyTable
 
 LONGEST = 600.0  # [s] of one engine on one rung: the slowest takes ten seconds, on a machine that is busy a hundred
 UNASKED = (REFERENCE, "measured")
@@ -33,7 +34,24 @@ COLUMNS = (
 )
 
 
-def run_study(models: str, engines: Sequence[Mapping[str, Any]] = ()) -> dict[str, Any]:
+class EngineNumbers(TypedDict, total=False):
+    """Difference over the range [-], where a rung holds."""
+
+    difference: float
+
+
+class EngineLine(TypedDict):
+    """A line of the table: difference over the range [-], time [s]."""
+
+    engine: str
+    holds: str
+    difference: NotRequired[float]
+    time: float
+    message: str
+    verdict: Verdict
+
+
+def run_study(models: str, engines: Sequence[NamedDoor] = ()) -> StudyTable:
     """Return the tables of the report: differences over the range [-], times [s].
 
     models : not asked, the ladder has its own; engines : jobs of the project's own engines (`crosscheck.engines.open_adapter`)
@@ -45,7 +63,7 @@ def run_study(models: str, engines: Sequence[Mapping[str, Any]] = ()) -> dict[st
     return make_tables(results, tuple(ladder_engines))
 
 
-def list_ladder_engines(jobs: Sequence[Mapping[str, Any]] = ()) -> dict[str, Engine]:
+def list_ladder_engines(jobs: Sequence[NamedDoor] = ()) -> dict[str, Engine]:
     """Return the engines that can be asked, by name: ours that are installed, then those of jobs."""
     ours = {name: one for name, one in ENGINES.items() if name not in UNASKED and describe_missing_package(one) is None}
     theirs = (
@@ -54,7 +72,7 @@ def list_ladder_engines(jobs: Sequence[Mapping[str, Any]] = ()) -> dict[str, Eng
     return ours | {one.name: one for one in theirs if one.module != RECORD}
 
 
-def make_tables(results: Results, engines: tuple[str, ...]) -> dict[str, Any]:
+def make_tables(results: Results, engines: tuple[str, ...]) -> StudyTable:
     """Return a row for each engine, and a table with each of its rungs; differences over the range [-], times [s]."""
     rows = list(list_summary_rows(results, engines))
     if not rows:
@@ -70,11 +88,11 @@ def make_tables(results: Results, engines: tuple[str, ...]) -> dict[str, Any]:
     }
     judged = [{**row, "verdict": verdicts[row["rung"], row["engine"]]} for row in every.rows]
     said = [row for row, rung in zip(judged, every.rows, strict=True) if rung["verdict"] != "skipped"]
-    table = {"title": "Each rung that was climbed", "columns": list(every.columns), "rows": said}
+    table: SideTable = {"title": "Each rung that was climbed", "columns": list(every.columns), "rows": said}
     return {"text": text, "columns": COLUMNS, "rows": rows, "tables": [table]}
 
 
-def list_summary_rows(results: Results, engines: tuple[str, ...]) -> Iterator[dict[str, Any]]:
+def list_summary_rows(results: Results, engines: tuple[str, ...]) -> Iterator[EngineLine]:
     """Yield the row of each engine that climbed a rung; difference over the range [-], time [s]."""
     for name in engines:
         climbed = [rung for rung in ladder.list_rungs(results, name) if rung.verdict != "skipped"]
@@ -84,10 +102,11 @@ def list_summary_rows(results: Results, engines: tuple[str, ...]) -> Iterator[di
         shares = [rung.difference for rung in held if rung.difference is not None]
         fallen = [f"{_describe_rung(rung.name)}: {rung.message}" for rung in climbed if not rung.holds]
         words = ", ".join(_describe_rung(rung.name) for rung in held) or "none"
+        numbers: EngineNumbers = {"difference": max(shares)} if shares else {}
         yield {
             "engine": name,
             "holds": f"{len(held)} of {len(climbed)}",
-            **({"difference": max(shares)} if shares else {}),
+            **numbers,
             "time": sum(rung.time or 0.0 for rung in climbed),
             "message": "; ".join([words, *fallen]),
             "verdict": find_worst_verdict(_judge_rung(results, rung) for rung in climbed),

@@ -12,10 +12,28 @@ import importlib.util
 import sys
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any, cast
+from typing import Any, NotRequired, TypedDict, cast
 
 from crosscheck.engines.base import Adapter
 from flexinv.files.load_cases import Limit
+
+
+class Door(TypedDict):
+    """Place of an adapter: ``package.module`` or ``package.module:object``, a folder to import it from, settings of a door."""
+
+    module: str
+    path: NotRequired[str]
+    settings: NotRequired[Mapping[str, Any]]
+
+
+class NamedDoor(Door):
+    """Place of an adapter, with the name of its engine.
+
+    stamp : digests of what is behind the door, so that answers change with it
+    """
+
+    engine: str
+    stamp: NotRequired[list[str]]
 
 
 @dataclass(frozen=True)
@@ -47,10 +65,14 @@ class Engine:
         return self.module if self.settings is None else f"{self.module} {self.name}"
 
     @property
-    def door(self) -> dict[str, Any]:
+    def door(self) -> Door:
         """The adapter in a job of a child process (`open_adapter`)."""
-        path = {"path": self.path} if self.path else {}
-        return {"module": self.module, **path, **({} if self.settings is None else {"settings": dict(self.settings)})}
+        door: Door = {"module": self.module}
+        if self.path:
+            door["path"] = self.path
+        if self.settings is not None:
+            door["settings"] = dict(self.settings)
+        return door
 
 
 def _make_engine(
@@ -99,16 +121,16 @@ def resolve_adapter(name: str) -> Adapter:
     return cast(Adapter, found() if isinstance(found, type) else found)
 
 
-def add_import_path(job: Mapping[str, Any]) -> None:
-    """Let modules of a job be imported from the folder that it names as ``path``, if it names one."""
-    if (path := job.get("path", "")) and path not in sys.path:
+def add_import_path(path: str) -> None:
+    """Let modules be imported from a folder, too, if one is named."""
+    if path and path not in sys.path:
         sys.path.insert(0, path)
 
 
-def open_adapter(job: Mapping[str, Any]) -> Adapter:
-    """Return the adapter of a job: ``module``, perhaps ``path``; of a door ``settings``, ``engine``, ``mechanism`` (folder)."""
-    add_import_path(job)
-    if "settings" not in job:
-        return resolve_adapter(job["module"])
-    door: Any = importlib.import_module(job["module"])
-    return cast(Adapter, door.open_adapter(job["engine"], job.get("mechanism", ""), job["settings"]))
+def open_adapter(door: Door, engine: str, mechanism: str = "") -> Adapter:
+    """Return the adapter at a place; mechanism : folder of what an engine with settings is asked about."""
+    add_import_path(door.get("path", ""))
+    if "settings" not in door:
+        return resolve_adapter(door["module"])
+    module: Any = importlib.import_module(door["module"])
+    return cast(Adapter, module.open_adapter(engine, mechanism, door["settings"]))

@@ -7,8 +7,9 @@ number is checked.
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import TypeVar, cast
 
 import numpy as np
 from pydantic import BaseModel, ValidationError
@@ -16,7 +17,7 @@ from pydantic import BaseModel, ValidationError
 from crosscheck.engines.base import sample_times
 from crosscheck.kit.resolved import build_case_file, list_idle_velocities, list_quantity_series
 from crosscheck.kit.tables import CertificateFile, MetaFile
-from crosscheck.measures.record import BROKEN, Record, Series, list_effort_units, series
+from crosscheck.measures.record import PlainCertificate, Record, Series, list_effort_units, series
 from crosscheck.measures.series_csv import check_names, check_times, list_all_series, read
 from flexinv.errors import InputError
 from flexinv.files.load_cases import Case
@@ -33,10 +34,10 @@ def read_answer(folder: Path, mechanism: Mechanism, case: Case, engine: str) -> 
     Raises InputError that says what is wrong: missing or doubled columns, other units, times, coordinates or cases.
     """
     meta = read_table(resolve_file(folder, "meta.json"), MetaFile) or MetaFile()
-    made: dict[str, Any] = {"engine": engine, "version": meta.version, "settings": _collect_settings(meta)}
+    answer = Record(engine, version=meta.version, settings=_collect_settings(meta))
     _check_addressed(folder, meta, mechanism, case)
     if meta.skipped:
-        return Record(status="skipped", message=meta.skipped, **made)
+        return replace(answer, status="skipped", message=meta.skipped)
     file = resolve_file(folder, "series.csv")
     if not file.is_file():
         raise InputError(f"{folder} holds no series.csv: nothing was answered")
@@ -51,7 +52,7 @@ def read_answer(folder: Path, mechanism: Mechanism, case: Case, engine: str) -> 
             found |= series(f"torque/{name}", units[name], np.zeros(time.size))
     _check_finite(file, found, time)
     certificate = read_certificate(resolve_file(folder, "certificate.json"), mechanism)
-    return Record(time=times, series=found, wall_time=meta.wall_time, certificate=certificate, **made)
+    return replace(answer, time=times, series=found, wall_time=meta.wall_time, certificate=certificate)
 
 
 def resolve_file(folder: Path, name: str) -> Path:
@@ -85,7 +86,7 @@ def read_table(path: Path, model: type[T]) -> T | None:
         raise InputError(f"{path} cannot be read: {error}") from None
 
 
-def _collect_settings(meta: MetaFile) -> dict[str, Any]:
+def _collect_settings(meta: MetaFile) -> dict[str, str | float]:
     """Return the settings that an answer states, for the report."""
     said = {
         "tool": meta.tool,
@@ -94,7 +95,7 @@ def _collect_settings(meta: MetaFile) -> dict[str, Any]:
         "mesh": meta.mesh,
         "notes": meta.notes,
     }
-    return {name: value for name, value in said.items() if value not in (None, "")}
+    return {name: value for name, value in said.items() if value is not None and value != ""}
 
 
 def _check_addressed(folder: Path, meta: MetaFile, mechanism: Mechanism, case: Case) -> None:
@@ -143,7 +144,7 @@ def _check_finite(file: Path, series: dict[str, Series], time: np.ndarray) -> No
                 )
 
 
-def read_certificate(file: Path, mechanism: Mechanism) -> dict[str, Any]:
+def read_certificate(file: Path, mechanism: Mechanism) -> PlainCertificate:
     """Return the certificate in a file; {} without one, {"broken": why} where it cannot be read or compared."""
     try:
         table = read_table(file, CertificateFile)
@@ -151,8 +152,9 @@ def read_certificate(file: Path, mechanism: Mechanism) -> dict[str, Any]:
             return {}
         _check_shapes(file, table, mechanism)
     except InputError as error:
-        return {BROKEN: str(error)}
-    return {name: value for name, value in table.model_dump(mode="json").items() if value not in (None, {}, [])}
+        return {"broken": str(error)}
+    stated = {name: value for name, value in table.model_dump(mode="json").items() if value not in (None, {}, [])}
+    return cast(PlainCertificate, stated)
 
 
 def _check_shapes(file: Path, found: CertificateFile, mechanism: Mechanism) -> None:

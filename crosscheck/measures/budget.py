@@ -19,11 +19,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import TypedDict
 
 import numpy as np
 
-from crosscheck.measures.record import Record, Series
+from crosscheck.measures.record import BudgetLine, Record, Series
 from flexinv.analysis.nearby import find_largest_nearby
 from flexinv.typing import Array
 
@@ -58,6 +58,13 @@ class Estimate:
     how: str
     tends_to: Array | None = None
     left: Array | None = None
+
+
+class RefinedLimit(TypedDict, total=False):
+    """What refinements of a series tend to and the half-width of its bar, (samples,) [unit]; empty where they do not say."""
+
+    refined: Array
+    left: Array
 
 
 @dataclass(frozen=True)
@@ -120,12 +127,12 @@ def compute_extrapolated_bar(levels: Sequence[Array]) -> Estimate:
     return Estimate(bar, inner.order, inner.how, limit if known else None, bar if known else None)
 
 
-def has_no_order(line: Mapping[str, Any]) -> bool:
+def has_no_order(line: BudgetLine) -> bool:
     """Return True if a series' line of budget (see ``add_error_bars``) shows that some refinement of it has no order."""
     return any(how in NO_ORDER for how in line.get("how", {}).values())
 
 
-def is_checked(budget: Mapping[str, Mapping[str, Any]], name: str) -> bool:
+def is_checked(budget: Mapping[str, BudgetLine], name: str) -> bool:
     """Return True if the bar of a series comes from runs that this project asked for; one that an engine states does not."""
     return name in budget and STATED not in budget[name].get("how", {})
 
@@ -137,7 +144,7 @@ def apply_stated_bars(record: Record) -> Record:
     return replace(record, series=plain, budget=budget)
 
 
-def _make_stated_line(one: Series) -> dict[str, Any]:
+def _make_stated_line(one: Series) -> BudgetLine:
     """Return the line of a series whose engine states its bar; numbers that are none are refused with the record."""
     bar, peak = (float(np.nan_to_num(np.abs(part)).max(initial=0.0)) for part in (np.asarray(one.error), one.values))
     how = {STATED: "no refinement that was asked for shows it"}
@@ -146,18 +153,14 @@ def _make_stated_line(one: Series) -> dict[str, Any]:
 
 def add_error_bars(
     values: Mapping[str, Series], families: Sequence[Family]
-) -> tuple[dict[str, Series], dict[str, dict[str, Any]]]:
+) -> tuple[dict[str, Series], dict[str, BudgetLine]]:
     """Return the series with error bars [unit of each], and one line of budget per series; families add up.
 
     Where all families say what their runs tend to, the series says it, too: errors of families are added, and what they change
     together is of the size of their product over the largest value.
-
-    A line is {"bar": largest half-width, "peak": largest magnitude, "peak_bar": its own bar from the peaks of the runs,
-    "order": {family: observed order or None}, "how": {family: words}, "bars": {family: largest half-width},
-    "left": {family: largest half-width of what its runs tend to}}.
     """
     made = dict(values)
-    budget = {}
+    budget: dict[str, BudgetLine] = {}
     for name, one in values.items():
         bars = {f.name: _compute_family_bars(f, name) for f in families}
         known = {k: e for k, e in bars.items() if e is not None}
@@ -177,7 +180,7 @@ def add_error_bars(
     return made, budget
 
 
-def _compute_refined_limit(one: Series, families: Sequence[Estimate]) -> dict[str, Any]:
+def _compute_refined_limit(one: Series, families: Sequence[Estimate]) -> RefinedLimit:
     """Return the limit of the runs of all families and the half-width of its bar (samples,) [unit], {} where they show none."""
     steps = [family.tends_to - one.values for family in families if family.tends_to is not None]
     left = [family.left for family in families if family.left is not None]

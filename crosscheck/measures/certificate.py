@@ -8,11 +8,11 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass, field, fields
-from typing import Any
+from typing import Any, NotRequired, TypedDict, cast
 
 import numpy as np
 
-from crosscheck.measures.record import LARGEST
+from crosscheck.measures.record import LARGEST, PlainCertificate
 from flexinv.typing import Array
 
 # Exact in both: rounding of some thousand operations, and MuJoCo's floor of 2e-15 [kg], [kg m^2] under missing inertia.
@@ -74,15 +74,17 @@ class Certificate:
     rank: int | None = None
 
     @property
-    def plain(self) -> dict[str, Any]:
+    def plain(self) -> PlainCertificate:
         """Return the certificate as JSON values."""
-        return {name: _convert_to_plain(value) for name, value in asdict(self).items()}
+        values = {name: _convert_to_plain(value) for name, value in asdict(self).items()}
+        return cast(PlainCertificate, values)
 
 
-def build_certificate(plain: Mapping[str, Any]) -> Certificate:
+def build_certificate(plain: PlainCertificate) -> Certificate:
     """Return the certificate of JSON values; unknown keys are left out."""
     known = {f.name for f in fields(Certificate)}
-    return Certificate(**{name: value for name, value in plain.items() if name in known})
+    values: Mapping[str, Any] = {name: value for name, value in plain.items() if name in known}
+    return Certificate(**values)
 
 
 def _convert_to_plain(value: Any) -> Any:
@@ -93,6 +95,46 @@ def _convert_to_plain(value: Any) -> Any:
     if isinstance(value, np.floating | np.integer):
         return value.item()
     return list(value) if isinstance(value, tuple) else value
+
+
+class RestDynamics(TypedDict):
+    """Parts of a certificate by configuration: centre of mass, mass matrix, gravity torque, axes of joints (see there)."""
+
+    com: Array
+    mass_matrix: Array
+    gravity: Array
+    axes: Mapping[str, Array]
+
+
+class PassiveElements(TypedDict):
+    """Parts of a certificate: damping, friction and springs (see there)."""
+
+    damping: Mapping[str, float]
+    friction: Mapping[str, float]
+    springs: Mapping[str, float]
+
+
+class ClosureEnds(TypedDict):
+    """Parts of a certificate: points and axes of closures (see there)."""
+
+    closure_points: Mapping[str, Array]
+    closure_axes: Mapping[str, Array]
+
+
+class AttachmentData(PassiveElements, ClosureEnds):
+    """Parts of a certificate: all that is stated of joints, springs and closures."""
+
+
+class CheckLine(TypedDict):
+    """What a line of a certificate says, as the fields of `Check` that come after its place."""
+
+    what: str
+    unit: str
+    holds: bool
+    error: NotRequired[float]
+    scale: NotRequired[float]
+    limit: NotRequired[float]
+    words: NotRequired[str]
 
 
 @dataclass(frozen=True)
@@ -123,7 +165,7 @@ def checks(mechanism: str, case: str, engine: str, theirs: Certificate, ours: Ce
     return tuple(Check(*here, **line) for line in lines)
 
 
-def _list_supplied_lines(theirs: Certificate) -> Iterator[dict[str, Any]]:
+def _list_supplied_lines(theirs: Certificate) -> Iterator[CheckLine]:
     """Lines that say who computed what an engine was given."""
     for what, words in theirs.given.items():
         yield {"what": what, "unit": "-", "holds": True, "words": words}
@@ -134,7 +176,7 @@ def is_certified(lines: tuple[Check, ...]) -> bool:
     return bool(lines) and all(line.holds for line in lines)
 
 
-def _list_number_lines(theirs: Certificate, ours: Certificate) -> Iterator[dict[str, Any]]:
+def _list_number_lines(theirs: Certificate, ours: Certificate) -> Iterator[CheckLine]:
     for what, unit, name in (
         ("total mass", "kg", "mass"),
         ("centre of mass", "m", "com"),
@@ -171,7 +213,7 @@ def _list_number_lines(theirs: Certificate, ours: Certificate) -> Iterator[dict[
             yield {"what": what, "unit": unit, "holds": False, "words": words}
 
 
-def _make_line(what: str, unit: str, a: Array, b: Array, limit: float, words: str = "") -> dict[str, Any]:
+def _make_line(what: str, unit: str, a: Array, b: Array, limit: float, words: str = "") -> CheckLine:
     if a.shape != b.shape:
         return {"what": what, "unit": unit, "holds": False, "words": f"of shape {a.shape}, expected {b.shape}"}
     size = float(np.abs(a).max(initial=0.0))
@@ -186,7 +228,7 @@ def _make_line(what: str, unit: str, a: Array, b: Array, limit: float, words: st
 
 def _make_worst_line(
     what: str, unit: str, pairs: Mapping[str, tuple[Array, Array]], limit: float, each: bool
-) -> dict[str, Any]:
+) -> CheckLine:
     """Return the line of the key that is farthest off; each : measured against its own size, else the largest one."""
     whole = max(float(np.abs(b).max(initial=0.0)) for _, b in pairs.values()) or 1.0
     lines = {key: _make_line(what, unit, a, b, limit, key) for key, (a, b) in pairs.items()}
@@ -195,11 +237,12 @@ def _make_worst_line(
     )
     line = lines[key]
     if not each and "error" in line:
-        line |= {"scale": whole, "holds": line["error"] <= limit * whole}
+        line["scale"] = whole
+        line["holds"] = line["error"] <= limit * whole
     return line
 
 
-def _list_order_lines(theirs: Certificate, ours: Certificate) -> Iterator[dict[str, Any]]:
+def _list_order_lines(theirs: Certificate, ours: Certificate) -> Iterator[CheckLine]:
     if theirs.order and ours.order:
         same = sorted(theirs.order) == sorted(ours.order)
         words = "the same" if tuple(theirs.order) == tuple(ours.order) else "mapped by name: " + ", ".join(theirs.order)
@@ -208,7 +251,7 @@ def _list_order_lines(theirs: Certificate, ours: Certificate) -> Iterator[dict[s
         yield {"what": "order of the joints", "unit": "-", "holds": same, "words": words}
 
 
-def _list_closure_lines(theirs: Certificate, ours: Certificate) -> Iterator[dict[str, Any]]:
+def _list_closure_lines(theirs: Certificate, ours: Certificate) -> Iterator[CheckLine]:
     if theirs.residual is not None:
         good = theirs.residual <= CLOSED
         yield {"what": "closure residual", "unit": "m, -", "holds": good, "error": theirs.residual, "limit": CLOSED}

@@ -2,12 +2,22 @@
 
 from __future__ import annotations
 
+from typing import TypedDict
+
 import numpy as np
 
 from flexinv.typing import Array
 
 
-def compute_sprague_geers(ours: Array, theirs: Array) -> dict[str, float]:
+class SpragueGeers(TypedDict, total=False):
+    """Sprague and Geers' errors [-]."""
+
+    magnitude: float
+    phase: float
+    comprehensive: float
+
+
+def compute_sprague_geers(ours: Array, theirs: Array) -> SpragueGeers:
     """Return Sprague and Geers' errors [-]; empty where one of the signals is zero throughout.
 
         M = sqrt(oo / tt) - 1,    P = arccos(ot / sqrt(oo tt)) / pi,    C = sqrt(M^2 + P^2)

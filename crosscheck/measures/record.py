@@ -12,7 +12,7 @@ import zlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Literal, get_args
+from typing import Any, Literal, TypedDict, get_args
 from zipfile import BadZipFile
 
 import numpy as np
@@ -30,9 +30,6 @@ WRENCH_UNITS = ("N", "N", "N", "N m", "N m", "N m")
 # No unit makes a quantity of a machine that large: a larger number comes from a computation that has run away.
 LARGEST = 1e100
 RESULTANTS = ("axial", "shear_y", "shear_z", "twist", "bending_y", "bending_z")
-
-
-BROKEN = "broken"  # the key of a certificate that is there and cannot be read
 
 
 class RecordError(ValueError):
@@ -63,6 +60,56 @@ class Series:
         return self.name.split("/", 1)[0]
 
 
+class BudgetLine(TypedDict, total=False):
+    """Origin of the error bar of a series [unit of the series].
+
+    bar : largest half-width; peak : largest magnitude, peak_bar : its own bar from the peaks of the runs
+    order : observed order [-] by what was refined, None where it is not observable; how : words by what was refined
+    bars, left : largest half-widths by what was refined, of the bar and of what its runs tend to
+    """
+
+    bar: float
+    peak: float
+    peak_bar: float
+    order: Mapping[str, float | None]
+    how: Mapping[str, str]
+    bars: Mapping[str, float]
+    left: Mapping[str, float]
+
+
+Rows = Sequence[Sequence[float]]
+
+
+class PlainCertificate(TypedDict, total=False):
+    """JSON of a certificate: fields of `crosscheck.measures.certificate.Certificate`, whose docstring gives units and shapes.
+
+    problem : why there is none; broken : why one that is there cannot be read
+    """
+
+    mass: float | None
+    masses: Mapping[str, float]
+    beam_masses: Mapping[str, float]
+    beam_moments: Mapping[str, float]
+    moments: Mapping[str, Sequence[float]]
+    inertias: Mapping[str, Rows]
+    com: Rows | None
+    mass_matrix: Sequence[Rows] | None
+    gravity: Rows | None
+    axes: Mapping[str, Rows]
+    order: Sequence[str]
+    stiffness: Mapping[str, float]
+    damping: Mapping[str, float]
+    friction: Mapping[str, float]
+    springs: Mapping[str, float]
+    closure_points: Mapping[str, Sequence[float]]
+    closure_axes: Mapping[str, Sequence[float]]
+    given: Mapping[str, str]
+    residual: float | None
+    rank: int | None
+    problem: str
+    broken: str
+
+
 @dataclass(frozen=True)
 class Record:
     """Results of one engine for one case.
@@ -84,8 +131,8 @@ class Record:
     series: Mapping[str, Series] = field(default_factory=dict)
     wall_time: float = 0.0
     model_hash: str = ""
-    budget: Mapping[str, Any] = field(default_factory=dict)
-    certificate: Mapping[str, Any] = field(default_factory=dict)
+    budget: Mapping[str, BudgetLine] = field(default_factory=dict)
+    certificate: PlainCertificate = field(default_factory=PlainCertificate)
 
 
 def series(name: str, unit: str, values: ArrayLike, error: ArrayLike | None = None) -> dict[str, Series]:

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any
+from crosscheck.verdicts.night_changes import NightChanges
 
 BAD = ("deviation", "error", "unjudged")
 
 
-def describe_changes(changes: Mapping[str, Any]) -> str:
+def describe_changes(changes: NightChanges) -> str:
     """Return the changes since another night in one line."""
     if not changes:
         return ""

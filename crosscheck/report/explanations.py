@@ -2,13 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
 
 from crosscheck.measures.certificate import Check, is_certified
 from crosscheck.measures.limits import Verdict
-from crosscheck.verdicts.results import BROKEN_CERTIFICATE, NO_CERTIFICATE, CaseRow, Diagnosis, Results, is_failing
+from crosscheck.verdicts.results import (
+    BROKEN_CERTIFICATE,
+    NO_CERTIFICATE,
+    CaseRow,
+    Diagnosis,
+    NamedCause,
+    Results,
+    is_failing,
+)
 
 
 @dataclass(frozen=True)
@@ -73,7 +79,7 @@ def describe_causes(diagnosis: Diagnosis | None) -> str:
     return names[0] + (f", or {others} other{'s' * (others > 1)}" if others else "")
 
 
-def _format_cause(one: Mapping[str, Any]) -> str:
+def _format_cause(one: NamedCause) -> str:
     return f"{one['cause']} ({one['target']})" if one.get("target") else str(one["cause"])
 
 

@@ -5,20 +5,20 @@ One page per case and one for all; each holds its own numbers, so that years of 
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from itertools import pairwise
 from pathlib import Path
-from typing import Any
+from typing import NotRequired, TypedDict
 
 import sqlalchemy as sql
 
 from crosscheck import output_folder as owned
 from crosscheck.report import html
-from crosscheck.verdicts.history import COMPARISON, METRIC, TIMING, VERSION, Night, ask, list_nights
+from crosscheck.verdicts.history import COMPARISON, METRIC, TIMING, VERSION, Night, Row, ask, list_nights
 from crosscheck.verdicts.results import make_slug
 
 MOST = 400  # nights that are drawn, the newest ones: more than a year
-Row = Mapping[str, Any]
+Point = list[float | str | None]  # number of the night, value, perhaps verdict or status
 Case = tuple[str, str]
 
 
@@ -62,16 +62,34 @@ def write(database: sql.Engine, out: Path) -> None:
     html.write_page(pages, "trends.html.j2", folder / "index.html", **view)
 
 
-def build_chart(
-    title: str, unit: str, curves: Mapping[str, Sequence[Any]], log: bool = False, **limits: Any
-) -> dict[str, Any]:
-    """Return the data of one chart of a page; curves: name -> [[number of the night, value in unit], ...]."""
-    return {"title": title, "unit": unit, "curves": dict(curves), "log": log, **limits}
+class Chart(TypedDict):
+    """Data of one chart of a page; curves : by name, values [unit]; lower, upper : limits [unit]."""
+
+    title: str
+    unit: str
+    curves: dict[str, list[Point]]
+    log: bool
+    lower: NotRequired[float | None]
+    upper: NotRequired[float | None]
 
 
-def build_curves(rows: Iterable[Row], order: Mapping[int, int], name: Any, what: str) -> dict[str, list[list[Any]]]:
+class VersionMark(TypedDict):
+    """Change of versions between two nights; night : number of the later one, text : "mujoco 4.0.0 to 4.1.0"."""
+
+    night: int
+    text: str
+
+
+def build_chart(title: str, unit: str, curves: Mapping[str, list[Point]], log: bool = False) -> Chart:
+    """Return the data of one chart of a page; curves : by name, values [unit]."""
+    return {"title": title, "unit": unit, "curves": dict(curves), "log": log}
+
+
+def build_curves(
+    rows: Iterable[Row], order: Mapping[int, int], name: Callable[[Row], str], what: str
+) -> dict[str, list[Point]]:
     """Return one curve per name, in the order of the nights: [number of the night, value, verdict or status]."""
-    curves: dict[str, list[list[Any]]] = {}
+    curves: dict[str, list[Point]] = {}
     for row in sorted(rows, key=lambda row: order[row["night"]]):
         if row[what] is not None:
             state = row.get("verdict") or row.get("status")
@@ -85,22 +103,25 @@ def make_legend_name(row: Row) -> str:
     return f"{row['engine']}{against} {row['quantity']}" + (f" [{row['unit']}]" if row["unit"] else "")
 
 
-def build_metric_charts(rows: Sequence[Row], order: Mapping[int, int]) -> list[dict[str, Any]]:
+def build_metric_charts(rows: Sequence[Row], order: Mapping[int, int]) -> list[Chart]:
     """Return one chart per metric, with its last limits [unit of the metric]."""
-    charts = []
+    charts: list[Chart] = []
     for name in sorted({row["name"] for row in rows}):
         own = sorted((row for row in rows if row["name"] == name), key=lambda row: order[row["night"]])
-        curve = {name: [[order[row["night"]], row["value"]] for row in own]}
-        charts.append(build_chart(name, own[-1]["unit"], curve, lower=own[-1]["lower"], upper=own[-1]["upper"]))
+        curve: list[Point] = [[order[row["night"]], row["value"]] for row in own]
+        chart = build_chart(name, own[-1]["unit"], {name: curve})
+        chart["lower"] = own[-1]["lower"]
+        chart["upper"] = own[-1]["upper"]
+        charts.append(chart)
     return charts
 
 
-def list_version_marks(shown: Sequence[Night], rows: Iterable[Row]) -> list[dict[str, Any]]:
-    """Return the changes of versions from night to night: {"night": number, "text": "mujoco 4.0.0 to 4.1.0"}."""
+def list_version_marks(shown: Sequence[Night], rows: Iterable[Row]) -> list[VersionMark]:
+    """Return the changes of versions from night to night."""
     known: dict[int, dict[str, str]] = {}
     for row in rows:
         known.setdefault(row["night"], {})[row["package"]] = row["version"]
-    marks = []
+    marks: list[VersionMark] = []
     for number, (before, after) in enumerate(pairwise(shown), 1):
         old = known.get(before.id, {})
         new = known.get(after.id, {})
@@ -110,14 +131,14 @@ def list_version_marks(shown: Sequence[Night], rows: Iterable[Row]) -> list[dict
     return marks
 
 
-def _read_night_rows(database: sql.Engine, table: sql.Table, order: Mapping[int, int]) -> list[dict[str, Any]]:
+def _read_night_rows(database: sql.Engine, table: sql.Table, order: Mapping[int, int]) -> list[Row]:
     first = min(order, default=0)
     rows = [dict(row._mapping) for row in ask(database, sql.select(table).where(table.c.night >= first))]
     return [row for row in rows if row["night"] in order]
 
 
-def _split_by_case(rows: Iterable[dict[str, Any]]) -> dict[Case, list[dict[str, Any]]]:
-    groups: dict[Case, list[dict[str, Any]]] = {}
+def _split_by_case(rows: Iterable[Row]) -> dict[Case, list[Row]]:
+    groups: dict[Case, list[Row]] = {}
     for row in rows:
         groups.setdefault((row["mechanism"], row["case_name"]), []).append(row)
     return groups

@@ -7,10 +7,11 @@ import pickle
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import cast
 
 from crosscheck.engines import Engine
 from crosscheck.measures.record import Record, compute_fingerprint
+from crosscheck.run.child_jobs import AbilitiesJobFile, AdapterDescription, RefusalLine
 from crosscheck.run.isolation import Attempt, ChildProcesses, ProcessEnd, open_scratch_folder, run_child
 from crosscheck.verdicts.plan import Task
 
@@ -26,7 +27,7 @@ class Abilities:
     message : why it was not asked everything, ""
     """
 
-    described: Mapping[str, str] | None
+    described: AdapterDescription | None
     refused: Mapping[int, str] = field(default_factory=dict)
     message: str = ""
 
@@ -42,23 +43,28 @@ def ask_abilities(engine: Engine, pairs: Sequence[Pair], children: ChildProcesse
         out = folder / "answers"
         # as they were read here: the natural modes of a damping ratio are not computed once more for every adapter
         out.with_suffix(".asked").write_bytes(pickle.dumps([(task.mechanism, task.case) for task, _ in pairs]))
-        job = {"kind": "abilities", **engine.door, "engine": engine.name, "cases": cases, "out": str(out)}
+        job: AbilitiesJobFile = {
+            "kind": "abilities",
+            **engine.door,
+            "engine": engine.name,
+            "cases": cases,
+            "out": str(out),
+        }
         ending = run_child(job, folder, LIMIT, children)
-        lines = read_answers(out)
-    left = max(0, len(pairs) - max(0, len(lines) - 1))
-    refused = {k: line["reason"] for k, line in enumerate(lines[1:]) if line.get("reason")}
-    return Abilities(
-        lines[0] if lines else None, refused, "" if ending.status == "ok" else describe_ending(ending, left)
-    )
+        described, answers = read_answers(out)
+    left = max(0, len(pairs) - len(answers))
+    refused = {k: reason for k, line in enumerate(answers) if (reason := line["reason"])}
+    return Abilities(described, refused, "" if ending.status == "ok" else describe_ending(ending, left))
 
 
-def read_answers(file: Path) -> list[dict[str, Any]]:
-    """Return the lines that were written whole: what the adapter is, then an answer per case."""
+def read_answers(file: Path) -> tuple[AdapterDescription | None, list[RefusalLine]]:
+    """Return the lines that were written whole: what the adapter is, None without it, and an answer per case."""
     try:
-        lines = file.read_text(encoding="utf-8").splitlines(keepends=True)
-        return [json.loads(line) for line in lines if line.endswith("\n")]
+        text = file.read_text(encoding="utf-8").splitlines(keepends=True)
+        lines = [json.loads(line) for line in text if line.endswith("\n")]
     except (OSError, ValueError):
-        return []
+        return None, []
+    return (cast(AdapterDescription, lines[0]) if lines else None), lines[1:]
 
 
 def describe_ending(ending: ProcessEnd, left: int) -> str:

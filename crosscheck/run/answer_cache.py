@@ -30,6 +30,7 @@ from typing import Any
 from crosscheck import output_folder as owned
 from crosscheck.doors.registry import COMMAND
 from crosscheck.engines import ENGINES, Engine
+from crosscheck.engines.base import Options as EngineOptions
 from crosscheck.measures.record import Record, RecordError, check, compute_fingerprint, read_record, save
 from crosscheck.run.isolation import Attempt, open_scratch_folder
 from crosscheck.run.run_cache import add_door_digest, compute_attempt_key, compute_surroundings_digest
@@ -60,7 +61,7 @@ class AnswerCache:
     """A folder of answers; trouble : what was wrong with entries and with writing, for the reader."""
 
     folder: Path
-    options: Mapping[str, Any] = field(default_factory=dict)
+    options: EngineOptions = field(default_factory=dict)
     trouble: list[str] = field(default_factory=list)
 
     @cached_property
@@ -98,7 +99,7 @@ class AnswerCache:
         plain = {name: value for name, value in study.options.items() if name not in folders}
         return study.module, study.function, plain, {name: self.contents(folder) for name, folder in folders.items()}
 
-    def add_values(self, words: Mapping[str, Any], name: str, *things: object) -> None:
+    def add_values(self, words: Mapping[str, object], name: str, *things: object) -> None:
         """Keep JSON values under the things that they depend on."""
         self._write(compute_fingerprint(name, *things, self.setting), {**words, "when": format_current_time()})
 
@@ -130,7 +131,7 @@ class AnswerCache:
             return None
         return result
 
-    def _write(self, name: str, words: Mapping[str, Any], record: Record | None = None) -> None:
+    def _write(self, name: str, words: Mapping[str, object], record: Record | None = None) -> None:
         if not name:
             return
         try:
@@ -167,7 +168,7 @@ def _read_attempt(words: Mapping[str, Any], stem: Path, task: Task) -> Attempt:
     return Attempt(record, words["printed"], words["elapsed"], words["when"])
 
 
-def make_entry(words: Mapping[str, Any], record: Record | None) -> bytes:
+def make_entry(words: Mapping[str, object], record: Record | None) -> bytes:
     """Return an entry: words, and the two files of a record where there is one."""
     made = io.BytesIO()
     with open_scratch_folder() as folder, zipfile.ZipFile(made, "w") as archive:

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import Any, NotRequired, TypedDict
 
 from crosscheck.measures.record import RecordError, read_record
 from crosscheck.run.abilities import Abilities
@@ -24,6 +24,14 @@ BEGIN = 0.1
 RIGID = 1e-5
 BEAM = 2e-3
 STUDY = 30.0
+
+
+class KeptAnswer(TypedDict):
+    """An answer as it is kept; answer : JSON of a study, a diagnosis or an adapter, printed, elapsed [s] : of its process."""
+
+    answer: Any
+    printed: NotRequired[str]
+    elapsed: NotRequired[float]
 
 
 @dataclass
@@ -87,7 +95,7 @@ def compute_estimated_time(task: Task) -> float:
     return BEGIN + steps * (RIGID * len(task.mechanism.links) + BEAM * len(task.mechanism.beams))
 
 
-def _convert_answer(answer: Answer) -> dict[str, Any] | None:
+def _convert_answer(answer: Answer) -> KeptAnswer | None:
     """Return the part of an answer that is kept beside attempts, None where it is none."""
     if isinstance(answer, Abilities):
         return {"answer": answer.described} if answer.described and not answer.message else None
@@ -109,10 +117,11 @@ def _list_dependencies(job: Job, cache: AnswerCache) -> tuple[object, ...] | Non
 
 def _list_question_dependencies(question: Question, cache: AnswerCache) -> tuple[object, ...] | None:
     """Return the things that an answer depends on: the case, and both records but for the time that they took."""
-    told = dict(question.options)
+    options = question.options
     try:
-        records = [read_record(Path(told.pop(side))) for side in ("ours", "theirs")]
+        records = [read_record(Path(stem)) for stem in (options["ours"], options["theirs"])]
     except RecordError:
         return None
-    folder = Path(told.pop("folder"))
-    return folder.name, cache.contents(folder), told, [replace(one, wall_time=0.0) for one in records]
+    folder = Path(options["folder"])
+    rest = {key: value for key, value in options.items() if key not in ("ours", "theirs", "folder")}
+    return folder.name, cache.contents(folder), rest, [replace(one, wall_time=0.0) for one in records]

@@ -28,13 +28,14 @@ import traceback
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import NoReturn
 
 import numpy as np
 
 from crosscheck.engines import resolve_adapter
 from crosscheck.engines.base import can_fork_jobs, prepare_adapter
 from crosscheck.run import child
+from crosscheck.run.child_jobs import PreparedDoor
 from crosscheck.run.processes import (
     end_process_group,
     end_stray_processes,
@@ -64,7 +65,7 @@ def run_server(number: int, refusal: str) -> NoReturn:
     os._exit(0)
 
 
-def prepare(door: Mapping[str, Any]) -> str:
+def prepare(door: PreparedDoor) -> str:
     """Import what jobs of a door need and return "", or why none may be forked from here.
 
     door : module, perhaps path (`crosscheck.engines.open_adapter`); settings, where it is a door's module, which is imported

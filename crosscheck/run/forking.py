@@ -15,7 +15,6 @@ import threading
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
 
 from crosscheck.run.processes import end_process_group, end_process_tree, make_environment
 
@@ -134,7 +133,7 @@ class ForkServers:
     lock: threading.Lock = field(default_factory=threading.Lock)
     stopped: bool = False
 
-    def fork(self, job: Mapping[str, Any], job_file: Path, folder: Path, log: int) -> ForkedProcess:
+    def fork(self, job: Mapping[str, object], job_file: Path, folder: Path, log: int) -> ForkedProcess:
         """Return the process of a job.  Raises Refused."""
         if sys.platform != "linux":
             raise ForkRefused("only Linux says how many threads a process has")
@@ -145,8 +144,8 @@ class ForkServers:
         """The reasons why jobs of an adapter were not forked, by its name."""
         return {name: one.refusal for name, one in self.known.items() if one.refusal}
 
-    def _prepare_adapter(self, job: Mapping[str, Any]) -> PreparedProcess:
-        name = " ".join(filter(None, [job["module"], job.get("path", "")]))
+    def _prepare_adapter(self, job: Mapping[str, object]) -> PreparedProcess:
+        name = " ".join(filter(None, [str(job["module"]), str(job.get("path", ""))]))
         with self.lock:
             if self.stopped:
                 raise ForkRefused("interrupted")
@@ -191,7 +190,7 @@ def _begin_common() -> PreparedProcess:
     return PreparedProcess(process, ours, folder)
 
 
-def _begin_prepared(common: PreparedProcess, job: Mapping[str, Any]) -> PreparedProcess:
+def _begin_prepared(common: PreparedProcess, job: Mapping[str, object]) -> PreparedProcess:
     """Fork the prepared process of a job's adapter.  Raises Refused."""
     door = {name: job[name] for name in ("module", "path", "settings") if name in job}
     folder = _make_folder()

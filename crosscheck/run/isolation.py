@@ -25,6 +25,7 @@ from numpy.typing import NDArray
 from crosscheck.engines import Engine, describe_missing_package
 from crosscheck.measures.record import Record, RecordError, Status, check, read_record
 from crosscheck.output_folder import remove_tree
+from crosscheck.run.child_jobs import CaseJobFile, CaseRequest
 from crosscheck.run.forking import ForkedProcess, ForkRefused, ForkServerLost, ForkServers
 from crosscheck.run.processes import (
     MARK,
@@ -83,7 +84,7 @@ class ChildProcesses:
     marks: dict[int, str] = field(default_factory=dict)
     servers: ForkServers | None = None
 
-    def begin(self, job: Mapping[str, Any], job_file: Path, folder: Path, log: int) -> Process:
+    def begin(self, job: Mapping[str, object], job_file: Path, folder: Path, log: int) -> Process:
         """Return the process of a job, forked from a prepared one where that may be, else a fresh one.
 
         Raises InterruptedError where nothing is started any more.
@@ -145,7 +146,7 @@ def make_mark(folder: Path) -> str:
 
 
 def run_engine(
-    engine: Engine, task: Mapping[str, Any], time: NDArray[np.float64], limit: float, children: ChildProcesses
+    engine: Engine, task: CaseRequest, time: NDArray[np.float64], limit: float, children: ChildProcesses
 ) -> Attempt:
     """Run ``engine`` on ``task`` and return its record, or one that says why there is none.
 
@@ -154,9 +155,10 @@ def run_engine(
     failed = Record(engine=engine.name, status="error")
     if (reason := describe_missing_package(engine)) is not None:
         return Attempt(replace(failed, message=f"not installed: {reason}"))
-    job = {"kind": "run", **engine.door, "engine": engine.name, **task}
     with open_scratch_folder() as folder:
-        ending = run_child(job | {"out": str(folder / "record")}, folder, limit, children)
+        out = str(folder / "record")
+        job: CaseJobFile = {"kind": "run", **engine.door, "engine": engine.name, **task, "out": out}
+        ending = run_child(job, folder, limit, children)
         record = replace(failed, status=ending.status, message=ending.message)
         if ending.status == "ok":
             record = _read(folder / "record", failed, time)
@@ -175,7 +177,7 @@ def _read(stem: Path, failed: Record, time: NDArray[np.float64]) -> Record:
     return record
 
 
-def ask(job: Mapping[str, Any], limit: float, children: ChildProcesses) -> tuple[Any, ProcessEnd]:
+def ask(job: Mapping[str, object], limit: float, children: ChildProcesses) -> tuple[Any, ProcessEnd]:
     """Return the JSON answer of a "describe" or "study" job (None where there is none) and how it ended.
 
     limit : [s]
@@ -191,7 +193,7 @@ def ask(job: Mapping[str, Any], limit: float, children: ChildProcesses) -> tuple
             return None, replace(ending, status="error", message=f"no answer: {error}")
 
 
-def run_child(job: Mapping[str, Any], folder: Path, limit: float, children: ChildProcesses) -> ProcessEnd:
+def run_child(job: Mapping[str, object], folder: Path, limit: float, children: ChildProcesses) -> ProcessEnd:
     """Run ``python -m crosscheck.run.child`` on ``job`` inside ``folder`` for at most ``limit`` [s].
 
     Where a prepared process dies under its job, the job is done again in a fresh one.
@@ -206,7 +208,7 @@ def run_child(job: Mapping[str, Any], folder: Path, limit: float, children: Chil
         return replace(ending, printed=f"{error}: done again in a fresh one\n{ending.printed}")
 
 
-def _run_job(job: Mapping[str, Any], folder: Path, limit: float, children: ChildProcesses) -> ProcessEnd:
+def _run_job(job: Mapping[str, object], folder: Path, limit: float, children: ChildProcesses) -> ProcessEnd:
     job_file = folder / "job.json"
     log_file = folder / "printed.txt"
     job_file.write_text(json.dumps(job), encoding="utf-8")

@@ -5,14 +5,15 @@ A job says what it is called, does its work, and makes the answer that stands fo
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import Any, ClassVar
+from typing import Any, ClassVar, TypedDict
 
 from crosscheck.engines import Engine
+from crosscheck.engines.base import Options as EngineOptions
 from crosscheck.measures.limits import REFERENCE
 from crosscheck.measures.record import Record
 from crosscheck.run.abilities import Abilities, Pair, ask_abilities
+from crosscheck.run.child_jobs import CaseRequest, StudyRequest
 from crosscheck.run.isolation import Attempt, ChildProcesses, ProcessEnd, ask, run_engine
 from crosscheck.run.questions import CaseQuestions, Question
 from crosscheck.run.work import Options, Study
@@ -26,6 +27,12 @@ class JsonAnswer:
 
     value: Any
     ending: ProcessEnd
+
+
+class ProcessOptions(TypedDict, total=False):
+    """Options of the process of a run; afresh : it is not forked."""
+
+    afresh: bool
 
 
 @dataclass(frozen=True)
@@ -51,17 +58,17 @@ class EngineJob:
         """The names of mechanism, case and engine."""
         return (*self.case, self.engine.name)
 
-    def list_options(self) -> dict[str, Any]:
+    def list_options(self) -> EngineOptions:
         """Return the options of the adapter that this kind of run adds."""
         return {"certificate": False}
 
-    def list_process_options(self) -> dict[str, Any]:
+    def list_process_options(self) -> ProcessOptions:
         """Return the options of the process that this kind of run adds."""
         return {}
 
     def run(self, options: Options, children: ChildProcesses) -> Attempt:
         """Run the engine and return its attempt."""
-        task = {
+        task: CaseRequest = {
             "mechanism": str(self.task.folder.resolve()),
             "case": self.task.case.name,
             "options": {**options.engine, **self.list_options()},
@@ -80,7 +87,7 @@ class CaseRun(EngineJob):
 
     kind = "run"
 
-    def list_options(self) -> dict[str, Any]:
+    def list_options(self) -> EngineOptions:
         """Return no further options: the run brings its certificate."""
         return {}
 
@@ -91,7 +98,7 @@ class RepeatedRun(EngineJob):
 
     kind = "again"
 
-    def list_process_options(self) -> dict[str, Any]:
+    def list_process_options(self) -> ProcessOptions:
         """Return that the process shares nothing with the first, not even what it was forked from."""
         return {"afresh": True}
 
@@ -103,7 +110,7 @@ class ShakenRun(EngineJob):
     way: int
     kind = "shaken"
 
-    def list_options(self) -> dict[str, Any]:
+    def list_options(self) -> EngineOptions:
         """Return the options: which digits are moved, and that no error bars are wanted."""
         return {**super().list_options(), "shake": self.way, "error": False}
 
@@ -115,7 +122,7 @@ class RefinedRun(EngineJob):
     halvings: RefinementHalvings
     kind = "finer"
 
-    def list_options(self) -> dict[str, Any]:
+    def list_options(self) -> EngineOptions:
         """Return the options: halvings of steps and meshes."""
         return {**super().list_options(), **self.halvings.options}
 
@@ -153,7 +160,7 @@ class JsonJob:
         return self.kind
 
     @property
-    def question(self) -> Mapping[str, Any]:
+    def question(self) -> StudyRequest:
         """The job of the child process."""
         raise NotImplementedError
 
@@ -184,7 +191,7 @@ class StudyJob(JsonJob):
         return f"study {self.study.name}"
 
     @property
-    def question(self) -> Mapping[str, Any]:
+    def question(self) -> StudyRequest:
         """The job of the child process: a function of a module, which may lie in a folder that is not installed."""
         study = self.study
         return {
@@ -210,7 +217,7 @@ class CauseJob(JsonJob):
         return f"why {mechanism}/{case} {engine}"
 
     @property
-    def question(self) -> Mapping[str, Any]:
+    def question(self) -> StudyRequest:
         """The job of the child process."""
         return self.deviation.job
 
@@ -223,7 +230,7 @@ class CaseCausesJob(JsonJob):
     kind = "why together"
 
     @property
-    def question(self) -> Mapping[str, Any]:
+    def question(self) -> StudyRequest:
         """The job of the child process."""
         return self.deviations.job
 

@@ -10,13 +10,14 @@ import json
 from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import Any
 
 from crosscheck.engines import ENGINES, Engine
+from crosscheck.engines.base import Options as EngineOptions
 from crosscheck.measures.certificate import Check
 from crosscheck.measures.limits import REFERENCE
 from crosscheck.measures.record import Record
 from crosscheck.report.explanations import describe_diagnosis
+from crosscheck.run.child_jobs import CaseRequest
 from crosscheck.run.isolation import Attempt, ChildProcesses, ask, run_engine
 from crosscheck.run.questions import make_question, needs_diagnosis, read_diagnosis
 from crosscheck.run.run_cache import AttemptFolder
@@ -28,10 +29,8 @@ from crosscheck.verdicts.refinement import RefinementHalvings, find_wanted_refin
 from crosscheck.verdicts.repeatability import SHAKEN, add_scatter, is_doubtful, judge_by_repetition
 from crosscheck.verdicts.results import Diagnosis
 
-FIRST: Mapping[str, Any] = {}
-AGAIN: Mapping[str, Any] = {
-    "certificate": False
-}  # the same once more: what the engine's model is was said the first time
+FIRST: EngineOptions = {}
+AGAIN: EngineOptions = {"certificate": False}  # the same once more: what the engine's model is was said the first time
 
 
 @dataclass(frozen=True)
@@ -131,8 +130,8 @@ def _find_diagnosis(shared: RunContext, task: Task, row: Comparison) -> Diagnosi
     return read_diagnosis(one, answer, ending.message)
 
 
-def _run_attempt(shared: RunContext, task: Task, engine: Engine, options: Mapping[str, Any] = FIRST) -> Attempt:
-    what: dict[str, Any] = {"mechanism": str(task.folder.resolve()), "case": task.case.name, "options": dict(options)}
+def _run_attempt(shared: RunContext, task: Task, engine: Engine, options: EngineOptions = FIRST) -> Attempt:
+    what: CaseRequest = {"mechanism": str(task.folder.resolve()), "case": task.case.name, "options": dict(options)}
     with shared.kept.take_lock(task, engine.name):
         result = shared.kept.find(task, engine.name, options)
         if result is None:

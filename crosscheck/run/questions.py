@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from crosscheck.engines import ENGINES, Engine
 from crosscheck.measures.limits import REFERENCE
+from crosscheck.run.child_jobs import StudyRequest
 from crosscheck.verdicts.baseline import UNBLESSED
 from crosscheck.verdicts.compare import COMPARED, Comparison
 from crosscheck.verdicts.plan import Plan
-from crosscheck.verdicts.results import Diagnosis, Results
+from crosscheck.verdicts.results import Diagnosis, DiagnosisQuestion, Results, collect_row_values
 
 ASKED = ("deviation", "unjudged", "explained", "skipped")  # verdicts after which a reader asks why
 
@@ -25,10 +26,10 @@ class Question:
     """
 
     place: tuple[str, str, str, str]
-    options: Mapping[str, Any]
+    options: DiagnosisQuestion
 
     @property
-    def job(self) -> dict[str, Any]:
+    def job(self) -> StudyRequest:
         """The job of the child process."""
         return {
             "kind": "study",
@@ -48,7 +49,7 @@ class CaseQuestions:
     questions: tuple[Question, ...]
 
     @property
-    def job(self) -> dict[str, Any]:
+    def job(self) -> StudyRequest:
         """The job of the child process."""
         return {
             "kind": "study",
@@ -103,16 +104,20 @@ def make_question(row: Comparison, folder: Path, ours: Path, theirs: Path, engin
     folder : of the mechanism; ours, theirs : stems of the saved records of the engine and of the reference
     engine : where it is not one of ours, so that it can be run again
     """
-    saved = {"ours": str(ours.resolve()), "theirs": str(theirs.resolve())}
-    options = {"folder": str(folder.resolve()), "case": row.case, "engine": row.engine, **saved}
-    door = {"door": engine.door} if engine is not None and engine.name not in ENGINES else {}
-    return Question((row.mechanism, row.case, row.engine, row.reference), {**options, **door})
+    options: DiagnosisQuestion = {
+        "folder": str(folder.resolve()),
+        "case": row.case,
+        "engine": row.engine,
+        "ours": str(ours.resolve()),
+        "theirs": str(theirs.resolve()),
+    }
+    if engine is not None and engine.name not in ENGINES:
+        options["door"] = engine.door
+    return Question((row.mechanism, row.case, row.engine, row.reference), options)
 
 
 def read_diagnosis(question: Question, answer: Any, trouble: str) -> Diagnosis:
     """Return the diagnosis of a child's answer, or one that says why there is none."""
     if not isinstance(answer, Mapping):
         return Diagnosis(*question.place, words=f"not diagnosed: {trouble}")
-    known = {f.name for f in fields(Diagnosis)}
-    told: dict[str, Any] = {k: tuple(v) if isinstance(v, list) else v for k, v in answer.items() if k in known}
-    return Diagnosis(*question.place, **told)
+    return Diagnosis(*question.place, **collect_row_values(Diagnosis, answer))

@@ -7,15 +7,15 @@ import os
 import pickle
 import traceback
 from pathlib import Path
-from typing import Any
 
+from crosscheck.run.child_jobs import ReadJobFile
 from crosscheck.run.processes import apply_memory_limit
 from flexinv.errors import InputError
 
 GIVEN = ".given"  # suffix of the file with the arguments, beside that of the answer
 
 
-def read(job: dict[str, Any]) -> None:
+def read(job: ReadJobFile) -> None:
     """Write what the function ``job["function"]`` of a module gives for a file.
 
     A refusal is an answer, too: ("refused", words); any other exception is ("failed", words).

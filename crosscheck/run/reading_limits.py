@@ -19,11 +19,12 @@ import sys
 import threading
 import time as clock
 import traceback
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, NoReturn, TypeVar
 
+from crosscheck.run.child_jobs import ReadJobFile
 from crosscheck.run.forking import ForkServers
 from crosscheck.run.isolation import (
     ChildProcesses,
@@ -74,11 +75,16 @@ class ReadingLimits:
 
         Raises InputError as it does, and Unread where it takes too long or too much memory, dies, or fails.
         """
-        job = {"kind": "read", "module": function.__module__, "function": function.__name__, "place": str(Path.cwd())}
-        job["memory"] = str(int(self.gigabytes * 1e9))
         with open_scratch_folder() as folder:
             out = folder / "answer.pickle"
-            job["out"] = str(out)
+            job: ReadJobFile = {
+                "kind": "read",
+                "module": function.__module__,
+                "function": function.__name__,
+                "place": str(Path.cwd()),
+                "memory": str(int(self.gigabytes * 1e9)),
+                "out": str(out),
+            }
             out.with_suffix(GIVEN).write_bytes(pickle.dumps((file, *arguments)))
             here = can_fork()
             ending = (
@@ -165,7 +171,7 @@ _KEPT = _KeptServers()
 atexit.register(_KEPT.close)
 
 
-def _run_forked(job: Mapping[str, Any], folder: Path, limit: float) -> ProcessEnd:
+def _run_forked(job: ReadJobFile, folder: Path, limit: float) -> ProcessEnd:
     """Do a job in a copy of this process, for at most ``limit`` [s]."""
     log_file = folder / "printed.txt"
     log_file.touch()
@@ -188,7 +194,7 @@ def _run_forked(job: Mapping[str, Any], folder: Path, limit: float) -> ProcessEn
 class _ForkedJob:
     """A copy of this process that does one job, and prints into a file."""
 
-    def __init__(self, job: Mapping[str, Any], log: Path, mark: str) -> None:
+    def __init__(self, job: ReadJobFile, log: Path, mark: str) -> None:
         """Fork it."""
         sys.stdout.flush()
         sys.stderr.flush()
@@ -197,7 +203,7 @@ class _ForkedJob:
         self.returncode: int | None = None
         self.pid = os.fork()
         if self.pid == 0:
-            _run_in_copy(dict(job), log, mark, parent)
+            _run_in_copy(job, log, mark, parent)
 
     def wait(self, limit: float) -> None:
         """Wait for its end for at most ``limit`` [s].  Raises TimeoutExpired."""
@@ -223,7 +229,7 @@ class _ForkedJob:
         self.returncode = os.waitstatus_to_exitcode(os.waitpid(self.pid, 0)[1])
 
 
-def _run_in_copy(job: dict[str, Any], log: Path, mark: str, parent: int) -> NoReturn:
+def _run_in_copy(job: ReadJobFile, log: Path, mark: str, parent: int) -> NoReturn:
     """Be the copy: a session of its own without the terminal, nothing to read, and one file for all that is printed."""
     code = 1
     try:

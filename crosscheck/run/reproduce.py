@@ -9,6 +9,7 @@ from pathlib import Path
 from crosscheck.engines import ENGINES, Engine
 from crosscheck.measures.limits import REFERENCE
 from crosscheck.measures.record import save
+from crosscheck.run.child_jobs import CaseRequest, ExportRequest
 from crosscheck.run.isolation import ChildProcesses, ask, open_scratch_folder, run_engine
 from crosscheck.verdicts.plan import Task
 from flexinv.errors import InputError
@@ -54,24 +55,26 @@ def write_reproduction(task: Task, engine: Engine, folder: Path, limit: float) -
     where = f"{task.folder.name}/{task.case.name} in {engine.name}"
     if engine.name in ENGINES and not engine.exports:
         raise InputError(f"{where}: there is no export for {engine.name}")
-    given = {"mechanism": str(task.folder.resolve()), "case": task.case.name}
+    mechanism = str(task.folder.resolve())
+    request: CaseRequest = {"mechanism": mechanism, "case": task.case.name, "options": {"error": False}}
     if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
         raise InputError(f"{folder} is there already: write --out with a new or an empty folder, or remove it")
     with open_scratch_folder() as work:
-        expected = run_engine(
-            ENGINES[REFERENCE], given | {"options": {"error": False}}, task.time, limit, ChildProcesses()
-        )
+        expected = run_engine(ENGINES[REFERENCE], request, task.time, limit, ChildProcesses())
         if expected.record.status != "ok":
             raise InputError(f"{where}: {REFERENCE} gives no expected effort: {expected.record.message}")
         save(expected.record, work / "expected")
         (made := work / "made").mkdir()
-        job = {
+        job: ExportRequest = {
             "kind": "export",
             **engine.door,
             "engine": engine.name,
             "folder": str(made),
+            "mechanism": mechanism,
+            "case": task.case.name,
+            "expected": str(work / "expected"),
         }
-        answer, ending = ask({**job, **given, "expected": str(work / "expected")}, limit, ChildProcesses())
+        answer, ending = ask(job, limit, ChildProcesses())
         problem = answer["problem"] if answer else ending.message
         if problem:
             raise InputError(f"{where}: {problem}")

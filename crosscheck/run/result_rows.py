@@ -7,7 +7,6 @@ import datetime
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 from crosscheck.engines import describe_missing_package
 from crosscheck.measures.limits import find, list_references, list_unused_limits
@@ -19,7 +18,7 @@ from crosscheck.run.work import Study, Work
 from crosscheck.verdicts import results as store
 from crosscheck.verdicts.compare import Comparison, RecordPair, compare, split_by_unit
 from crosscheck.verdicts.plan import Task, make_case_row
-from crosscheck.verdicts.results import CaseRow, EngineRow, Results, RunRow, StudyRow
+from crosscheck.verdicts.results import BudgetRow, CaseRow, EngineRow, Results, RunRow, StudyRow
 
 
 def compare_all(task: Task, records: Mapping[str, Record]) -> tuple[list[Comparison], tuple[str, ...]]:
@@ -68,7 +67,7 @@ def run_row(task: Task, attempt: Attempt) -> RunRow:
     )
 
 
-def list_budget_rows(record: Record, quantities: Iterable[str]) -> Iterator[dict[str, Any]]:
+def list_budget_rows(record: Record, quantities: Iterable[str]) -> Iterator[BudgetRow]:
     """Yield the budget line of the series with the largest error bar [unit], for every quantity compared and unit."""
     for quantity in quantities:
         for unit, names in split_by_unit(record.series, quantity).items():
@@ -88,8 +87,7 @@ def make_study_row(study: Study, answer: JsonAnswer) -> StudyRow:
         return replace(row, status=ending.status, message=ending.message)
     if not isinstance(value, dict) or not set(value) <= known or not (value.get("rows") or value.get("message")):
         return replace(row, status="error", message="the study gave no table")
-    table: dict[str, Any] = {k: tuple(v) if isinstance(v, list) else v for k, v in value.items()}
-    return replace(row, **table)
+    return replace(row, **store.collect_row_values(StudyRow, value))
 
 
 UNREPEATED = Record("", status="error", message="interrupted")

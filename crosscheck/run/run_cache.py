@@ -13,11 +13,11 @@ from dataclasses import dataclass, field, replace
 from functools import cache
 from hashlib import sha256
 from pathlib import Path
-from typing import Any
 
 from crosscheck import output_folder as owned
 from crosscheck.doors.registry import compute_answer_digest
 from crosscheck.engines import Engine
+from crosscheck.engines.base import Options as EngineOptions
 from crosscheck.measures.record import RecordError, check, compute_fingerprint, read_record, save
 from crosscheck.run.isolation import Attempt
 from crosscheck.verdicts.plan import Task
@@ -36,7 +36,7 @@ class AttemptFolder:
     folder: Path
     engines: Mapping[str, Engine] = field(default_factory=dict)
 
-    def find(self, task: Task, engine: str, options: Mapping[str, Any] | None = None) -> Attempt | None:
+    def find(self, task: Task, engine: str, options: EngineOptions | None = None) -> Attempt | None:
         """Return the attempt that ``engine`` made at the task before, or None."""
         stem = self.make_record_path(task, engine, options)
         try:
@@ -47,7 +47,7 @@ class AttemptFolder:
         except (OSError, ValueError, LookupError, RecordError):
             return None
 
-    def add_answer(self, task: Task, engine: str, attempt: Attempt, options: Mapping[str, Any] | None = None) -> None:
+    def add_answer(self, task: Task, engine: str, attempt: Attempt, options: EngineOptions | None = None) -> None:
         """Write an attempt that came to an answer: the words last, so that who finds them finds everything."""
         if attempt.record.status not in KEPT:
             return
@@ -57,7 +57,7 @@ class AttemptFolder:
         words = json.dumps({"printed": attempt.printed, "elapsed": attempt.elapsed})
         owned.write(stem.with_name(stem.name + ".attempt"), words)
 
-    def make_record_path(self, task: Task, engine: str, options: Mapping[str, Any] | None = None) -> Path:
+    def make_record_path(self, task: Task, engine: str, options: EngineOptions | None = None) -> Path:
         """Return the path of an attempt's files without their endings (`crosscheck.measures.record.save`)."""
         known = self.engines.get(engine)
         return self.folder / compute_attempt_key(task, engine, add_door_digest(known, task.folder, options or {}))
@@ -74,13 +74,13 @@ class AttemptFolder:
             yield
 
 
-def add_door_digest(engine: Engine | None, folder: Path, options: Mapping[str, Any]) -> dict[str, Any]:
+def add_door_digest(engine: Engine | None, folder: Path, options: EngineOptions) -> EngineOptions:
     """Return the options with a digest of what is behind the door of an engine, where it has one."""
     behind = "" if engine is None else compute_answer_digest(engine, folder)
     return {**options, **({"door": behind} if behind else {})}
 
 
-def compute_attempt_key(task: Task, engine: str, options: Mapping[str, Any]) -> str:
+def compute_attempt_key(task: Task, engine: str, options: EngineOptions) -> str:
     """Return a name that changes with everything that the attempt depends on."""
     case = replace(task.case, limits=())  # they judge; nothing that an engine gives depends on them
     files = (file.read_bytes() if file else b"" for file in (task.mechanism.urdf, case.measured))

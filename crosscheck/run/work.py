@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from crosscheck.engines import Engine
+from crosscheck.engines.base import Options as EngineOptions
 from crosscheck.verdicts.baseline import Baseline
 from crosscheck.verdicts.plan import Plan
 
@@ -43,7 +44,7 @@ class Options:
 
     timeout: float = 900.0
     jobs: int = 1
-    engine: Mapping[str, Any] = field(default_factory=dict)
+    engine: EngineOptions = field(default_factory=dict)
     scheduler: str = ""
     resume: bool = False
     baseline: Baseline | None = None

@@ -6,14 +6,16 @@ import functools
 import pickle
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path as Folder
-from typing import Any
+from typing import NotRequired, TypedDict
 
 import numpy as np
 
-from crosscheck.engines import ENGINES, adapter, describe_missing_package, open_adapter
+from crosscheck.engines import ENGINES, NamedDoor, adapter, describe_missing_package, open_adapter
 from crosscheck.engines.base import offered
 from crosscheck.engines.shared.replay import DriveTorques
+from crosscheck.measures.limits import Verdict
 from crosscheck.measures.mechanisms import read_mechanism
+from crosscheck.verdicts.study_table import StudyTable
 from flexinv.errors import InputError
 from flexinv.model.mechanism import Mechanism
 from flexinv.tracking.follow import INVERSION, RIGID_BODY, Following, follow
@@ -46,12 +48,32 @@ COLUMNS = (
 )
 
 
-def run_study(models: str, engines: Sequence[Mapping[str, Any]] = ()) -> dict[str, Any]:
+class TrackingRow(TypedDict):
+    """A line of the table: distances over the length of the path [-]; without numbers where an engine gave none."""
+
+    mechanism: str
+    task: str
+    engine: str
+    feed_forward: NotRequired[str]
+    error: NotRequired[float]
+    better: NotRequired[float | None]
+    verdict: Verdict
+    message: NotRequired[str]
+
+
+class ReplayAnswer(TypedDict, total=False):
+    """Answer of a child process about a replay: tips by link (samples, 3) [m], or why the engine refuses."""
+
+    tips: Mapping[str, list[list[float]]]
+    refused: str
+
+
+def run_study(models: str, engines: Sequence[NamedDoor] = ()) -> StudyTable:
     """Return the table of the report; distances over the length of the path [-].
 
     engines : jobs of the project's own engines (`crosscheck.engines.open_adapter`), of which those take part that replay
     """
-    rows: list[dict[str, Any]] = []
+    rows: list[TrackingRow] = []
     for folder in sorted(file.parent for file in Folder(models).glob("*/mechanism.toml")):
         try:
             mechanism = read_mechanism(folder)
@@ -59,21 +81,21 @@ def run_study(models: str, engines: Sequence[Mapping[str, Any]] = ()) -> dict[st
         except InputError:
             continue  # the matrix of models says so
         for task in tasks.values():
-            rows += list_task_rows(mechanism, task, [{**job, "mechanism": str(folder)} for job in engines])
+            rows += list_task_rows(mechanism, task, engines, str(folder))
     if not rows:
         return {"status": "skipped", "message": "no model has a task: a table [tasks.NAME] in its cases.toml"}
     return {"text": TEXT, "columns": COLUMNS, "rows": rows}
 
 
 def list_task_rows(
-    mechanism: Mechanism, task: PathTask, engines: Sequence[Mapping[str, Any]] = ()
-) -> Iterator[dict[str, Any]]:
-    """Yield one row per engine and feed-forward; distances over the length of the path [-]."""
+    mechanism: Mechanism, task: PathTask, engines: Sequence[NamedDoor] = (), folder: str = ""
+) -> Iterator[TrackingRow]:
+    """Yield one row per engine and feed-forward; distances over the length of the path [-]; folder : of the mechanism."""
     flexible = not mechanism.is_rigid
     mechanism = task.meshed(mechanism)
     path_following = solve_path_following(mechanism, task)
     names = path_following.feed_forwards if flexible else (RIGID_BODY,)
-    for engine, replayed in {**collect_replays(flexible), **collect_outside_replays(engines)}.items():
+    for engine, replayed in {**collect_replays(flexible), **collect_outside_replays(engines, folder)}.items():
         try:
             errors = {
                 name: compute_tip_error(
@@ -96,30 +118,33 @@ def solve_path_following(mechanism: Mechanism, task: PathTask) -> Following:
     return follow(mechanism, task.path, task.frame, task.step, task.before, task.after, task.start)
 
 
-def make_empty_row(model: str, task: str, engine: str, verdict: str, message: str) -> dict[str, Any]:
+def make_empty_row(model: str, task: str, engine: str, verdict: Verdict, message: str) -> TrackingRow:
     """Return a row of the table without numbers [-], and why: an engine that cannot do the task, or failed."""
     return {"mechanism": model, "task": task, "engine": engine, "verdict": verdict, "message": message}
 
 
-def make_row(model: str, task: str, engine: str, name: str, errors: Mapping[str, float]) -> dict[str, Any]:
+def make_row(model: str, task: str, engine: str, name: str, errors: Mapping[str, float]) -> TrackingRow:
     """Return a row of the table; errors of all feed-forwards over the length of the path [-]."""
     best = errors.get(INVERSION)
     better = None if best is None or name == INVERSION else errors[name] / best
-    made = {
-        "mechanism": model,
-        "task": task,
-        "engine": engine,
-        "feed_forward": name,
-        "error": errors[name],
-        "better": better,
-    }
     if best is None:
         bad = f"more than {OF_RIGID:g}" if not errors[name] <= OF_RIGID else ""
     elif name == INVERSION:
         bad = f"more than {REACHED:g}" if not errors[name] <= REACHED else ""
     else:
         bad = f"less than {BETTER:g} times that of stable inversion" if not errors[name] >= BETTER * best else ""
-    return made | ({"verdict": "deviation", "message": bad} if bad else {"verdict": "within"})
+    row: TrackingRow = {
+        "mechanism": model,
+        "task": task,
+        "engine": engine,
+        "feed_forward": name,
+        "error": errors[name],
+        "better": better,
+        "verdict": "deviation" if bad else "within",
+    }
+    if bad:
+        row["message"] = bad
+    return row
 
 
 def compute_tip_error(following: Following, tip: Array) -> float:
@@ -143,32 +168,44 @@ class ReplayError(RuntimeError):
     """A replay that came to no end, in words: its engine crashed, hung or gave no numbers."""
 
 
-def collect_outside_replays(engines: Sequence[Mapping[str, Any]]) -> dict[str, Replayed]:
-    """Return the replays of the project's own engines, by name: tips by link (samples, 3) [m].
+def collect_outside_replays(engines: Sequence[NamedDoor], folder: str = "") -> dict[str, Replayed]:
+    """Return the replays of the project's own engines, by name: tips by link (samples, 3) [m]; folder : of the mechanism.
 
     Each runs in a process of its own: native code that crashes or hangs there is a row of the table and no more.
     """
-    return {str(job["engine"]): functools.partial(_run_outside_replay, job) for job in engines if _has_replay(job)}
+    return {
+        door["engine"]: functools.partial(_run_outside_replay, door, folder)
+        for door in engines
+        if _has_replay(door, folder)
+    }
 
 
-def _has_replay(job: Mapping[str, Any]) -> bool:
+def _has_replay(door: NamedDoor, folder: str) -> bool:
     """Return True if an engine has a replay, or cannot even be opened: then its row says why."""
     try:
-        return offered(open_adapter(job), "replay") is not None
+        return offered(open_adapter(door, door["engine"], folder), "replay") is not None
     except Exception:
         return True
 
 
-def _run_outside_replay(job: Mapping[str, Any], m: Mechanism, following: Following, name: str) -> dict[str, Array]:
+def _run_outside_replay(
+    door: NamedDoor, models: str, m: Mechanism, following: Following, name: str
+) -> dict[str, Array]:
     """Return the tips of a replay in a child process.  Raises InputError where it cannot do that, and ReplayError."""
+    from crosscheck.run.child_jobs import StudyRequest
     from crosscheck.run.isolation import ChildProcesses, ask, open_scratch_folder
 
     drive = _make_drive(following, name)
     with open_scratch_folder() as folder:
         given = folder / "given.pickle"
-        given.write_bytes(pickle.dumps((dict(job), m, drive)))
-        module = {"kind": "study", "module": __name__, "function": "run_replay_file"}
-        answer, ending = ask({**module, "options": {"file": str(given)}}, LONGEST, ChildProcesses())
+        given.write_bytes(pickle.dumps((dict(door), models, m, drive)))
+        request: StudyRequest = {
+            "kind": "study",
+            "module": __name__,
+            "function": "run_replay_file",
+            "options": {"file": str(given)},
+        }
+        answer, ending = ask(request, LONGEST, ChildProcesses())
     if ending.status != "ok":
         raise ReplayError(ending.message)
     if "refused" in answer:
@@ -176,10 +213,10 @@ def _run_outside_replay(job: Mapping[str, Any], m: Mechanism, following: Followi
     return {link: np.array(tip) for link, tip in answer["tips"].items()}
 
 
-def run_replay_file(file: str) -> dict[str, Any]:
+def run_replay_file(file: str) -> ReplayAnswer:
     """Return the answer of a child process about the replay in a file: tips by link (samples, 3) [m], or why there are none."""
-    job, mechanism, drive = pickle.loads(Folder(file).read_bytes())
-    replay = offered(open_adapter(job), "replay")
+    door, folder, mechanism, drive = pickle.loads(Folder(file).read_bytes())
+    replay = offered(open_adapter(door, door["engine"], folder), "replay")
     assert replay is not None
     try:
         tips = replay(mechanism, drive)

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
 from crosscheck.identification.bands import ChannelJudgement
 from crosscheck.identification.identify import identify, judge_blocks, read_machine, read_of
 from crosscheck.identification.page import COLUMNS, judge_channel
 from crosscheck.identification.settings import FILE
+from crosscheck.verdicts.study_table import Line, StudyTable
 from flexinv.errors import InputError
 
 TEXT = """Mechanisms with logs of their own: parameters are identified from logs, and what these have not seen judges the
@@ -18,9 +18,9 @@ judged by what the others tell, and that all parts are pooled."""
 HEADS = (("mechanism", "mechanism", ""), *(c for c in COLUMNS if c[0] not in ("part",)))
 
 
-def run_study(models: str) -> dict[str, Any]:
+def run_study(models: str) -> StudyTable:
     """Return the table of the report: how well logs held out are explained [-], with verdicts by the limits."""
-    rows: list[dict[str, Any]] = []
+    rows: list[Line] = []
     for folder in sorted(file.parent for file in Path(models).glob(f"*/{FILE}")):
         rows += _list_judged_rows(folder)
     if not rows:
@@ -28,7 +28,7 @@ def run_study(models: str) -> dict[str, Any]:
     return {"text": TEXT.replace("\n", " "), "columns": HEADS, "rows": rows}
 
 
-def _list_judged_rows(folder: Path) -> Iterator[dict[str, Any]]:
+def _list_judged_rows(folder: Path) -> Iterator[Line]:
     try:
         settings = read_machine(folder).settings
         if settings.night is None:

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from itertools import pairwise
 from pathlib import Path
-from typing import Any
+from typing import NotRequired, TypedDict
 
 import numpy as np
 
+from crosscheck.measures.limits import Verdict
 from crosscheck.measures.mechanisms import read_mechanism
+from crosscheck.verdicts.study_table import StudyPlot, StudyTable
 from flexinv.analysis.solve import solve
 from flexinv.files.load_cases import Case, load_cases
 from flexinv.kinematics.nodal_motion import ORDER
@@ -40,10 +42,22 @@ COLUMNS = (
 )
 
 
-PLOT = {"x": "steps", "y": "error", "group": "law", "log": True}
+PLOT: StudyPlot = {"x": "steps", "y": "error", "group": "law", "log": True}
 
 
-def run_study(models: str) -> dict[str, Any]:
+class StepsRow(TypedDict):
+    """A line of the table: errors over the range of the torque [-], and the order [-] observed from the line before."""
+
+    law: str
+    steps: int
+    error: float
+    rms: float
+    order: float | None
+    verdict: Verdict
+    message: NotRequired[str]
+
+
+def run_study(models: str) -> StudyTable:
     """Return the table of the report; errors over the range of the torque [-]."""
     folder = Path(models) / MODEL
     if not folder.is_dir():
@@ -54,13 +68,13 @@ def run_study(models: str) -> dict[str, Any]:
     return {"text": TEXT, "columns": COLUMNS, "rows": rows, "plot": PLOT}
 
 
-def list_case_rows(mechanism: Mechanism, case: Case) -> list[dict[str, Any]]:
+def list_case_rows(mechanism: Mechanism, case: Case) -> list[StepsRow]:
     """Return one row per number of steps; errors over the range [-]."""
     errors = [compute_incremental_error(mechanism, case, steps) for steps in STEPS]
     orders = [None] + [
         compute_observed_order(*pair) for pair in pairwise(zip(STEPS, (e for e, _ in errors), strict=True))
     ]
-    rows: list[dict[str, Any]] = [
+    rows: list[StepsRow] = [
         {"law": case.name, "steps": n, "error": e, "rms": rms, "order": p, "verdict": "within"}
         for n, (e, rms), p in zip(STEPS, errors, orders, strict=True)
     ]

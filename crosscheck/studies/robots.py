@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TypedDict
 
 from crosscheck.measures.limits import Verdict
 from crosscheck.studies.robot_sweep import LARGEST_ERROR, RobotRow, build_robot_table
+from crosscheck.verdicts.study_table import StudyTable
 
 TEXT = f"""Joint torques at random states, flexinv against Pinocchio and against MuJoCo: the largest difference over the
 largest torque of that robot. At most {LARGEST_ERROR:g} is within. Damping and dry friction are left out everywhere;
@@ -26,12 +27,26 @@ COLUMNS = (
 )
 
 
-def run_study(models: str) -> dict[str, Any]:
+class RobotLine(TypedDict):
+    """A line of the table: mass [kg], largest torque [N m], [N], differences over it [-]."""
+
+    robot: str
+    base: str
+    nv: int
+    mass: float
+    largest: float
+    pinocchio: float | None
+    mujoco: float | None
+    message: str
+    verdict: Verdict
+
+
+def run_study(models: str) -> StudyTable:
     """Return the table of the report: masses [kg], torques [N m] or [N]."""
     return {"text": TEXT, "columns": COLUMNS, "rows": [make_table_row(row) for row in build_robot_table()]}
 
 
-def make_table_row(row: RobotRow) -> dict[str, Any]:
+def make_table_row(row: RobotRow) -> RobotLine:
     """Return one line of the table."""
     notes = ["the file is a stub: a <robot> without links" if row.empty else row.words, row.mujoco_words, row.cause]
     if row.repaired is not None:

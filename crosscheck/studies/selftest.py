@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import asdict
 from pathlib import Path
-from typing import Any
+from typing import TypedDict, cast
 
 from crosscheck.causes.dictionary import DICTIONARY
 from crosscheck.causes.fault_benches import BENCHES
-from crosscheck.causes.selftest import CLEAN, FOUND, MATTERS, RANK, SIZES, run_bench
+from crosscheck.causes.selftest import CLEAN, FOUND, MATTERS, RANK, SIZES, PlantedFault, run_bench
 from crosscheck.measures.limits import Verdict
 from crosscheck.studies import Study
 from crosscheck.verdicts.results import StudyRow
+from crosscheck.verdicts.study_table import StudyTable
 
 ENOUGH = 0.95  # of the faults that matter have to be named
 FEWEST = 25  # causes
@@ -40,12 +41,24 @@ COLUMNS = (
 )
 
 
-def run_study(models: str, bench: int, sizes: Sequence[float] = SIZES, targets: int = 2) -> dict[str, Any]:
+class JudgedFault(TypedDict):
+    """A line of a bench: a planted fault as in `crosscheck.causes.selftest.PlantedFault`, and the verdict on it."""
+
+    bench: str
+    cause: str
+    target: str
+    size: float
+    change: float
+    outcome: str
+    named: str
+    words: str
+    verdict: Verdict
+
+
+def run_study(models: str, bench: int, sizes: Sequence[float] = SIZES, targets: int = 2) -> StudyTable:
     """Return the table of one bench, by its number; sizes [-] of the sizes that matter."""
     rows = run_bench(BENCHES[bench], Path(models), sizes, targets=targets)
-    table = [
-        asdict(row) | {"named": "; ".join(row.named) or row.words, "verdict": judge_fault(asdict(row))} for row in rows
-    ]
+    table = [asdict(row) | {"named": "; ".join(row.named) or row.words, "verdict": judge_fault(row)} for row in rows]
     return {"text": TEXT, "columns": COLUMNS, "rows": table}
 
 
@@ -63,11 +76,11 @@ def list_studies(models: Path, names: Sequence[str]) -> tuple[Study, ...]:
     )
 
 
-def judge_fault(row: Mapping[str, Any]) -> Verdict:
+def judge_fault(fault: PlantedFault) -> Verdict:
     """Return the verdict on a planted fault: found, missed, or too small to have to be found."""
-    if row["outcome"] in FOUND:
+    if fault.outcome in FOUND:
         return "within"
-    return "deviation" if row["change"] >= MATTERS or row["cause"] == CLEAN else "skipped"
+    return "deviation" if fault.change >= MATTERS or fault.cause == CLEAN else "skipped"
 
 
 def build_summary(tables: Iterable[StudyRow], whole: bool = True) -> StudyRow:
@@ -97,9 +110,7 @@ def _list_bench_places(benches: Sequence[str]) -> tuple[dict[str, str], ...]:
     return tuple({"number": str(k + 1), "bench": bench} for k, bench in enumerate(benches))
 
 
-def _make_cause_row(
-    cause: str, benches: Sequence[str], rows: Sequence[Mapping[str, Any]], whole: bool
-) -> dict[str, Any]:
+def _make_cause_row(cause: str, benches: Sequence[str], rows: Sequence[JudgedFault], whole: bool) -> dict[str, str]:
     mine = [row for row in rows if row["cause"] == cause]
     shown = {b: _choose_mark([r for r in mine if r["bench"] == b]) for b in benches}
     alone = next((row["bench"] for row in mine if row["outcome"] == "alone"), NOWHERE if cause != CLEAN else "")
@@ -107,13 +118,13 @@ def _make_cause_row(
     return {"cause": cause, **shown, ALONE: alone, "verdict": "deviation" if missed else "within"}
 
 
-def _choose_mark(rows: Sequence[Mapping[str, Any]]) -> str:
+def _choose_mark(rows: Sequence[JudgedFault]) -> str:
     counted = [r for r in rows if r["change"] >= MATTERS or r["outcome"] in FOUND]
     outcomes = {r["outcome"] for r in (counted or rows)}
     return next((MARKS[o] for o in ORDER if o in outcomes), "")
 
 
-def count_outcomes(rows: Sequence[Mapping[str, Any]]) -> dict[str, int]:
+def count_outcomes(rows: Sequence[JudgedFault]) -> dict[str, int]:
     """Return the counts that the targets are stated for."""
     planted = [r for r in rows if r["cause"] != CLEAN]
     matter = [r for r in planted if r["change"] >= MATTERS]
@@ -129,17 +140,17 @@ def count_outcomes(rows: Sequence[Mapping[str, Any]]) -> dict[str, int]:
     }
 
 
-def collect_faults(tables: Iterable[StudyRow]) -> list[dict[str, Any]]:
-    """Return the rows of all benches that ran."""
-    return [dict(row) for table in tables if table.status == "ok" for row in table.rows]
+def collect_faults(tables: Iterable[StudyRow]) -> list[JudgedFault]:
+    """Return the rows of all benches that ran; tables : as `run_study` makes them."""
+    return [cast(JudgedFault, row) for table in tables if table.status == "ok" for row in table.rows]
 
 
-def judge_targets(tables: Iterable[StudyRow], whole: bool = True) -> list[dict[str, Any]]:
+def judge_targets(tables: Iterable[StudyRow], whole: bool = True) -> list[dict[str, str]]:
     """Return the demands on the benches, the values reached, and the verdict, one line each."""
     return _list_target_rows(collect_faults(tables), whole)
 
 
-def _list_target_rows(rows: Sequence[Mapping[str, Any]], whole: bool) -> list[dict[str, Any]]:
+def _list_target_rows(rows: Sequence[JudgedFault], whole: bool) -> list[dict[str, str]]:
     """Return the demands, the values reached, and the verdict, one line each."""
     counts = count_outcomes(rows)
     alone = {r["cause"] for r in rows if r["outcome"] == "alone"}
@@ -165,7 +176,7 @@ def _list_target_rows(rows: Sequence[Mapping[str, Any]], whole: bool) -> list[di
     return [{"cause": what, ALONE: found, "verdict": "within" if good else "deviation"} for what, found, good in lines]
 
 
-def describe_outcomes(rows: Sequence[Mapping[str, Any]]) -> str:
+def describe_outcomes(rows: Sequence[JudgedFault]) -> str:
     """Return the figures in words."""
     counts = count_outcomes(rows)
     share = counts["named"] / counts["matter"] if counts["matter"] else 0.0

@@ -9,7 +9,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path
-from typing import Any, Literal
+from typing import Literal, TypedDict
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -18,8 +18,10 @@ from scipy.linalg import null_space, qr
 from crosscheck.engines import ENGINES, adapter, describe_missing_package
 from crosscheck.engines.base import sample_times
 from crosscheck.engines.shared import phases
+from crosscheck.measures.limits import Verdict
 from crosscheck.measures.mechanisms import read_mechanism
 from crosscheck.measures.record import Record
+from crosscheck.verdicts.study_table import StudyTable
 from flexinv.analysis.solution import Solution
 from flexinv.analysis.solve import solve
 from flexinv.constraints.closures import build_constraint_rows, compute_constraint_jacobian
@@ -92,9 +94,23 @@ class PhaseProblem:
     at_rest: bool
 
 
-def run_study(models: str) -> dict[str, Any]:
+class PhaseRow(TypedDict):
+    """A line of the table: one phase in one engine; error, bound : over the range of the torque [-]."""
+
+    mechanism: str
+    case: str
+    engine: str
+    phase: str
+    closures: str
+    joints: str
+    error: float
+    bound: float
+    verdict: Verdict
+
+
+def run_study(models: str) -> StudyTable:
     """Return the table of the report; differences over the range of the torque [-]."""
-    rows: list[dict[str, Any]] = []
+    rows: list[PhaseRow] = []
     for folder in sorted(path.parent for path in Path(models).glob("*/mechanism.toml")):
         try:
             mechanism = read_mechanism(folder)
@@ -111,7 +127,7 @@ def run_study(models: str) -> dict[str, Any]:
     return {"text": TEXT, "columns": COLUMNS, "rows": rows}
 
 
-def list_case_rows(mechanism: Mechanism, case: Case) -> list[dict[str, Any]]:
+def list_case_rows(mechanism: Mechanism, case: Case) -> list[PhaseRow]:
     """Return one row per engine and phase; differences over the range [-]."""
     parts = split_phases(mechanism, case)
     rest = all(part.at_rest for part in parts)
@@ -125,7 +141,7 @@ def list_case_rows(mechanism: Mechanism, case: Case) -> list[dict[str, Any]]:
 
 def list_engine_rows(
     name: str, mechanism: Mechanism, case: Case, parts: list[PhaseProblem], bound: float
-) -> Iterator[dict[str, Any]]:
+) -> Iterator[PhaseRow]:
     """Yield one row per phase of an engine; differences over the range of the whole torque, and their bound [-]."""
     module = adapter(ENGINES[name])
     time = sample_times(case)

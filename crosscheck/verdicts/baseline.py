@@ -18,7 +18,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any
+from typing import TypedDict
 
 from crosscheck import output_folder as owned
 from crosscheck.measures.record import read_record
@@ -31,7 +31,7 @@ from crosscheck.verdicts.provenance import (
     read_provenance,
     write_provenance,
 )
-from crosscheck.verdicts.results import Results
+from crosscheck.verdicts.results import BlessedNight, Results
 from crosscheck.verdicts.signals import Key as SignalKey
 from crosscheck.verdicts.signals import Move, Signal, describe_signals, find_moves, read_signals, write_signals
 
@@ -58,6 +58,14 @@ SHARE_OF_BLESSED = 0.02
 SHARE_OF_LIMIT = 0.01
 ROUNDING_LIMIT = 1e-8
 SHARE_OF_ROUNDING = 0.1
+
+
+class BlessedFile(TypedDict):
+    """JSON of ``blessed.json``: why and when a night was blessed, and the versions of its packages."""
+
+    reason: str
+    date: str
+    versions: Mapping[str, str]
 
 
 class BaselineError(ValueError):
@@ -255,7 +263,7 @@ def write(
     table.writerow(HEAD)
     table.writerows((*k, repr(value)) for k, value in sorted(known.items()))
     folder.mkdir(parents=True, exist_ok=True)
-    words: dict[str, Any] = {
+    words: BlessedFile = {
         "reason": reason,
         "date": results.started,
         "versions": dict(sorted(results.versions.items())),
@@ -279,9 +287,12 @@ def apply(
     """
     rows = tuple(judge_by_baseline(row, baseline) for row in results.comparisons)
     missing = list_missing_keys(rows, baseline) if whole else []
-    words = {
-        **{"reason": baseline.reason, "date": baseline.date, "versions": dict(baseline.versions)},
-        **{"gone": tuple(" ".join(k) for k in missing), "gone_keys": tuple(missing)},
+    words: BlessedNight = {
+        "reason": baseline.reason,
+        "date": baseline.date,
+        "versions": dict(baseline.versions),
+        "gone": tuple(" ".join(k) for k in missing),
+        "gone_keys": tuple(missing),
     }
     moves = find_all_moves(results, signals, baseline)
     return dataclasses.replace(results, comparisons=rows, baseline=words, moves=moves)

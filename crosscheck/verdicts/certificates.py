@@ -7,7 +7,7 @@ from dataclasses import replace
 
 from crosscheck.measures.certificate import Check, build_certificate, checks
 from crosscheck.measures.limits import BY_DISCRETISATION, REFERENCE
-from crosscheck.measures.record import BROKEN, Record
+from crosscheck.measures.record import Record
 from crosscheck.verdicts.compare import Comparison
 from crosscheck.verdicts.plan import Task
 from crosscheck.verdicts.results import BROKEN_CERTIFICATE, NO_CERTIFICATE, is_failing
@@ -24,7 +24,7 @@ def list_certificate_lines(task: Task, records: Mapping[str, Record]) -> tuple[C
         if name == REFERENCE or record.status == "skipped" or not record.certificate:
             continue
         here = (task.folder.name, task.case.name, name)
-        if words := record.certificate.get(BROKEN):
+        if words := record.certificate.get("broken"):
             found.append(Check(*here, BROKEN_CERTIFICATE, "-", False, words=str(words)))
             continue
         lines = checks(*here, build_certificate(record.certificate), ours)

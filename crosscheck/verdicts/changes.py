@@ -2,14 +2,32 @@
 
 from __future__ import annotations
 
-from collections.abc import Container, Iterable, Mapping
+from collections.abc import Container, Iterable
 from dataclasses import dataclass
-from typing import Any
 
 import sqlalchemy as sql
 
 from crosscheck.verdicts.baseline import compute_allowed_excess
-from crosscheck.verdicts.history import CAUSE, COMPARISON, MODEL, SIGNAL, TIMING, VERSION, Night, list_nights, read_rows
+from crosscheck.verdicts.history import (
+    CAUSE,
+    COMPARISON,
+    MODEL,
+    SIGNAL,
+    TIMING,
+    VERSION,
+    Night,
+    Row,
+    list_nights,
+    read_rows,
+)
+from crosscheck.verdicts.night_changes import (
+    CauseChange,
+    NightChanges,
+    SignalChange,
+    SlowerRun,
+    ValueChange,
+    VersionChange,
+)
 
 CAUSES = ("mechanism", "case_name", "engine", "reference", "cause", "target")
 SERIES = ("mechanism", "case_name", "engine", "series")
@@ -19,7 +37,6 @@ NAMES = ("mechanism", "case_name", "engine", "reference", "quantity", "unit")
 SLOWER = 2.0
 SECONDS = 1.0
 ROUNDING = 1e-12  # of the range: below it a difference of engines is the rounding of both
-Row = Mapping[str, Any]
 Name = tuple[str, ...]  # values of the columns that name a row
 Rows = dict[Name, Row]
 
@@ -40,7 +57,7 @@ def find_previous_night(database: sql.Engine, number: int, target: str = "previo
     raise LookupError(f"no night is called {target!r}; the last ones are {names}")
 
 
-def collect_changes(database: sql.Engine, before: Night, after: int) -> dict[str, Any]:
+def collect_changes(database: sql.Engine, before: Night, after: int) -> NightChanges:
     """Return the changes from one night to another, as rows of words and numbers; errors over the range [-], times [s].
 
     Only what was run in both is compared; what appeared and what vanished is said.
@@ -79,7 +96,7 @@ class NightPair:
         return old, new
 
 
-def _list_versions(nights: NightPair) -> list[dict[str, str]]:
+def _list_versions(nights: NightPair) -> list[VersionChange]:
     old, new = nights.read_rows(VERSION, ("package",))
     before = {package: row["version"] for (package,), row in old.items()}
     return [
@@ -94,7 +111,7 @@ def _list_other_models(nights: NightPair) -> list[str]:
     return sorted("/".join(name) for name in old.keys() & new.keys() if old[name]["hash"] != new[name]["hash"])
 
 
-def _list_causes(nights: NightPair, ran_before: Container[Name], ran: Container[Name]) -> list[dict[str, str]]:
+def _list_causes(nights: NightPair, ran_before: Container[Name], ran: Container[Name]) -> list[CauseChange]:
     """Return the causes that appeared and that vanished, of runs of both nights."""
     old, new = nights.read_rows(CAUSE, CAUSES)
     return [
@@ -103,7 +120,7 @@ def _list_causes(nights: NightPair, ran_before: Container[Name], ran: Container[
     ]
 
 
-def _list_slower_runs(nights: NightPair) -> list[dict[str, Any]]:
+def _list_slower_runs(nights: NightPair) -> list[SlowerRun]:
     old, new = nights.read_rows(TIMING, ("mechanism", "case_name", "engine"))
     return [
         {"run": " ".join(name), "before": old[name]["wall_time"], "after": row["wall_time"]}
@@ -112,10 +129,10 @@ def _list_slower_runs(nights: NightPair) -> list[dict[str, Any]]:
     ]
 
 
-def _list_moves(nights: NightPair) -> list[dict[str, Any]]:
+def _list_moves(nights: NightPair) -> list[SignalChange]:
     """Return the values of engines that moved by more than the error bars of both nights, the largest first."""
     old, new = nights.read_rows(SIGNAL, SERIES)
-    found = []
+    found: list[SignalChange] = []
     for name in old.keys() & new.keys():
         was = old[name]
         now = new[name]
@@ -124,12 +141,19 @@ def _list_moves(nights: NightPair) -> list[dict[str, Any]]:
         size = max(was["size"], now["size"])
         if largest[0] > bars and size > 0.0:
             what = largest[1]
-            values = {"before": was[what], "after": now[what], "share": largest[0] / size, "bar": bars / size}
-            found.append({"what": " ".join((*name, what)), "unit": now["unit"], **values})
+            change: SignalChange = {
+                "what": " ".join((*name, what)),
+                "unit": now["unit"],
+                "before": was[what],
+                "after": now[what],
+                "share": largest[0] / size,
+                "bar": bars / size,
+            }
+            found.append(change)
     return sorted(found, key=lambda row: -row["share"])
 
 
-def _make_value_change(name: Name, old: Row, new: Row) -> dict[str, Any]:
+def _make_value_change(name: Name, old: Row, new: Row) -> ValueChange:
     return {
         "what": _format_name(name),
         "mechanism": name[0],
@@ -143,7 +167,7 @@ def _make_value_change(name: Name, old: Row, new: Row) -> dict[str, Any]:
     }
 
 
-def _make_cause_change(what: str, name: Name, row: Row) -> dict[str, str]:
+def _make_cause_change(what: str, name: Name, row: Row) -> CauseChange:
     mechanism, case, engine, reference, cause, target = name
     words = f"{mechanism}/{case} {engine} against {reference}: {cause}" + (f" ({target})" if target else "")
     return {"what": what, "name": words, "words": row["words"]}

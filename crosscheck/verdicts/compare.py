@@ -8,8 +8,8 @@ from __future__ import annotations
 
 import datetime
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from typing import Any
+from dataclasses import dataclass, replace
+from typing import TypedDict
 
 import numpy as np
 
@@ -168,7 +168,7 @@ def _compare_group(pair: RecordPair, quantity: str, unit: str, names: Sequence[s
         **_collect_bars(pair, worst, reference),
         refined=reference.refined,
         unordered=describe_unordered(pair.engine, pair.reference, worst),
-        **_compute_metrics(ours[worst].values, reference.values[worst]),
+        **compute_sprague_geers(ours[worst].values, reference.values[worst]),
     )
     gap = [n for n in names if n not in ours]
     words = f"{len(common)} of {len(names)} series; {gap[0]} is missing" if gap else ""
@@ -176,18 +176,26 @@ def _compare_group(pair: RecordPair, quantity: str, unit: str, names: Sequence[s
     return _judge_quantity(pair, quantity, unit, measured, words, bars)
 
 
-def _collect_bars(pair: RecordPair, name: str, reference: Reference) -> dict[str, Any]:
+class ComparisonBars(TypedDict):
+    """Error bars of a comparison [unit]; the fields of ``Comparison`` say what they are."""
+
+    error_bar: float | None
+    engine_bar: float | None
+    reference_bar: float | None
+    stated_bar: float | None
+
+
+def _collect_bars(pair: RecordPair, name: str, reference: Reference) -> ComparisonBars:
     """Return the bars of a series as a comparison shows them [unit]: checked ones of both sides, and what an engine states."""
     checked_bar = find_checked_bar(pair.engine, name)
     theirs = reference.bars[name]
     both = None if checked_bar is None or theirs is None else checked_bar + theirs
-    sides = {"engine_bar": checked_bar, "reference_bar": theirs, "stated_bar": find_stated_bar(pair.engine, name)}
-    return {"error_bar": both, **sides}
-
-
-def _compute_metrics(ours: Array, theirs: Array) -> dict[str, Any]:
-    """Return Sprague and Geers' errors of two signals (samples,) [unit], by the names of a comparison's fields [-]."""
-    return {**compute_sprague_geers(ours, theirs)}
+    return {
+        "error_bar": both,
+        "engine_bar": checked_bar,
+        "reference_bar": theirs,
+        "stated_bar": find_stated_bar(pair.engine, name),
+    }
 
 
 def _find_limit(pair: RecordPair, quantity: str) -> Limit | None:
@@ -238,10 +246,7 @@ def _make_row(
     measured: ComparisonNumbers | None = None,
     limit: Limit | None = None,
 ) -> Comparison:
-    filled: dict[str, Any] = {} if measured is None else dict(vars(measured))
-    if limit is not None:
-        filled |= {"limit": limit.maximum, "reason": limit.reason}
-    return Comparison(
+    row = Comparison(
         pair.mechanism,
         pair.case.name,
         pair.engine.engine,
@@ -250,8 +255,9 @@ def _make_row(
         unit,
         verdict,
         message,
-        **filled,
+        **({} if measured is None else vars(measured)),
     )
+    return row if limit is None else replace(row, limit=limit.maximum, reason=limit.reason)
 
 
 def compute_fraction(maximum: float, scale: float) -> float:

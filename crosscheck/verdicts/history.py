@@ -91,6 +91,10 @@ METRIC = _make_table(
 _FORMAT = sql.Table("history_format", sql.MetaData(), sql.Column("number", sql.Integer, primary_key=True))
 
 
+# A row of a table by its columns: these are declared where the tables are made, and SQLAlchemy gives no types of them.
+Row = Mapping[str, Any]
+
+
 class HistoryError(RuntimeError):
     """The history cannot be read or written; the message says which and why.  Nothing was changed."""
 
@@ -229,13 +233,13 @@ def add_night(
         **{"exit_code": results.exit_code, "elapsed": results.elapsed},
         "processor": results.machine.get("processor", ""),
     }
-    kept = [
+    kept: list[Row] = [
         {"mechanism": mechanism, "case_name": case, "engine": engine, "series": series, "unit": one.unit}
         | {"size": one.size, "peak": one.peak, "rms": one.rms, "bar": one.bar}
         for (mechanism, case, engine, series), one in signals.items()
     ]
-    tables = {**_collect_rows(results), METRIC: [dict(vars(m)) for m in metrics], SIGNAL: kept}
-    return _add_rows(database, row, tables)
+    numbers: list[Row] = [dict(vars(m)) for m in metrics]
+    return _add_rows(database, row, {**_collect_rows(results), METRIC: numbers, SIGNAL: kept})
 
 
 def list_metrics(tables: Iterable[StudyRow]) -> list[Metric]:
@@ -274,7 +278,7 @@ def list_nights(database: sql.Engine, label: str | None = None) -> list[Night]:
     return [Night(*(row._mapping[name] for name in Night.__dataclass_fields__)) for row in ask(database, question)]
 
 
-def read_rows(database: sql.Engine, table: sql.Table, night: int) -> list[dict[str, Any]]:
+def read_rows(database: sql.Engine, table: sql.Table, night: int) -> list[Row]:
     """Return the rows of one night.  Raises HistoryError."""
     return [dict(row._mapping) for row in ask(database, sql.select(table).where(table.c.night == night))]
 
@@ -319,15 +323,15 @@ def _compute_digest(*parts: Any) -> str:
     return hashlib.sha256(repr(parts).encode()).hexdigest()[:32]
 
 
-def _collect_rows(results: Results) -> dict[sql.Table, list[dict[str, Any]]]:
+def _collect_rows(results: Results) -> dict[sql.Table, list[Row]]:
     hashes = {(r.mechanism, r.case): r.model_hash for r in results.runs if r.model_hash}
-    timings = [
+    timings: list[Row] = [
         {"mechanism": r.mechanism, "case_name": r.case, "engine": r.engine, "version": r.version, "status": r.status}
         | {"wall_time": r.wall_time, "elapsed": r.elapsed}
         for r in results.runs
     ]
     words = ("mechanism", "engine", "reference", "quantity", "unit", "verdict", "message")
-    comparisons = [
+    comparisons: list[Row] = [
         {n: getattr(c, n) for n in words}
         | {n: _convert_to_finite(getattr(c, n)) for n in NUMBERS}
         | {"case_name": c.case}
@@ -347,7 +351,7 @@ def _collect_rows(results: Results) -> dict[sql.Table, list[dict[str, Any]]]:
     }
 
 
-def _add_rows(database: sql.Engine, night: dict[str, Any], tables: dict[sql.Table, list[dict[str, Any]]]) -> int:
+def _add_rows(database: sql.Engine, night: Row, tables: Mapping[sql.Table, Sequence[Row]]) -> int:
     try:
         with database.begin() as connection:
             known = connection.execute(sql.select(NIGHT.c.id).where(NIGHT.c.key == night["key"])).scalar()

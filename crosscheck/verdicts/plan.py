@@ -6,14 +6,13 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from fnmatch import fnmatchcase
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from crosscheck.engines.base import sample_times
 from crosscheck.measures.mechanisms import read_mechanism
-from crosscheck.verdicts.results import CaseRow
+from crosscheck.verdicts.results import CaseRow, SkeletonLink
 from flexinv.errors import InputError
 from flexinv.files.load_cases import Case, load_cases
 from flexinv.model.mechanism import WORLD, Mechanism
@@ -133,7 +132,7 @@ def make_case_row(one: Task) -> CaseRow:
     )
 
 
-def list_skeleton_links(mechanism: Mechanism) -> Iterator[dict[str, Any]]:
+def list_skeleton_links(mechanism: Mechanism) -> Iterator[SkeletonLink]:
     """Yield what a picture of the mechanism connects: links with parent and place in the world [m]."""
     for joint in mechanism.joints:
         at = joint.placement.position.tolist() if joint.parent == WORLD else None

@@ -10,11 +10,11 @@ It is bounded: `MOST` halvings of each, and as long as one engine may take for a
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 from crosscheck.measures.limits import REFERENCE
-from crosscheck.measures.record import Record
+from crosscheck.measures.record import BudgetLine, Record
 from crosscheck.verdicts.bars import COARSE, PART
 from crosscheck.verdicts.baseline import make_comparison_key
 from crosscheck.verdicts.compare import Comparison
@@ -65,9 +65,7 @@ def find_wanted_refinement(
     return refinement_halvings if refinement_halvings != had else None
 
 
-def _add_halvings(
-    more: dict[str, int], had: RefinementHalvings, line: Mapping[str, Mapping[str, float]], allowed: float
-) -> None:
+def _add_halvings(more: dict[str, int], had: RefinementHalvings, line: BudgetLine, allowed: float) -> None:
     """Add the halvings that a series needs; line : of its budget; allowed : of its bar [unit]."""
     bars = {**line.get("bars", {}), **line.get("left", {})}
     for family, bar in bars.items():

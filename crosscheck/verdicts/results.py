@@ -9,20 +9,24 @@ import math
 import os
 import platform
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from hashlib import sha256
 from importlib import metadata
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, NotRequired, TypedDict, TypeVar
 
 from crosscheck import output_folder as owned
+from crosscheck.engines import Door
 from crosscheck.measures.certificate import Check
 from crosscheck.measures.limits import Verdict, compute_exit_code, find_worst_verdict
+from crosscheck.measures.record import BudgetLine
 from crosscheck.measures.spectrum import FEWEST
 from crosscheck.verdicts.compare import Comparison
+from crosscheck.verdicts.night_changes import NightChanges
 from crosscheck.verdicts.signals import Move
+from crosscheck.verdicts.study_table import Column, Line, SideTable, StudyFigure, StudyPlot
 
 SCHEMA = 1
 PACKAGES = ("flexinv", "numpy", "scipy", "pin", "mujoco", "exudyn", "example-robot-data", "plotly")
@@ -30,6 +34,15 @@ NO_CERTIFICATE = "no certificate"  # the one line of an engine that cannot be as
 BROKEN_CERTIFICATE = "broken certificate"  # the one line of an engine whose certificate cannot be read
 Place = tuple[str, str, str]  # mechanism, case, engine
 OF_STATUS: dict[str, Verdict] = {"ok": "within", "skipped": "skipped"}
+
+
+class SkeletonLink(TypedDict):
+    """A link as a drawing connects it: name, parent, whether it bends, where its joint is in the world [m] (None: on a link)."""
+
+    link: str
+    parent: str
+    bends: bool
+    at: list[float] | None
 
 
 @dataclass(frozen=True)
@@ -55,7 +68,7 @@ class CaseRow:
     files: Mapping[str, str] = field(default_factory=dict)
     unused_limits: tuple[str, ...] = ()
     problem: str = ""
-    skeleton: tuple[Mapping[str, Any], ...] = ()
+    skeleton: tuple[SkeletonLink, ...] = ()
 
     @property
     def slug(self) -> str:
@@ -66,6 +79,14 @@ class CaseRow:
     def held(self) -> bool:
         """Return True if spectra are of the time after the motion (else of the whole signal)."""
         return self.sample > 0.0 and round((self.end - self.rest) / self.sample) + 1 >= FEWEST
+
+
+class BudgetRow(BudgetLine):
+    """The largest error bar of a quantity and unit, and the series that has it."""
+
+    quantity: str
+    unit: str
+    series: str
 
 
 @dataclass(frozen=True)
@@ -90,7 +111,7 @@ class RunRow:
     printed: str = ""
     series: str = ""
     peaks: Mapping[str, list[tuple[float, float]]] = field(default_factory=dict)
-    budget: tuple[Mapping[str, Any], ...] = ()
+    budget: tuple[BudgetRow, ...] = ()
     kept: str = ""
 
     @property
@@ -114,19 +135,17 @@ class EngineRow:
 class StudyRow:
     """A table made by a study of its own: columns (key, title, unit), rows by key, each with a verdict.
 
-    plot : {"x": key, "y": key, "group": key, "log": bool} or None
-    figures : {"title", "x", "y": what the axes say, "curves": {name: {"x": numbers, "y": numbers}}} each
-    tables : {"title", "columns", "rows"} each, beside the one that is judged; kept : as of a run
+    plot, figures : curves of the table, and beside it; tables : beside the one that is judged; kept : as of a run
     """
 
     name: str
     title: str
     text: str = ""
-    columns: tuple[tuple[str, str, str], ...] = ()
-    rows: tuple[Mapping[str, Any], ...] = ()
-    plot: Mapping[str, Any] | None = None
-    figures: tuple[Mapping[str, Any], ...] = ()
-    tables: tuple[Mapping[str, Any], ...] = ()
+    columns: tuple[Column, ...] = ()
+    rows: tuple[Line, ...] = ()
+    plot: StudyPlot | None = None
+    figures: tuple[StudyFigure, ...] = ()
+    tables: tuple[SideTable, ...] = ()
     status: str = "ok"
     message: str = ""
     printed: str = ""
@@ -139,6 +158,30 @@ class StudyRow:
         if self.status != "ok":
             return OF_STATUS.get(self.status, "error")
         return find_worst_verdict(row.get("verdict", "error") for row in self.rows)
+
+
+class DiagnosisQuestion(TypedDict):
+    """What `crosscheck.causes.diagnosis.diagnose` is called with: folder of the mechanism, case, stems of two saved records.
+
+    door : where the engine's adapter is, of an engine that is not one of ours
+    """
+
+    folder: str
+    case: str
+    engine: str
+    ours: str
+    theirs: str
+    door: NotRequired[Door]
+
+
+class NamedCause(TypedDict):
+    """A cause that explains a deviation: name, target, a sentence, what it leaves [-], and where it shows."""
+
+    cause: str
+    target: str
+    words: str
+    left: float
+    shows: str
 
 
 @dataclass(frozen=True)
@@ -155,7 +198,7 @@ class Diagnosis:
     engine: str
     reference: str
     words: str = ""
-    named: tuple[Mapping[str, Any], ...] = ()
+    named: tuple[NamedCause, ...] = ()
     separate: str = ""
     difference: float | None = None
     noise: float | None = None
@@ -166,10 +209,24 @@ class Diagnosis:
 Row = TypeVar("Row", RunRow, Comparison, Check)
 
 
+class BlessedNight(TypedDict, total=False):
+    """The night that results were judged against; gone : names of what is measured no more, gone_keys : keys of these.
+
+    Empty where nothing was judged so.
+    """
+
+    reason: str
+    date: str
+    versions: Mapping[str, str]
+    gone: Sequence[str]
+    gone_keys: Sequence[Sequence[str]]
+
+
 @dataclass(frozen=True)
 class Results:
     """Everything that a report says.
 
+    settings : of the run, and what a reader has to know of it (failures, by what failed)
     certificates : what the engines' own models say, line by line; diagnoses : why engines deviate
     baseline : the blessed night that it was judged against: reason, date, versions, what is gone (`crosscheck.verdicts.baseline`)
     changes : what is different from an earlier night (`crosscheck.verdicts.changes`)
@@ -191,8 +248,8 @@ class Results:
     studies: tuple[StudyRow, ...] = ()
     certificates: tuple[Check, ...] = ()
     diagnoses: tuple[Diagnosis, ...] = ()
-    baseline: Mapping[str, Any] = field(default_factory=dict)
-    changes: Mapping[str, Any] = field(default_factory=dict)
+    baseline: BlessedNight = field(default_factory=BlessedNight)
+    changes: NightChanges = field(default_factory=NightChanges)
     moves: tuple[Move, ...] = ()
 
     @property
@@ -271,11 +328,11 @@ def write(results: Results, file: Path) -> None:
     owned.write(file, text + "\n")
 
 
-def _replace_unsayable(plain: dict[str, Any]) -> dict[str, Any]:
+def _replace_unsayable(plain: Mapping[str, object]) -> dict[str, object]:
     """Return JSON values in which null stands for every number that is not finite, with a message that says so."""
     places: list[str] = []
 
-    def replace_value(value: Any, place: str) -> Any:
+    def replace_value(value: object, place: str) -> object:
         if isinstance(value, Mapping):
             return {str(key): replace_value(item, f"{place}.{key}") for key, item in value.items()}
         if isinstance(value, list | tuple):
@@ -285,7 +342,7 @@ def _replace_unsayable(plain: dict[str, Any]) -> dict[str, Any]:
             return None
         return value
 
-    made: dict[str, Any] = replace_value(plain, "")
+    made = {key: replace_value(value, f".{key}") for key, value in plain.items()}
     words = f"numbers that are not finite stand as null: {len(places)}, the first is {places[0]}"
     message = "; ".join(filter(None, [str(made["message"]), words]))
     return made | {"message": message, "exit_code": compute_exit_code(["error"])}
@@ -296,8 +353,9 @@ def read(file: Path) -> Results:
     plain = json.loads(file.read_text(encoding="utf-8"))
     if not isinstance(plain, dict) or plain.get("schema") != SCHEMA:
         raise ValueError(f"{file} is not a results file of schema {SCHEMA}")
-    values: dict[str, Any] = {f.name: plain[f.name] for f in dataclasses.fields(Results) if f.name in plain}
-    values |= {name: tuple(_make_row(kind, row) for row in plain.get(name, ())) for name, kind in TABLES.items()}
+    rows = {name: tuple(_make_row(kind, row) for row in plain.get(name, ())) for name, kind in TABLES.items()}
+    known = {f.name for f in dataclasses.fields(Results)}
+    values: Mapping[str, Any] = {name: value for name, value in plain.items() if name in known} | rows
     return Results(**values)
 
 
@@ -314,8 +372,13 @@ TABLES: dict[str, type] = {
 
 
 def _make_row(kind: type, row: Mapping[str, Any]) -> Any:
+    return kind(**collect_row_values(kind, row))
+
+
+def collect_row_values(kind: type, row: Mapping[str, Any]) -> dict[str, Any]:
+    """Return what a row of JSON says of a dataclass, lists as tuples [units of its fields]; other keys are left out."""
     names = {f.name for f in dataclasses.fields(kind)}
-    return kind(**{k: tuple(v) if isinstance(v, list) else v for k, v in row.items() if k in names})
+    return {key: tuple(value) if isinstance(value, list) else value for key, value in row.items() if key in names}
 
 
 def make_slug(text: str) -> str:

@@ -6,7 +6,7 @@ import functools
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, NotRequired, TypedDict
 
 import click
 
@@ -21,7 +21,7 @@ from crosscheck.commands.shared.terminal import (
     plan_of,
 )
 from crosscheck.doors.registry import ProjectEngines, add_engine_limits, collect_doors, compute_answer_digest
-from crosscheck.engines import ENGINES, Engine
+from crosscheck.engines import ENGINES, Engine, NamedDoor
 from crosscheck.run.work import Options, Work
 from crosscheck.studies import STUDIES, Study
 from crosscheck.verdicts.plan import Task
@@ -62,6 +62,13 @@ OPTIONS = (
 )
 
 
+class StudyOptions(TypedDict):
+    """Options of a study: the folder of models, and the project's own engines for one that asks for them."""
+
+    models: str
+    engines: NotRequired[list[NamedDoor]]
+
+
 @dataclass(frozen=True)
 class RunSelection:
     """Selection of mechanisms, engines and studies, in the words of the command line; timeout [s]."""
@@ -94,14 +101,18 @@ class RunSelection:
         plan = add_engine_limits(plan_of(self.models, self.names), engines)
         return Work(plan, engines, tuple(studies), options), len(engines) == len(known.engines)
 
-    def _make_study_options(self, study: Study, engines: Mapping[str, Engine]) -> dict[str, Any]:
+    def _make_study_options(self, study: Study, engines: Mapping[str, Engine]) -> StudyOptions:
         """Return the options of a study: the folder of models, and to one that asks for them the project's engines."""
         models = self.models.resolve()
         strangers = [engine for name, engine in engines.items() if name not in ENGINES]
         folders = sorted(file.parent for file in models.glob("*/mechanism.toml"))
         stamps = {engine.name: [compute_answer_digest(engine, folder) for folder in folders] for engine in strangers}
-        doors = [{**engine.door, "engine": engine.name, "stamp": stamps[engine.name]} for engine in strangers]
-        return {"models": str(models), **({"engines": doors} if study.asks and doors else {})}
+        options: StudyOptions = {"models": str(models)}
+        if study.asks and strangers:
+            options["engines"] = [
+                {**engine.door, "engine": engine.name, "stamp": stamps[engine.name]} for engine in strangers
+            ]
+        return options
 
 
 def collect_engines(models: Path, config: Path | None = None, named: Iterable[str] = ()) -> ProjectEngines:

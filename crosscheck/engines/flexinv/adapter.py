@@ -18,6 +18,7 @@ from crosscheck.engines.base import Options, beside, sample_times
 from crosscheck.engines.flexinv.determinacy import find_determinate_parts
 from crosscheck.measures.budget import Family, add_error_bars
 from crosscheck.measures.record import (
+    BudgetLine,
     Record,
     Series,
     make_internal_series,
@@ -74,7 +75,7 @@ def run(mechanism: Mechanism, case: Case, engine: str, options: Options) -> Reco
     start = clock.perf_counter()
     solution, made = solve_case(mechanism, case)
     wall = clock.perf_counter() - start
-    budget: dict[str, dict[str, object]] = {}
+    budget: Mapping[str, BudgetLine] = {}
     if bool(options.get("error", True)) and needs_integration(mechanism, case):
         made, budget = add_error_bars(made, run_refinements(mechanism, case, made))
     return Record(

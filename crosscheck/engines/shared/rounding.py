@@ -5,7 +5,6 @@ The same run with every input moved by a few of its last digits: what that chang
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any, cast
 
@@ -14,7 +13,7 @@ from numpy.typing import NDArray
 
 from crosscheck.engines.base import Adapter, Options, is_repeatable
 from crosscheck.measures.budget import Family, add_error_bars
-from crosscheck.measures.record import Record
+from crosscheck.measures.record import BudgetLine, Record
 from flexinv.files.load_cases import Case
 from flexinv.model.mechanism import Mechanism
 from flexinv.model.motion import Motion
@@ -68,7 +67,7 @@ def add_rounding_bars(adapter: Adapter, record: Record, mechanism: Mechanism, ca
     return replace(record, series=made, budget={k: _update_budget_line(line) for k, line in budget.items()})
 
 
-def _update_budget_line(line: Mapping[str, Any]) -> dict[str, Any]:
+def _update_budget_line(line: BudgetLine) -> BudgetLine:
     return {**line, "order": {}, "how": {NAME: "closed formulas: the last digits of the input moved"}}
 
 

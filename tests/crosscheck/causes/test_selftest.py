@@ -152,7 +152,7 @@ ROWS = [
     ],
 )
 def test_the_targets_can_be_missed(more: list[PlantedFault], enough: bool) -> None:
-    rows = [asdict(row) | {"verdict": judge_fault(asdict(row))} for row in [*ROWS, *more]]
+    rows = [asdict(row) | {"verdict": judge_fault(row)} for row in [*ROWS, *more]]
     assert count_outcomes(rows)["matter"] == 19 + sum(row.change >= MATTERS for row in more)
     table = StudyRow("one", "one", rows=tuple(rows))
     some = build_summary([table], whole=False)

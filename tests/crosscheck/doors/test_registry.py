@@ -260,11 +260,11 @@ def test_a_record_is_judged_and_diagnosed_from_its_csv_alone(project: Path) -> N
 def test_records_are_found_by_case_and_by_what_they_say(project: Path) -> None:
     folder = project / "models" / "double_pendulum"
     (folder / "records" / "adams").mkdir(parents=True)
-    job = {**collect_doors(project / "models").engines["adams"].door, "engine": "adams", "mechanism": str(folder)}
+    job = (collect_doors(project / "models").engines["adams"].door, "adams", str(folder))
     from crosscheck.verdicts.plan import discover
 
     task = discover(project / "models").tasks[0]
-    asked = lambda: open_adapter(job).unsupported(task.mechanism, task.case, "adams")  # noqa: E731
+    asked = lambda: open_adapter(*job).unsupported(task.mechanism, task.case, "adams")  # noqa: E731
     assert asked() == "nobody recorded this case"
     (folder / "records" / "adams" / "meta.json").write_text('{"name": "lift"}')
     assert asked() == "nobody recorded this case"

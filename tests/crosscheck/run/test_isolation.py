@@ -236,9 +236,9 @@ def test_a_parent_that_is_killed_leaves_no_orphans(attempt: object, task: Task, 
 
 @pytest.mark.slow
 def test_questions_are_answered_or_explained(attempt: object) -> None:
-    answer, ending = ask({"kind": "describe", "module": "rogue_engines"}, LIMIT, ChildProcesses())
+    answer, ending = ask({"kind": "describe", "module": "rogue_engines", "engine": "rogue"}, LIMIT, ChildProcesses())
     assert answer == {"version": "0.rogue", "abilities": "Does one thing wrong."}
-    answer, ending = ask({"kind": "describe", "module": "no_such_module"}, LIMIT, ChildProcesses())
+    answer, ending = ask({"kind": "describe", "module": "no_such_module", "engine": "rogue"}, LIMIT, ChildProcesses())
     assert answer is None
     assert "No module named 'no_such_module'" in ending.message
 
