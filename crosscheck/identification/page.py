@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -17,6 +16,7 @@ from crosscheck.identification.table import Row
 from crosscheck.report import render
 from crosscheck.report.words import format_short
 from crosscheck.verdicts.results import Results, StudyRow, describe_machine, format_current_time, list_versions, write
+from crosscheck.verdicts.study_table import Curve, Line, SideTable, StudyFigure
 from flexinv.typing import Array
 
 POINTS = 800  # of a curve: what a screen shows
@@ -116,7 +116,7 @@ def judge_channel(limits: Sequence[LimitTable], row: ChannelJudgement) -> tuple[
     return ("deviation", "; ".join(broken)) if broken else ("within", "")
 
 
-def _list_channel_rows(identification: Identification) -> Iterator[dict[str, Any]]:
+def _list_channel_rows(identification: Identification) -> Iterator[Line]:
     limits = identification.machine.settings.limits
     for part, some in (("held out", identification.judged), ("identified from", identification.seen)):
         judges = part == "held out" or not identification.judged
@@ -128,7 +128,7 @@ def _list_channel_rows(identification: Identification) -> Iterator[dict[str, Any
 # ------------------------------------------------------------------------------------------------------------ figures
 
 
-def _list_band_figures(identification: Identification) -> Iterator[dict[str, Any]]:
+def _list_band_figures(identification: Identification) -> Iterator[StudyFigure]:
     """One figure per sensor: of the first log held out, or the first one."""
     run, told = (identification.held or identification.shown)[0]
     every = max(1, len(run.time) // POINTS)
@@ -136,7 +136,7 @@ def _list_band_figures(identification: Identification) -> Iterator[dict[str, Any
     for c, channel in enumerate(identification.machine.channels):
         lines = {} if run.measured is None else {"measured": run.measured[:, c]}
         lines |= {"predicted": told.value[:, c], "low": told.low[:, c], "high": told.high[:, c]}
-        curves = {n: {"x": time, "y": _drop_digits(v[::every])} for n, v in lines.items()}
+        curves: dict[str, Curve] = {n: {"x": time, "y": _drop_digits(v[::every])} for n, v in lines.items()}
         held = "held out" if identification.held else "which identified"
         yield {
             "title": f"{channel.name}: {run.name}, {held}",
@@ -146,7 +146,7 @@ def _list_band_figures(identification: Identification) -> Iterator[dict[str, Any
         }
 
 
-def _list_spectrum_figures(identification: Identification) -> Iterator[dict[str, Any]]:
+def _list_spectrum_figures(identification: Identification) -> Iterator[StudyFigure]:
     """Amplitude spectra of what remains, each over the RMS of what was measured."""
     run, told = (identification.held or identification.shown)[0]
     if run.measured is None:
@@ -155,7 +155,7 @@ def _list_spectrum_figures(identification: Identification) -> Iterator[dict[str,
     frequency = np.fft.rfftfreq(len(run.time), spacing)
     kept = frequency <= 1.5 * identification.machine.settings.bandwidth_Hz
     every = max(1, int(kept.sum()) // FREQUENCIES)
-    curves = {}
+    curves: dict[str, Curve] = {}
     for c, channel in enumerate(identification.machine.channels):
         rest = np.where(run.counted[:, c], run.measured[:, c] - told.value[:, c], 0.0)
         whole = np.where(run.counted[:, c], run.measured[:, c], 0.0)
@@ -179,8 +179,8 @@ def _drop_digits(values: Array) -> list[float]:
 # ------------------------------------------------------------------------------------------------------------- tables
 
 
-def _build_cause_table(causes: Sequence[tuple[str, CauseFindings]]) -> dict[str, Any]:
-    rows = []
+def _build_cause_table(causes: Sequence[tuple[str, CauseFindings]]) -> SideTable:
+    rows: list[Line] = []
     for log, rest in causes:
         rows += [
             {"log": log, "name": one.name, "place": one.place, "size": one.size, "error": one.error or None,
@@ -195,7 +195,7 @@ def _build_cause_table(causes: Sequence[tuple[str, CauseFindings]]) -> dict[str,
     return {"title": "Causes of what remains", "columns": columns, "rows": rows}
 
 
-def _build_least_table(causes: Sequence[tuple[str, CauseFindings]]) -> dict[str, Any]:
+def _build_least_table(causes: Sequence[tuple[str, CauseFindings]]) -> SideTable:
     rows = [
         {"log": log, "name": one.name, "place": one.place, "size": one.size if np.isfinite(one.size) else None, "unit": one.unit}
         for log, rest in causes
@@ -212,7 +212,7 @@ def _build_least_table(causes: Sequence[tuple[str, CauseFindings]]) -> dict[str,
     }
 
 
-def _build_parameter_table(table: Sequence[Row]) -> dict[str, Any]:
+def _build_parameter_table(table: Sequence[Row]) -> SideTable:
     columns = [
         ("parameter", "parameter", ""), ("place", "place", ""), ("value", "value", "unit"), ("interval", "90 % interval", ""),
         ("before", "before", "unit"), ("known", "90 % interval before", ""), ("ratio", "width over width before", "-"),
@@ -235,7 +235,7 @@ def _build_parameter_table(table: Sequence[Row]) -> dict[str, Any]:
     return {"title": "Parameters before and after", "columns": columns, "rows": rows}
 
 
-def _build_doubt_table(words: Sequence[str]) -> dict[str, Any]:
+def _build_doubt_table(words: Sequence[str]) -> SideTable:
     return {
         "title": "What cannot be told, and what is doubtful",
         "columns": [("words", "in words", "")],
@@ -243,9 +243,9 @@ def _build_doubt_table(words: Sequence[str]) -> dict[str, Any]:
     }
 
 
-def _build_scatter_table(identification: Identification) -> dict[str, Any]:
+def _build_scatter_table(identification: Identification) -> SideTable:
     """Mean and RMS error of every sensor in every log: how much runs differ beside what scatters inside of one."""
-    rows = []
+    rows: list[Line] = []
     for part, some in (("identified from", identification.shown), ("held out", identification.held)):
         for run, told in some:
             rows += list(_list_sensor_errors(identification.machine, part, run, told))
@@ -256,7 +256,7 @@ def _build_scatter_table(identification: Identification) -> dict[str, Any]:
     return {"title": "From run to run", "columns": columns, "rows": rows}
 
 
-def _list_sensor_errors(machine: Machine, part: str, run: Run, prediction: Prediction) -> Iterator[dict[str, Any]]:
+def _list_sensor_errors(machine: Machine, part: str, run: Run, prediction: Prediction) -> Iterator[Line]:
     if run.measured is None:
         return
     for c, channel in enumerate(machine.channels):

@@ -8,7 +8,7 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TypedDict
 
 import numpy as np
 from markupsafe import Markup
@@ -18,11 +18,36 @@ from crosscheck import output_folder as owned
 from crosscheck.measures.record import XYZ, Record
 from crosscheck.report import drawing
 from crosscheck.report.encoding import convert_to_base64
-from crosscheck.verdicts.results import CaseRow
+from crosscheck.verdicts.results import CaseRow, SkeletonLink
 from flexinv.typing import Array
 
 FRAMES = 150  # some five seconds of 30 frames; the page draws positions between them
 MOST = 2_000_000  # [bytes] of numbers: a mechanism with more points gets fewer frames, but 20 at least
+
+
+class DrawnLink(TypedDict):
+    """A link that is drawn; parent : its number, -1 for none; points : how many it has."""
+
+    name: str
+    bends: bool
+    points: int
+    parent: int
+
+
+class Animation(TypedDict):
+    """Frames of a motion (arrays as base64): time [s], positions [m] of all points of ``links``, one link after another.
+
+    tips : (frames, links, 3) [m] of the other engines, known : which links these give
+    apart : the largest distance along an axis of their tips from those that are drawn [m]
+    """
+
+    time: str
+    engine: str
+    links: list[DrawnLink]
+    base: str
+    tips: dict[str, str]
+    known: dict[str, list[bool]]
+    apart: dict[str, float]
 
 
 def write(case: CaseRow, records: Mapping[str, Record], folder: Path) -> bool:
@@ -35,12 +60,8 @@ def write(case: CaseRow, records: Mapping[str, Record], folder: Path) -> bool:
     return True
 
 
-def build_animation(skeleton: Sequence[Mapping[str, Any]], records: Mapping[str, Record]) -> dict[str, Any] | None:
-    """Return times [s] and positions [m] of the frames, or None where no record has tips.
-
-    links : {"name", "parent" (index or -1), "bends", "points": how many}; base : (frames, points, 3) of all links one
-    after another, the last point of each its tip; tips : engine -> (frames, links, 3), and what is known: engine -> links
-    """
+def build_animation(skeleton: Sequence[SkeletonLink], records: Mapping[str, Record]) -> Animation | None:
+    """Return times [s] and positions [m] of the frames, the last point of each link its tip; None where no record has tips."""
     drawn = ((record, collect_link_points(record, skeleton)) for record in records.values())
     main, points = next(((record, points) for record, points in drawn if points), (None, None))
     if main is None:
@@ -69,16 +90,20 @@ def _choose_frames(record: Record, points: int) -> NDArray[np.intp]:
     return np.unique(np.linspace(0, record.time.size - 1, frames).round().astype(int))
 
 
-def _describe_links(skeleton: Sequence[Mapping[str, Any]], points: Sequence[Sequence[Array]]) -> list[dict[str, Any]]:
+def _describe_links(skeleton: Sequence[SkeletonLink], points: Sequence[Sequence[Array]]) -> list[DrawnLink]:
     names = [part["link"] for part in skeleton]
     return [
-        {"name": part["link"], "bends": part["bends"], "points": len(p)}
-        | {"parent": names.index(part["parent"]) if part["parent"] in names else -1}
+        {
+            "name": part["link"],
+            "bends": part["bends"],
+            "points": len(p),
+            "parent": names.index(part["parent"]) if part["parent"] in names else -1,
+        }
         for part, p in zip(skeleton, points, strict=True)
     ]
 
 
-def draw_still(skeleton: Sequence[Mapping[str, Any]], records: Mapping[str, Record]) -> Markup | None:
+def draw_still(skeleton: Sequence[SkeletonLink], records: Mapping[str, Record]) -> Markup | None:
     """Return a small drawing of the motion, or None where no record has tips."""
     points = next(
         (link_points for record in records.values() if (link_points := collect_link_points(record, skeleton))), None
@@ -100,7 +125,7 @@ def read_tips(record: Record, names: Sequence[str], rows: NDArray[np.intp]) -> A
     return np.stack([(missing if one is None else one)[rows] for one in found], axis=1)  # (frame, link, xyz)
 
 
-def collect_link_points(record: Record, skeleton: Sequence[Mapping[str, Any]]) -> list[list[Array]] | None:
+def collect_link_points(record: Record, skeleton: Sequence[SkeletonLink]) -> list[list[Array]] | None:
     """Return the points (samples, 3) [m] of every link from its joint to its tip, or None where they are not known.
 
     A link whose tip is at its joint, as files of robots have them, has no length: the next one begins there.
@@ -137,7 +162,7 @@ def _map_to_shapes(record: Record) -> dict[str, list[str]]:
     return shapes
 
 
-def _list_start(record: Record, part: Mapping[str, Any], ends: Mapping[str, Array]) -> list[Array]:
+def _list_start(record: Record, part: SkeletonLink, ends: Mapping[str, Array]) -> list[Array]:
     """Return the point (samples, 3) [m] at which a link starts, where it is known."""
     if part["at"] is not None:
         return [np.asarray(np.broadcast_to(part["at"], (record.time.size, 3)))]

@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import cache, partial
 from importlib import resources
 from pathlib import Path
-from typing import Any
+from typing import Any, NotRequired, TypedDict
 
 import jinja2
 from markupsafe import Markup
@@ -20,9 +20,10 @@ from crosscheck import output_folder as owned
 from crosscheck.measures.limits import Verdict, find_worst_verdict
 from crosscheck.report import animation, change_summary, words
 from crosscheck.report import explanations as reasons
-from crosscheck.report.plots import read_records, write_case
+from crosscheck.report.plots import CaseManifest, read_records, write_case
 from crosscheck.verdicts.compare import Comparison
-from crosscheck.verdicts.results import CaseRow, Results, StudyRow, make_slug
+from crosscheck.verdicts.results import CaseRow, Diagnosis, EngineRow, Results, RunRow, StudyRow, make_slug
+from crosscheck.verdicts.study_table import SideTable, StudyPlot
 
 ASSETS = ("report.css", "theme.js", "plots.js", "trends.js", "animation.js")
 
@@ -103,7 +104,96 @@ def copy_assets(out: Path) -> None:
     owned.write(folder / "plotly.min.js", library.read_bytes())
 
 
-def build_index_view(results: Results, out: Path, trends: bool = False) -> dict[str, Any]:
+class StudyCurves(TypedDict):
+    """Curves of a study's plot: words of the axes, whether these are logarithmic, values by curve."""
+
+    x: str
+    y: str
+    log: bool
+    curves: dict[str, CurveValues]
+
+
+class CurveValues(TypedDict):
+    """Values of two columns of a table, row by row."""
+
+    x: list[object]
+    y: list[object]
+
+
+class ShownTable(SideTable):
+    """A table as it is shown; judged : with verdicts; numeric : keys of the columns that hold numbers."""
+
+    judged: bool
+    numeric: set[str]
+
+
+class SingleStudy(TypedDict):
+    """Contents of the first page about a study; None where there are cases, or other studies."""
+
+    study: StudyRow | None
+    plot: NotRequired[StudyCurves | None]
+    tables: NotRequired[list[ShownTable]]
+
+
+class StudyView(TypedDict):
+    """Contents of the page of a study."""
+
+    results: Results
+    root: str
+    study: StudyRow
+    plot: StudyCurves | None
+    tables: list[ShownTable]
+
+
+class MatrixBlock(TypedDict):
+    """Part of the matrix for one mechanism; rows : cases with a field for each engine; absent : reasons, and engines of each."""
+
+    mechanism: str
+    title: str
+    problems: list[str]
+    engines: list[str]
+    rows: list[tuple[CaseRow, list[words.Cell]]]
+    absent: list[tuple[str, list[str]]]
+    drawing: Markup | None
+
+
+class IndexView(SingleStudy):
+    """Contents of the first page; troubles : verdict, link and name of a page, what, in words."""
+
+    results: Results
+    root: str
+    sentence: str
+    scope: str
+    unchanged: str
+    counts: dict[Verdict, int]
+    troubles: list[tuple[str, str, str, str, str]]
+    matrix: list[MatrixBlock]
+    engines: list[tuple[EngineRow, list[str]]]
+    limits: list[tuple[CaseRow, str]]
+    changed: str
+    trends: bool
+
+
+class CaseView(TypedDict):
+    """Contents of the page of a case; trend : link to its trend, ""."""
+
+    results: Results
+    root: str
+    case: CaseRow
+    verdict: Verdict
+    cells: list[words.Cell]
+    comparisons: list[Comparison]
+    absent: list[tuple[str, list[str]]]
+    runs: list[RunRow]
+    manifest: CaseManifest
+    neighbours: tuple[CaseRow | None, CaseRow | None]
+    summaries: list[reasons.CertificateSummary]
+    uncertified: dict[str, str]
+    diagnoses: list[Diagnosis]
+    trend: str
+
+
+def build_index_view(results: Results, out: Path, trends: bool = False) -> IndexView:
     """Return the contents of the first page; the drawings are of the series below ``out``."""
     groups = words.split_by_mechanism(results.cases)
     matrix = [build_matrix_block(results, mechanism, cases, out) for mechanism, cases in groups.items()]
@@ -127,14 +217,15 @@ def build_index_view(results: Results, out: Path, trends: bool = False) -> dict[
     }
 
 
-def build_single_study_view(results: Results) -> dict[str, Any]:
+def build_single_study_view(results: Results) -> SingleStudy:
     """Return the contents of a study for the first page of a run that has nothing else; no study beside others."""
     if results.cases or len(results.studies) != 1:
         return {"study": None}
-    return build_study_view(results, results.studies[0]) | {"root": ""}
+    view = build_study_view(results, results.studies[0])
+    return {"study": view["study"], "plot": view["plot"], "tables": view["tables"]}
 
 
-def build_matrix_block(results: Results, mechanism: str, cases: Sequence[CaseRow], out: Path) -> dict[str, Any]:
+def build_matrix_block(results: Results, mechanism: str, cases: Sequence[CaseRow], out: Path) -> MatrixBlock:
     """Return the part of the matrix for one mechanism: a field for every case and every engine that takes part."""
     read = [case for case in cases if not case.problem]
     rows = [(case, [words.make_cell(results, case, e.name) for e in results.engines]) for case in read]
@@ -155,7 +246,7 @@ def _draw_first_case(results: Results, cases: Iterable[CaseRow], out: Path) -> M
     return next((one for one in stills if one is not None), None)
 
 
-def build_case_view(results: Results, case: CaseRow, out: Path) -> dict[str, Any]:
+def build_case_view(results: Results, case: CaseRow, out: Path) -> CaseView:
     """Return the contents of the page of a case; its data files are written on the way."""
     cells = [words.make_cell(results, case, e.name) for e in results.engines]
     return {
@@ -190,30 +281,32 @@ def is_empty_row(row: Comparison) -> bool:
     return row.verdict == "skipped"
 
 
-def build_study_view(results: Results, study: StudyRow) -> dict[str, Any]:
+def build_study_view(results: Results, study: StudyRow) -> StudyView:
     """Return the contents of the page of a study."""
-    plot = build_study_plot(study) if study.plot is not None and study.rows else None
-    judged = {"title": study.title, "columns": study.columns, "rows": study.rows, "judged": True}
+    plot = build_study_plot(study, study.plot) if study.plot is not None and study.rows else None
+    judged: SideTable = {"title": study.title, "columns": study.columns, "rows": study.rows}
     tables = [
-        t | {"numeric": list_numeric_columns(t)}
-        for t in (judged, *({**t, "judged": False} for t in study.tables))
-        if t["rows"]
+        *(_make_shown_table(judged, True) for _ in study.rows[:1]),
+        *(_make_shown_table(one, False) for one in study.tables if one["rows"]),
     ]
     return {"results": results, "root": "../", "study": study, "plot": plot, "tables": tables}
 
 
-def list_numeric_columns(table: Mapping[str, Any]) -> set[str]:
+def _make_shown_table(table: SideTable, judged: bool) -> ShownTable:
+    return {**table, "judged": judged, "numeric": list_numeric_columns(table)}
+
+
+def list_numeric_columns(table: SideTable) -> set[str]:
     """Return the keys of the columns that hold numbers [any unit]."""
     return {
         key for key, _, _ in table["columns"] if any(isinstance(row.get(key), int | float) for row in table["rows"])
     }
 
 
-def build_study_plot(study: StudyRow) -> dict[str, Any]:
+def build_study_plot(study: StudyRow, spec: StudyPlot) -> StudyCurves:
     """Return the curves of a study's plot: one per value of the column that groups them."""
-    spec = study.plot or {}
     titles = {key: f"{title} [{unit}]" if unit else title for key, title, unit in study.columns}
-    curves: dict[str, dict[str, list[Any]]] = {}
+    curves: dict[str, CurveValues] = {}
     for row in study.rows:
         curve = curves.setdefault(str(row.get(spec["group"])), {"x": [], "y": []})
         curve["x"].append(row.get(spec["x"]))

@@ -10,7 +10,7 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import NotRequired, TypedDict
 
 import numpy as np
 
@@ -26,7 +26,59 @@ VISIBLE = 1e-3  # of the range: on a plot 360 pixels high a narrower error bar i
 HIGHEST = 4.0  # the spectrum is drawn up to this many times the highest marked peak
 
 
-def write_case(results: Results, case: CaseRow, out: Path) -> dict[str, Any]:
+class QuantityNames(TypedDict):
+    """A quantity that can be drawn: its name, that of its file, and its series."""
+
+    name: str
+    slug: str
+    series: list[str]
+
+
+class CaseManifest(TypedDict):
+    """What the page of a case has to know to load its numbers; rest [s]."""
+
+    slug: str
+    engines: list[str]
+    reference: str
+    rest: float
+    spectrum: str
+    animation: bool
+    quantities: list[QuantityNames]
+
+
+class EngineLine(TypedDict):
+    """A series of one engine; error, difference : where they can be seen (arrays as base64)."""
+
+    value: str
+    error: NotRequired[str]
+    difference: NotRequired[str]
+
+
+class SpectrumData(TypedDict):
+    """Spectra by engine: frequency [Hz] and amplitude (arrays as base64), and the peaks that are marked."""
+
+    frequency: str
+    amplitude: dict[str, str]
+    peaks: dict[str, list[list[float]]]
+
+
+class SeriesData(TypedDict):
+    """One series of all engines; limits : largest difference allowed [unit], by engine."""
+
+    unit: str
+    engines: dict[str, EngineLine]
+    limits: dict[str, float]
+    spectrum: NotRequired[SpectrumData]
+
+
+class QuantityData(TypedDict):
+    """One quantity: time [s] (an array as base64), and its series by name."""
+
+    time: str
+    series: dict[str, SeriesData]
+
+
+def write_case(results: Results, case: CaseRow, out: Path) -> CaseManifest:
     """Write the data of one case below ``out/data`` and return what the page has to know to load it."""
     records = read_records(results, case, out)
     folder = out / "data" / case.slug
@@ -68,9 +120,7 @@ def find_reference(records: Mapping[str, Record]) -> str:
     return REFERENCE if REFERENCE in records else next(iter(records), "")
 
 
-def build_quantity_data(
-    results: Results, case: CaseRow, records: Mapping[str, Record], quantity: str
-) -> dict[str, Any]:
+def build_quantity_data(results: Results, case: CaseRow, records: Mapping[str, Record], quantity: str) -> QuantityData:
     """Return time and every series of a quantity, by series and engine."""
     names = dict.fromkeys(s.name for r in records.values() for s in r.series.values() if s.quantity == quantity)
     time = next(iter(records.values())).time
@@ -80,20 +130,20 @@ def build_quantity_data(
     }
 
 
-def _build_series_data(results: Results, case: CaseRow, records: Mapping[str, Record], name: str) -> dict[str, Any]:
+def _build_series_data(results: Results, case: CaseRow, records: Mapping[str, Record], name: str) -> SeriesData:
     owner = next(r.series[name] for r in records.values() if name in r.series)
     base = records[find_reference(records)].series.get(name)
     lines = {}
     for engine, record in records.items():
         if (one := record.series.get(name)) is None:
             continue
-        line: dict[str, Any] = {"value": convert_to_base64(one.values)}
+        line: EngineLine = {"value": convert_to_base64(one.values)}
         if one.error is not None and one.error.max() > VISIBLE * np.ptp(one.values):
             line["error"] = convert_to_base64(one.error)
         if base is not None and engine != find_reference(records):
             line["difference"] = convert_to_base64(one.values - base.values)
         lines[engine] = line
-    data: dict[str, Any] = {
+    data: SeriesData = {
         "unit": owner.unit,
         "engines": lines,
         "limits": _collect_limits(results, case, name, owner.unit),
@@ -113,7 +163,9 @@ def _collect_limits(results: Results, case: CaseRow, name: str, unit: str) -> di
     }
 
 
-def _build_spectrum_data(results: Results, case: CaseRow, records: Mapping[str, Record], name: str) -> dict[str, Any]:
+def _build_spectrum_data(
+    results: Results, case: CaseRow, records: Mapping[str, Record], name: str
+) -> SpectrumData | None:
     marks = {
         r.engine: [list(mark) for mark in r.peaks[name]]
         for r in results.runs
@@ -127,7 +179,7 @@ def _build_spectrum_data(results: Results, case: CaseRow, records: Mapping[str, 
             if spectrum is not None:
                 axis, lines[engine] = spectrum
     if not lines:
-        return {}
+        return None
     highest = max((mark[0] for own in marks.values() for mark in own), default=0.0)
     kept = axis <= HIGHEST * highest if highest > 0.0 else np.ones(axis.size, dtype=bool)
     return {

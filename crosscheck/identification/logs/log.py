@@ -161,9 +161,17 @@ def _read_csv(path: Path) -> Any:
     if doubled := sorted({cell for cell in header if header.count(cell) > 1}):
         raise InputError(f"{path.name}: column {doubled[0]!r} stands there twice; rename one of them")
     decimal = "," if mark != "," and "," in second and "." not in second else "."
-    form: dict[str, Any] = {"sep": mark, "decimal": decimal, "encoding": "utf-8-sig", "skipinitialspace": True}
     try:
-        frame = pd.read_csv(path, names=header, skiprows=1, nrows=MOST_SAMPLES + 1, **form)
+        frame = pd.read_csv(
+            path,
+            names=header,
+            skiprows=1,
+            nrows=MOST_SAMPLES + 1,
+            sep=mark,
+            decimal=decimal,
+            encoding="utf-8-sig",
+            skipinitialspace=True,
+        )
     except (ValueError, OSError, EOFError) as error:
         words = " ".join(str(error).split())[:200]
         raise InputError(f"{path.name}: no CSV that can be read ({words}); save it anew as UTF-8") from error
