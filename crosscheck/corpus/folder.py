@@ -11,11 +11,17 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from hashlib import sha256
 from pathlib import Path
-from typing import Any
 
 from crosscheck import output_folder as owned
 from crosscheck.corpus.consensus import REACHED, CaseConsensus
-from crosscheck.corpus.entry import FLOOR_REASON, FORMAT, list_single_author_series, make_entry, make_expected_record
+from crosscheck.corpus.entry import (
+    FLOOR_REASON,
+    FORMAT,
+    CaseEntry,
+    list_single_author_series,
+    make_entry,
+    make_expected_record,
+)
 from crosscheck.corpus.notes import CorpusTable, MechanismNote
 from crosscheck.corpus.published import compare_published
 from crosscheck.kit.write import write as write_kit
@@ -60,7 +66,7 @@ class Corpus:
     """A corpus as it was written: what is said of every case, and the folder."""
 
     folder: Path
-    entries: tuple[Mapping[str, Any], ...]
+    entries: tuple[CaseEntry, ...]
 
     @property
     def reached(self) -> int:
@@ -70,7 +76,7 @@ class Corpus:
 
 def write_corpus(cases: Iterable[CaseConsensus], notes: CorpusTable, results: Results, out: Path) -> Corpus:
     """Write kits, consensus and manifest below a folder that is ours.  Raises InputError where two cases have one id."""
-    entries: dict[str, dict[str, Any]] = {}
+    entries: dict[str, CaseEntry] = {}
     for case in cases:
         note = notes.find_licence(case.task)
         one = make_entry(case, note, list(compare_published(case, notes.published)))
@@ -82,8 +88,8 @@ def write_corpus(cases: Iterable[CaseConsensus], notes: CorpusTable, results: Re
     return _write_manifest(tuple(entries.values()), results, out)
 
 
-def _write_manifest(entries: tuple[dict[str, Any], ...], results: Results, out: Path) -> Corpus:
-    short = [{key: one[key] for key in one if key not in ("series", "floor", "format")} for one in entries]
+def _write_manifest(entries: tuple[CaseEntry, ...], results: Results, out: Path) -> Corpus:
+    short = [{key: value for key, value in one.items() if key not in ("series", "floor", "format")} for one in entries]
     files = [
         [file.relative_to(out).as_posix(), compute_digest(file)]
         for file in sorted((out / KITS).rglob("*"))
@@ -94,7 +100,7 @@ def _write_manifest(entries: tuple[dict[str, Any], ...], results: Results, out: 
         "format": FORMAT,
         "reached": sum(one["status"] in REACHED for one in entries),
         "floor": FLOOR_REASON,
-        "cases": [{**one, "files": hashes[one["id"]]} for one in short],
+        "cases": [{**rest, "files": hashes[one["id"]]} for one, rest in zip(entries, short, strict=True)],
     }
     owned.write(out / MANIFEST, format_json(plain))
     facts = {"started": results.started, "machine": dict(results.machine), "versions": dict(results.versions)}
@@ -102,7 +108,7 @@ def _write_manifest(entries: tuple[dict[str, Any], ...], results: Results, out: 
     return Corpus(out, entries)
 
 
-def _write_case_kit(case: CaseConsensus, note: MechanismNote, one: Mapping[str, Any], folder: Path) -> None:
+def _write_case_kit(case: CaseConsensus, note: MechanismNote, one: CaseEntry, folder: Path) -> None:
     """Write the kit of a case, or where its data may not be passed on a recipe."""
     task = case.task
     with open_scratch_folder() as place:
@@ -158,6 +164,6 @@ def compute_digest(file: Path) -> str:
     return sha256(file.read_bytes()).hexdigest()
 
 
-def format_json(plain: Mapping[str, Any]) -> str:
+def format_json(plain: Mapping[str, object]) -> str:
     """Return values as JSON text, the same for the same values."""
     return json.dumps(plain, indent=1, allow_nan=False, ensure_ascii=False) + "\n"

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence
-from typing import Any
+from collections.abc import Iterable, Sequence
+from typing import TypedDict
 
 import numpy as np
 
 from crosscheck.corpus.audit import AuditRow
 from crosscheck.corpus.consensus import AGREES, CLOSED_FORM, CONSENSUS, DISAGREEMENT, REACHED, SINGLE, CaseConsensus
-from crosscheck.corpus.entry import CLASSES, FLOOR_REASON
+from crosscheck.corpus.entry import CLASSES, FLOOR_REASON, CaseEntry, SeriesEntry, VoiceEntry
 from crosscheck.corpus.folder import Corpus
 from crosscheck.report.html import copy_style, prepare_templates, write_page
 from crosscheck.verdicts.compare import WHOLE
@@ -29,6 +29,42 @@ HEIGHT = 150.0
 POINTS = 400
 
 
+class SeriesGroup(TypedDict):
+    """Series of a case of which the same is said; half : largest half-width [unit], share : of the size [-], None: none."""
+
+    quantity: str
+    names: list[str]
+    unit: str
+    status: str
+    cause: str
+    half: float | None
+    share: float | None
+    agree: list[str]
+    others: list[VoiceEntry]
+
+
+class Sketch(TypedDict):
+    """Picture of a series with its consensus: ends [unit], end of the time [s], points of band and middle [px]."""
+
+    name: str
+    unit: str
+    low: float
+    high: float
+    end: float
+    band: str
+    line: str
+
+
+class CasePage(TypedDict):
+    """Contents of the page of a case; neighbours : the cases before and after it."""
+
+    root: str
+    one: CaseEntry
+    groups: list[SeriesGroup]
+    sketches: list[Sketch]
+    neighbours: tuple[CaseEntry | None, CaseEntry | None]
+
+
 def render(corpus: Corpus, cases: Iterable[CaseConsensus], audited: Sequence[AuditRow] = ()) -> None:
     """Write ``index.html``, a page per case, and the audit's page where there is one, below a corpus that is ours."""
     env = prepare_templates()
@@ -37,14 +73,14 @@ def render(corpus: Corpus, cases: Iterable[CaseConsensus], audited: Sequence[Aud
     (corpus.folder / "cases").mkdir(exist_ok=True)
     entries = list(corpus.entries)
     for case, one, before, after in zip(cases, entries, [None, *entries], [*entries[1:], None], strict=False):
-        view: dict[str, Any] = {
+        page: CasePage = {
             "root": "../",
             "one": one,
             "groups": collect_groups(one),
             "sketches": draw_sketches(case),
             "neighbours": (before, after),
         }
-        write_page(env, "corpus_case.html.j2", corpus.folder / "cases" / f"{one['id']}.html", **view)
+        write_page(env, "corpus_case.html.j2", corpus.folder / "cases" / f"{one['id']}.html", **page)
     by_class = {name: [one for one in entries if one["class"] == name] for name in CLASSES}
     tally = Counter(one["status"] for one in entries)
     view = {
@@ -58,9 +94,9 @@ def render(corpus: Corpus, cases: Iterable[CaseConsensus], audited: Sequence[Aud
     write_page(env, "corpus_index.html.j2", corpus.folder / "index.html", **view)
 
 
-def collect_groups(one: Mapping[str, Any]) -> list[dict[str, Any]]:
+def collect_groups(one: CaseEntry) -> list[SeriesGroup]:
     """Return the series of a case gathered: those of one quantity and unit with the same status and the same voices."""
-    found: dict[Any, list[Mapping[str, Any]]] = {}
+    found: dict[tuple[object, ...], list[SeriesEntry]] = {}
     for row in one["series"]:
         heard = tuple((v["engine"], v["part"], v.get("reason", "")) for v in row["engines"])
         key = row["name"].split("/", 1)[0], row["unit"], row["status"], heard, row.get("cause", "")
@@ -68,7 +104,7 @@ def collect_groups(one: Mapping[str, Any]) -> list[dict[str, Any]]:
     return [_make_group(rows) for rows in found.values()]
 
 
-def _make_group(rows: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+def _make_group(rows: Sequence[SeriesEntry]) -> SeriesGroup:
     first = rows[0]
     widths = [row["half-width"] for row in rows if "half-width" in row]
     shares = [row["half-width"] / row["size"] for row in rows if "half-width" in row and row["size"] > 0.0]
@@ -85,9 +121,9 @@ def _make_group(rows: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
     }
 
 
-def draw_sketches(case: CaseConsensus) -> list[dict[str, Any]]:
+def draw_sketches(case: CaseConsensus) -> list[Sketch]:
     """Return a sketch of every torque that has a consensus: points of its band in a picture [px], and its ends [unit]."""
-    sketches = []
+    sketches: list[Sketch] = []
     for one in case.series:
         if one.quantity in WHOLE and one.status in REACHED and one.interval is not None:
             low = float(one.interval.low.min())
