@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from pydantic import ValidationError
@@ -106,13 +105,23 @@ def _build_placement(data: Frame) -> Placement:
 
 
 def _build_joint(data: JointData) -> Joint:
-    own: dict[str, Any] = {
-        name: getattr(data, name)
-        for name in ("rotor_inertia", "damping", "friction", "stiffness", "rest", "actuated", "weight", "pitch")
-    }
-    axes: dict[str, Any] = {"axis": np.array(data.axis), "second_axis": np.array(data.second_axis)}
     return Joint(
-        data.name, data.kind, data.parent, data.child, _build_placement(data.frame), data.station, **axes, **own
+        data.name,
+        data.kind,
+        data.parent,
+        data.child,
+        _build_placement(data.frame),
+        data.station,
+        axis=np.array(data.axis),
+        second_axis=np.array(data.second_axis),
+        rotor_inertia=data.rotor_inertia,
+        damping=data.damping,
+        friction=data.friction,
+        stiffness=data.stiffness,
+        rest=data.rest,
+        actuated=data.actuated,
+        weight=data.weight,
+        pitch=data.pitch,
     )
 
 

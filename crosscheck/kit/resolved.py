@@ -6,9 +6,10 @@ import hashlib
 import json
 from collections.abc import Container
 from dataclasses import replace
-from typing import Any
+from typing import cast
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from crosscheck.engines.base import sample_times
 from crosscheck.kit.tables import (
@@ -19,11 +20,15 @@ from crosscheck.kit.tables import (
     CaseData,
     CaseFile,
     ClosureData,
+    ClosureKind,
     Coordinate,
     End,
     ForceData,
     Frame,
+    Impact,
     JointData,
+    JointKind,
+    LawData,
     LinkData,
     MechanismData,
     SectionData,
@@ -107,7 +112,7 @@ def convert_mechanism(mechanism: Mechanism) -> MechanismData:
     )
 
 
-def _convert_law(law: SpringLaw | None) -> dict[str, Any] | None:
+def _convert_law(law: SpringLaw | None) -> LawData | None:
     if law is None:
         return None
     if isinstance(law, GasLaw):
@@ -239,14 +244,18 @@ def _convert_section(section: Section) -> SectionData:
 def _convert_joint(joint: Joint) -> JointData:
     q = KINDS[joint.kind].q
     v = KINDS[joint.kind].v
-    plain = {
-        key: getattr(joint, key)
-        for key in ("rotor_inertia", "damping", "friction", "stiffness", "rest", "actuated", "weight")
-    }
-    named: dict[str, Any] = {"name": joint.name, "kind": joint.kind, "parent": joint.parent, "child": joint.child}
     return JointData(
-        **named,
-        **plain,
+        name=joint.name,
+        kind=cast(JointKind, joint.kind),
+        parent=joint.parent,
+        child=joint.child,
+        rotor_inertia=joint.rotor_inertia,
+        damping=joint.damping,
+        friction=joint.friction,
+        stiffness=joint.stiffness,
+        rest=joint.rest,
+        actuated=joint.actuated,
+        weight=joint.weight,
         frame=_convert_frame(joint.placement),
         station=joint.station,
         axis=_list_numbers(joint.axis),
@@ -258,9 +267,10 @@ def _convert_joint(joint: Joint) -> JointData:
 
 
 def _convert_closure(closure: Closure) -> ClosureData:
-    named: dict[str, Any] = {"name": closure.name, "kind": closure.kind, "impact": closure.impact}
     return ClosureData(
-        **named,
+        name=closure.name,
+        kind=cast(ClosureKind, closure.kind),
+        impact=cast(Impact, closure.impact),
         first=_end(closure.first),
         second=_end(closure.second),
         axis=_list_numbers(closure.axis),
@@ -280,5 +290,5 @@ def _convert_frame(placement: Placement) -> Frame:
     return Frame(position=_list_numbers(placement.position), rotation=placement.rotation.tolist())
 
 
-def _list_numbers(values: Any) -> list[float]:
+def _list_numbers(values: ArrayLike) -> list[float]:
     return [float(x) for x in np.asarray(values, dtype=np.float64)]

@@ -10,10 +10,9 @@ import copy
 import json
 from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
-from typing import Any
 
 from pydantic import BaseModel
-from pydantic.json_schema import models_json_schema
+from pydantic.json_schema import JsonSchemaValue, models_json_schema
 
 from crosscheck.kit.tables import CaseFile, CertificateFile, MetaFile
 from flexinv.files.case_schema import MOVES, STARTS, CasesTable, CaseTable
@@ -61,7 +60,7 @@ OURS: dict[str, tuple[type[BaseModel], Places]] = {
 NAMES = (*KIT, *OURS)
 
 
-def schema(name: str) -> dict[str, Any]:
+def schema(name: str) -> JsonSchemaValue:
     """Return the JSON Schema of one of ``NAMES``."""
     root, places = (KIT[name], {}) if name in KIT else OURS[name]
     definitions = described([root, *(table for kinds in places.values() for table in kinds.values()), *MOTORS.values()])
@@ -75,11 +74,11 @@ def schema(name: str) -> dict[str, Any]:
     return {**whole, "$defs": _collect_definitions(root.__name__, definitions)}
 
 
-def described(tables: Iterable[type[BaseModel]]) -> dict[str, Any]:
+def described(tables: Iterable[type[BaseModel]]) -> dict[str, JsonSchemaValue]:
     """Return the JSON Schemas of tables and of what they hold: name -> schema, with what to write in the descriptions."""
     models = dict.fromkeys(tables)
     _, made = models_json_schema([(model, "validation") for model in models], ref_template="#/$defs/{model}")
-    definitions: dict[str, Any] = copy.deepcopy(made["$defs"])
+    definitions: dict[str, JsonSchemaValue] = copy.deepcopy(made["$defs"])
     for part in _list_objects(definitions):
         if isinstance(examples := part.get("examples"), list) and len(examples) == 1 and isinstance(examples[0], str):
             part["description"] = f"{part.get('description', '')}; write {examples[0]}".removeprefix("; ")
@@ -87,18 +86,18 @@ def described(tables: Iterable[type[BaseModel]]) -> dict[str, Any]:
     return definitions
 
 
-def _build_alternatives(decides: str, kinds: Alternatives) -> dict[str, Any]:
+def _build_alternatives(decides: str, kinds: Alternatives) -> JsonSchemaValue:
     """Return the schema of one entry: a table, or one of several, which a key may decide between."""
-    refs: list[dict[str, Any]] = []
+    refs: list[JsonSchemaValue] = []
     for kind, table in kinds.items():
-        one: dict[str, Any] = {"$ref": f"#/$defs/{table.__name__}"}
+        one: JsonSchemaValue = {"$ref": f"#/$defs/{table.__name__}"}
         if decides and kind:
             one |= {"properties": {decides: {"const": kind}}, "required": [decides]}
         refs += [one] if one not in refs else []
     return refs[0] if len(refs) == 1 else {"anyOf": refs}
 
 
-def _collect_definitions(root: str, definitions: dict[str, Any]) -> dict[str, Any]:
+def _collect_definitions(root: str, definitions: Mapping[str, JsonSchemaValue]) -> dict[str, JsonSchemaValue]:
     """Return the definitions that a schema uses."""
     found = {root}
     ahead = [root]
@@ -109,7 +108,7 @@ def _collect_definitions(root: str, definitions: dict[str, Any]) -> dict[str, An
     return {name: definitions[name] for name in sorted(found)}
 
 
-def _list_objects(value: Any) -> Iterator[dict[str, Any]]:
+def _list_objects(value: object) -> Iterator[JsonSchemaValue]:
     """Yield every object in a tree of JSON."""
     if isinstance(value, dict):
         yield value

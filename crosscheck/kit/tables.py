@@ -17,6 +17,12 @@ Row = Annotated[list[float], Field(min_length=6, max_length=6)]
 SixBySix = Annotated[list[Row], Field(min_length=6, max_length=6)]
 Words = Annotated[str, Field(max_length=LONGEST)]
 Side = Literal["first", "second"]
+JointKind = Literal["fixed", "revolute", "continuous", "prismatic", "helical", "universal", "spherical", "free"]
+ClosureKind = Literal[
+    "fixed", "revolute", "prismatic", "cylindrical", "universal", "spherical", "point-on-line", "coupling"
+]
+Impact = Literal["error", "plastic"]
+LawData = dict[str, Any]  # of one of two forms, which the schema says in words
 
 
 def describe_key(words: str, **rules: Any) -> Any:
@@ -116,7 +122,7 @@ class JointData(Data):
     """A joint: parent and child, where its frame is on the parent, and what its drive carries."""
 
     name: str
-    kind: Literal["fixed", "revolute", "continuous", "prismatic", "helical", "universal", "spherical", "free"]
+    kind: JointKind
     parent: str = describe_key("a link, or world")
     child: str
     frame: Frame = describe_key(
@@ -156,9 +162,7 @@ class ClosureData(Data):
     """A joint that closes a loop: it ties the second frame to the first as a joint of its kind would."""
 
     name: str
-    kind: Literal[
-        "fixed", "revolute", "prismatic", "cylindrical", "universal", "spherical", "point-on-line", "coupling"
-    ]
+    kind: ClosureKind
     first: End
     second: End
     axis: Vector = describe_key(
@@ -169,9 +173,7 @@ class ClosureData(Data):
         "intervals in which it acts [s]; empty: always"
     )
     capture: bool = describe_key("true ties the frames where they stand when it begins to act")
-    impact: Literal["error", "plastic"] = describe_key(
-        "plastic: stops frames that move against each other when it begins to act"
-    )
+    impact: Impact = describe_key("plastic: stops frames that move against each other when it begins to act")
     factors: dict[str, float] = describe_key("of a coupling: sum factor q = offset, by joint [-], [rad/m]")
     offset: float = describe_key("of a coupling [rad], [m]")
 
@@ -185,7 +187,7 @@ class SpringData(Data):
     stiffness: float = describe_key("[N/m]")
     rest: float = describe_key("length without force [m]")
     damping: float = describe_key("[N s/m]")
-    law: dict[str, Any] | None = describe_key(
+    law: LawData | None = describe_key(
         "null: linear.  gas: pull force / (1 - (l - rest) / travel)^exponent in the place of stiffness (l - rest), "
         "force [N], travel [m], exponent [-]; table: length [m] and force [N], monotone cubics (PCHIP), straight beyond"
     )
