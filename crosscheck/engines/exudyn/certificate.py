@@ -31,9 +31,15 @@ def certify(mechanism: Mechanism, case: Case, engine: str) -> Certificate:
 def _build_time_certificate(mechanism: Mechanism, case: Case, engine: str) -> Certificate:
     passive = collect_passive_elements(mechanism)
     ends = read_connector_ends(mechanism, case, engine)
-    springs = passive["springs"] | ends.get("springs", {})  # those in joints are no connectors
     weights = exudyn_weights.build_weight_certificate(mechanism, case, engine)
-    certificate = replace(weights, **passive | ends | {"springs": springs})
+    certificate = replace(
+        weights,
+        damping=passive["damping"],
+        friction=passive["friction"],
+        springs={**passive["springs"], **ends.springs},  # those in joints are no connectors
+        closure_points=ends.closure_points,
+        closure_axes=ends.closure_axes,
+    )
     if engine == DAE:
         return certificate
     return replace(certificate, stiffness=exudyn_probe.compute_probe_stiffness(mechanism, case, engine))

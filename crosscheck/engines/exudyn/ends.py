@@ -6,6 +6,8 @@ so that a marker stands along the plane's axes; what is normal to the plane is i
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -26,14 +28,23 @@ Drawing = exudyn_planar.Drawing | exudyn_spatial.Drawing
 TURNING = ("revolute", "prismatic", "cylindrical")
 
 
-def read_connector_ends(mechanism: Mechanism, case: Case, engine: str) -> dict[str, Any]:
+@dataclass(frozen=True)
+class ConnectorEnds:
+    """Parts of a certificate that connectors of the engine state: closures and springs between points (see there)."""
+
+    closure_points: Mapping[str, Array] = field(default_factory=dict)
+    closure_axes: Mapping[str, Array] = field(default_factory=dict)
+    springs: Mapping[str, float] = field(default_factory=dict)
+
+
+def read_connector_ends(mechanism: Mechanism, case: Case, engine: str) -> ConnectorEnds:
     """Return closure points [m], closure axes [-], and springs between points [N/m], [m], [N s/m]; those that it has."""
     if not (mechanism.closures or mechanism.springs) or any(c.active for c in mechanism.closures):
-        return {}
+        return ConnectorEnds()
     try:
         d = _build_model(mechanism, case, engine)
     except AssemblyError:  # the run itself says that the loops do not close
-        return {}
+        return ConnectorEnds()
     points: dict[str, Array] = {}
     axes: dict[str, Array] = {}
     for closure in (c for c in mechanism.closures if c.name in d.model.closure):
@@ -42,7 +53,7 @@ def read_connector_ends(mechanism: Mechanism, case: Case, engine: str) -> dict[s
             points[f"{closure.name}: {end}"] = _read_marker_point(d, at, d.model.mbs.GetMarker(number))
             if isinstance(d, exudyn_spatial.Drawing) and closure.kind in TURNING:
                 axes[f"{closure.name}: {end}"] = _read_marker_axis(d, at, d.model.mbs.GetMarker(number))
-    return {"closure_points": points, "closure_axes": axes, "springs": _read_springs(d)}
+    return ConnectorEnds(points, axes, _read_springs(d))
 
 
 def _build_model(mechanism: Mechanism, case: Case, engine: str) -> Drawing:

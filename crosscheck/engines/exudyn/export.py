@@ -14,7 +14,7 @@ import inspect
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, TypedDict
 
 import numpy as np
 
@@ -32,7 +32,15 @@ from crosscheck.engines.exudyn.models.frames import compose
 from crosscheck.engines.exudyn.models.layout import Layout
 from crosscheck.engines.exudyn.run_in_time import TREE, build_start_layout, choose
 from crosscheck.engines.exudyn.script import RecordedSolve, collect_runs, write_model_code
-from crosscheck.engines.shared.export_files import Array, Motion, NotExported, check_rigid, write
+from crosscheck.engines.shared.export_files import (
+    Array,
+    JointNumbers,
+    JointSpring,
+    Motion,
+    NotExported,
+    check_rigid,
+    write,
+)
 from crosscheck.engines.shared.prescribed import describe_nontree_parts
 from flexinv.files.load_cases import Case
 from flexinv.model.mechanism import Mechanism, Placement
@@ -73,11 +81,10 @@ def export(mechanism: Mechanism, case: Case, engine: str, effort: Array, folder:
     motion = Motion(
         time, *_evaluate_state(mechanism, case, time), effort, mechanism.coordinate_names, mechanism.velocity_names
     )
-    settings: dict[str, Any] = {"engine": engine}
     if engine == TREE:
-        _write_tree(mechanism, motion, settings | _collect_joint_properties(mechanism, frozenset()), folder)
+        _write_tree(mechanism, motion, folder)
     else:
-        _write_time_model(mechanism, case, engine, motion, settings, folder)
+        _write_time_model(mechanism, case, engine, motion, folder)
 
 
 def _evaluate_state(mechanism: Mechanism, case: Case, time: Array) -> tuple[Array, Array, Array]:
@@ -91,19 +98,75 @@ def _evaluate_state(mechanism: Mechanism, case: Case, time: Array) -> tuple[Arra
     return case.motion.evaluate(mechanism, time)
 
 
-def _collect_joint_properties(mechanism: Mechanism, without: frozenset[str]) -> dict[str, Any]:
+class JointProperties(JointNumbers):
+    """Properties of joints, and the springs in them."""
+
+    joint_springs: list[JointSpring]
+
+
+class TreeSettings(JointProperties):
+    """All that ``settings.json`` says of a tree of rigid bodies."""
+
+    engine: str
+    types: list[str]
+    parents: list[int]
+    gravity: list[float]
+
+
+class _MovedByLoops(TypedDict, total=False):
+    moved_by_loops: list[str]
+
+
+class ModelSettings(JointProperties, _MovedByLoops):
+    """All that ``settings.json`` says of models in time; weights : of their efforts [-]."""
+
+    engine: str
+    runs: list[ModelRun]
+    weights: list[float]
+
+
+# From when on which connectors act: time [s] and numbers of objects.
+ActingObjects = TypedDict("ActingObjects", {"from": float, "objects": list[int]})
+
+
+class ModelRun(TypedDict):
+    """One solve of a model: its plan (see ``Plan``), its drivers, and where its efforts are read: object, component, factor."""
+
+    end: float
+    step: float
+    sample: float
+    steps: int
+    lead: float
+    index2: bool
+    spectral_radius: float
+    tolerance: float
+    extrapolate: bool
+    keeps: bool
+    static_start: bool
+    drivers: list[int]
+    effort: list[list[list[float]]]
+    switched: list[int]
+    acting: list[ActingObjects]
+
+
+def _collect_joint_properties(mechanism: Mechanism, without: frozenset[str]) -> JointProperties:
     """Return the properties of the joints themselves [kg m^2], [N m s/rad], [N m], ..., zero for joints in ``without``."""
     own = [(j, 0.0 if j.name in without else 1.0) for j in mechanism.joints for _ in range(j.nv)]
-    made: dict[str, Any] = {
-        key: [factor * float(getattr(j, key)) for j, factor in own] for key in ("rotor_inertia", "damping", "friction")
-    }
     springs = [j for j in mechanism.joints if j.stiffness and j.name not in without]
-    return made | {
+    return {
+        "rotor_inertia": [factor * float(j.rotor_inertia) for j, factor in own],
+        "damping": [factor * float(j.damping) for j, factor in own],
+        "friction": [factor * float(j.friction) for j, factor in own],
         "joint_springs": [
-            {"joint": j.name, "stiffness": j.stiffness, "rest": j.rest, "v": mechanism.v_slices[j.name].start}
-            | {"q": list(range(*mechanism.q_slices[j.name].indices(mechanism.nq)))}
+            {
+                "joint": j.name,
+                "stiffness": j.stiffness,
+                "rest": j.rest,
+                "v": mechanism.v_slices[j.name].start,
+                "q": list(range(*mechanism.q_slices[j.name].indices(mechanism.nq))),
+            }
             for j in springs
-        ]
+        ],
     }
 
 
@@ -127,10 +190,10 @@ def _build_look(mechanism: Mechanism, case: Case, engine: str) -> ModelView:
     return ModelView(model.layout, model.plane, frozenset(model.free))
 
 
-def _write_tree(mechanism: Mechanism, motion: Motion, settings: dict[str, Any], folder: Path) -> None:
+def _write_tree(mechanism: Mechanism, motion: Motion, folder: Path) -> None:
     tree = exudyn_rigid.build(mechanism, wrench=False)
     angle, rate, rate2 = exudyn_rigid.compute_elementary_motion(mechanism, tree, motion.q, motion.v, motion.a)
-    moving: dict[str, Any] = {}
+    moving: dict[str, Array] = {}
     for name, (first, before, after) in tree.moving.items():
         places = zip(*exudyn_rigid.compute_moving_pose(mechanism, mechanism.joint_of[name], motion.q), strict=True)
         frames = [compose(compose(before, Placement(*place)), after) for place in places]
@@ -138,13 +201,17 @@ def _write_tree(mechanism: Mechanism, motion: Motion, settings: dict[str, Any], 
     moving |= {"transforms": np.array(tree.transforms), "inertias": np.array(tree.inertias)}
     moving |= {"share": exudyn_rigid.build_share_matrix(mechanism, tree), "angle": angle, "rate": rate, "rate2": rate2}
     write_arrays(folder / "model.npz", moving)
-    settings |= {"types": tree.types, "parents": [int(p) for p in tree.parents], "gravity": mechanism.gravity.tolist()}
+    settings: TreeSettings = {
+        "engine": TREE,
+        **_collect_joint_properties(mechanism, frozenset()),
+        "types": tree.types,
+        "parents": [int(p) for p in tree.parents],
+        "gravity": mechanism.gravity.tolist(),
+    }
     write(folder, motion, "run_exudyn_tree.py.txt", {}, settings)
 
 
-def _write_time_model(
-    mechanism: Mechanism, case: Case, engine: str, motion: Motion, settings: dict[str, Any], folder: Path
-) -> None:
+def _write_time_model(mechanism: Mechanism, case: Case, engine: str, motion: Motion, folder: Path) -> None:
     look = _build_look(mechanism, case, engine)
     _check_joints(mechanism, look)
     with collect_runs() as runs:
@@ -154,12 +221,17 @@ def _write_time_model(
     told = inspect.getsource(exudyn_solve.build_solver_settings)
     arrays = {name: values for k, run in enumerate(final_runs) for name, values in _sample_drivers(k, run)}
     write_arrays(folder / "drivers.npz", arrays)
-    settings["runs"] = [_run(mechanism, look, run) for run in final_runs]
-    settings["weights"] = [1.0] if len(final_runs) == 1 else [-1 / 3, 4 / 3]
+    moved: _MovedByLoops = {}
     if look.free and not mechanism.is_rigid:
-        settings["moved_by_loops"] = sorted(look.free)  # motion.csv has nothing of them
-    # beside beams, damping and springs of joints without a drive are connectors of the model
-    settings |= _collect_joint_properties(mechanism, frozenset() if mechanism.is_rigid else look.free)
+        moved["moved_by_loops"] = sorted(look.free)  # motion.csv has nothing of them
+    settings: ModelSettings = {
+        "engine": engine,
+        "runs": [_run(mechanism, look, run) for run in final_runs],
+        "weights": [1.0] if len(final_runs) == 1 else [-1 / 3, 4 / 3],
+        **moved,
+        # beside beams, damping and springs of joints without a drive are connectors of the model
+        **_collect_joint_properties(mechanism, frozenset() if mechanism.is_rigid else look.free),
+    }
     if mechanism.closures and mechanism.is_rigid:
         shares = _compute_drive_shares(mechanism, case, motion.q)
         write_arrays(folder / "shares.npz", {"shares": shares})  # (sample, drive, joint)
@@ -206,14 +278,8 @@ def _sample_user_function(plan: Plan, function: Callable[..., Any], *more: Any) 
     return np.array([np.atleast_1d(function(None, float(t), *more)) for t in compute_step_times(plan) + plan.lead])
 
 
-TOLD = (
-    *("end", "step", "sample", "steps", "lead", "index2", "spectral_radius", "tolerance", "extrapolate", "keeps"),
-    "static_start",
-)
-
-
-def _run(mechanism: Mechanism, look: ModelView, run: RecordedSolve) -> dict[str, Any]:
-    told = {name: getattr(run.plan, name) for name in TOLD}
+def _run(mechanism: Mechanism, look: ModelView, run: RecordedSolve) -> ModelRun:
+    plan = run.plan
     effort: list[list[list[float]]] = []
     for joint in mechanism.joints:
         if not joint.nv:
@@ -228,6 +294,20 @@ def _run(mechanism: Mechanism, look: ModelView, run: RecordedSolve) -> dict[str,
             effort.append([[int(run.reactions[key]), 0, -1.0] for key in keys])
         else:
             effort.append([[int(run.reactions["moment", joint.name]), 0, -1.0]])
-    acting = [{"from": start, "objects": list(on)} for start, on in run.acting]
-    made = {"drivers": [int(d.number) for d in run.drivers], "effort": effort}
-    return told | made | {"switched": list(run.switched), "acting": acting}
+    return {
+        "end": plan.end,
+        "step": plan.step,
+        "sample": plan.sample,
+        "steps": plan.steps,
+        "lead": plan.lead,
+        "index2": plan.index2,
+        "spectral_radius": plan.spectral_radius,
+        "tolerance": plan.tolerance,
+        "extrapolate": plan.extrapolate,
+        "keeps": plan.keeps,
+        "static_start": plan.static_start,
+        "drivers": [int(d.number) for d in run.drivers],
+        "effort": effort,
+        "switched": list(run.switched),
+        "acting": [{"from": start, "objects": list(on)} for start, on in run.acting],
+    }

@@ -21,7 +21,7 @@ from exudyn.kinematicTree import KinematicTree66
 from exudyn.rigidBodyUtilities import T66toHT
 from exudyn.robotics import Robot
 
-from crosscheck.engines.exudyn.own_dynamics import build_dynamics
+from crosscheck.engines.exudyn.own_dynamics import TreeData, build_dynamics
 from crosscheck.lifting.assembly import BodyJoint, assembled
 from crosscheck.lifting.description import Description
 from crosscheck.lifting.rigid import apply_placement, inverse, move_inertia
@@ -72,7 +72,7 @@ def lift(source: Any, label: str = "") -> Description:
         return replace(description, unproven=str(error))
 
 
-def _read_parts(source: Any) -> tuple[list[Part], Any, dict[str, Any] | None]:
+def _read_parts(source: Any) -> tuple[list[Part], Any, TreeData | None]:
     """Parts, gravity [m/s^2], and the dictionary of an object of a system."""
     if isinstance(source, KinematicTree66):
         return list(_read_tree66(source)), source.gravity, None
@@ -116,18 +116,18 @@ def _convert_placement(transformation: Any) -> Placement:
     return Placement(pose[:3, 3], pose[:3, :3])
 
 
-def _find_system_tree(system: Any) -> dict[str, Any]:
+def _find_system_tree(system: Any) -> TreeData:
     count = system.systemData.NumberOfObjects()
     trees = [told for k in range(count) if (told := system.GetObject(k))["objectType"] == "KinematicTree"]
     if len(trees) != 1:
         raise InputError(
             f"a MainSystem with {len(trees)} kinematic trees: expected one; give the ObjectKinematicTree itself"
         )
-    system_tree: dict[str, Any] = trees[0]
+    system_tree: TreeData = trees[0]
     return system_tree
 
 
-def _read_tree_object(data: dict[str, Any]) -> Iterator[Part]:
+def _read_tree_object(data: TreeData) -> Iterator[Part]:
     base = Placement(np.array(data.get("baseOffset", np.zeros(3)), dtype=float))
     for k, kind in enumerate(data["jointTypes"]):
         word = str(kind).rpartition(".")[2]
@@ -136,20 +136,23 @@ def _read_tree_object(data: dict[str, Any]) -> Iterator[Part]:
             raise InputError(f"joint {k} of the tree is {word}: expected Revolute or Prismatic about X, Y or Z")
         parent = int(data["linkParents"][k])
         at = _read_joint_frame(data, k)
-        own = [np.array(_convert_to_lists(data[key])[k], dtype=float) for key in ("linkCOMs", "linkInertiasCOM")]
+        com, inertia = (
+            np.array(_convert_to_lists(items)[k], dtype=float) for items in (data["linkCOMs"], data["linkInertiasCOM"])
+        )
         yield Part(
             name,
             parent,
             at if parent >= 0 else apply_placement(base, at),
-            Inertia.build_unchecked(float(data["linkMasses"][k]), *own),
+            Inertia.build_unchecked(float(data["linkMasses"][k]), com, inertia),
         )
 
 
-def _read_joint_frame(data: dict[str, Any], k: int) -> Placement:
+def _read_joint_frame(data: TreeData, k: int) -> Placement:
     if data.get("jointHTs") is not None and len(_convert_to_lists(data["jointHTs"])):
         return _convert_placement(_convert_to_lists(data["jointHTs"])[k])
     offset, turn = (
-        np.array(_convert_to_lists(data[key])[k], dtype=float) for key in ("jointOffsets", "jointTransformations")
+        np.array(_convert_to_lists(items)[k], dtype=float)
+        for items in (data["jointOffsets"], data["jointTransformations"])
     )
     return Placement(offset, turn)
 

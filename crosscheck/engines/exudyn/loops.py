@@ -24,7 +24,6 @@ import contextlib
 import time as clock
 from collections.abc import Container
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 
@@ -40,7 +39,7 @@ from crosscheck.engines.exudyn.models import spatial as exudyn_spatial
 from crosscheck.engines.exudyn.models.frames import Array, compute_effort_axes, compute_scalar_coordinate, take_joint_q
 from crosscheck.engines.exudyn.models.layout import Layout, build_layout
 from crosscheck.engines.exudyn.models.parts import Outcome
-from crosscheck.engines.exudyn.run_in_time import ANCF, DAE, EXACT, NAMES, TimedRun, collect_link_series
+from crosscheck.engines.exudyn.run_in_time import ANCF, DAE, EXACT, NAMES, TimedRun, TimedSettings, collect_link_series
 from crosscheck.engines.shared import loop_closure as assembly
 from crosscheck.engines.shared.prescribed import compute_spring_effort, missing_motion, passive_effort, rotor_effort
 from crosscheck.measures.budget import Family, add_error_bars, compute_richardson_limit
@@ -328,7 +327,7 @@ def _has_collocated_drives(model: Model) -> bool:
     return given and quiet
 
 
-def _describe_settings(model: Model, plans: list[Plan]) -> dict[str, Any]:
+def _describe_settings(model: Model, plans: list[Plan]) -> TimedSettings:
     flat = model.plane is not None
     return {
         "model": "planar bodies" if flat else "bodies with Euler parameters",

@@ -10,7 +10,7 @@ Source: exudyn 1.13.6, kinematicTree.py, MainSolverImplicitSecondOrder.
 from __future__ import annotations
 
 from collections.abc import Collection
-from typing import Any
+from typing import Any, TypedDict
 
 import exudyn as exu
 import numpy as np
@@ -23,7 +23,23 @@ from flexinv.errors import InputError
 from flexinv.model.mechanism import Array, Mechanism
 
 
-def build_dynamics(source: Any, told: dict[str, Any] | None, mechanism: Mechanism) -> FunctionDynamics:
+class TreeData(TypedDict, total=False):
+    """What is read of the dictionary of an ``ObjectKinematicTree``; lists of vectors and matrices are of Exudyn's own types."""
+
+    objectType: str
+    gravity: Any
+    baseOffset: Any
+    jointTypes: Any
+    linkParents: Any
+    linkMasses: Any
+    linkCOMs: Any
+    linkInertiasCOM: Any
+    jointHTs: Any
+    jointOffsets: Any
+    jointTransformations: Any
+
+
+def build_dynamics(source: Any, told: TreeData | None, mechanism: Mechanism) -> FunctionDynamics:
     """Return the dynamics of a tree in the coordinates of its mechanism.
 
     told : the dictionary of an object of a system, None for a ``KinematicTree66`` and a ``Robot``
@@ -49,7 +65,7 @@ def _find_joint_order(mechanism: Mechanism) -> Array:
     return np.array([int(joint.name.split()[-1]) for joint in mechanism.joints if joint.nv])
 
 
-def _add(system: Any, data: dict[str, Any]) -> None:
+def _add(system: Any, data: TreeData) -> None:
     """Add the object of a dictionary to a system, on a node of its own."""
     count = len(data["jointTypes"])
     zero = [0.0] * count

@@ -41,7 +41,7 @@ from crosscheck.engines.exudyn.models import spatial as exudyn_spatial
 from crosscheck.engines.exudyn.models.frames import Array, compute_effort_axes, take_joint_q
 from crosscheck.engines.exudyn.models.layout import Layout, build_layout
 from crosscheck.engines.exudyn.models.parts import Outcome
-from crosscheck.engines.exudyn.run_in_time import DAE, TimedRun, collect_link_series
+from crosscheck.engines.exudyn.run_in_time import DAE, TimedRun, TimedSettings, collect_link_series
 from crosscheck.engines.shared import loop_closure as assembly
 from crosscheck.engines.shared import phases
 from crosscheck.engines.shared.phases import Phase, State
@@ -242,7 +242,7 @@ class ClosedRun:
             made |= make_reaction_series(name, wrench)
         return torque_series(m, torque) | made | collect_link_series(m, self.layout, outcome)
 
-    def describe_settings(self, plans: list[Plan]) -> dict[str, Any]:
+    def describe_settings(self, plans: list[Plan]) -> TimedSettings:
         """Return the engine's settings, for the reader of the report."""
         drives = [sorted(on & set(self.mechanism.joint_of) - self.switching.free) for on in self.switching.acting]
         return {

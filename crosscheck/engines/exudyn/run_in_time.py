@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import contextlib
 import time as clock
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import Any, TypedDict
 
 import numpy as np
 
@@ -25,7 +26,7 @@ from crosscheck.engines.exudyn.models.layout import Layout, build_layout
 from crosscheck.engines.exudyn.models.parts import Outcome
 from crosscheck.engines.shared.prescribed import passive_effort, rotor_effort
 from crosscheck.measures.budget import Family, add_error_bars, compute_richardson_limit
-from crosscheck.measures.record import Series, make_wrench_series, series, torque_series, vector_series
+from crosscheck.measures.record import BudgetLine, Series, make_wrench_series, series, torque_series, vector_series
 from flexinv.files.load_cases import Case
 from flexinv.model.mechanism import Beam, Mechanism
 from flexinv.model.motion import Motion
@@ -53,14 +54,38 @@ RADIUS = 0.5  # settles within some 20 steps, see ``choose``
 TRIES = 3
 
 
+# What the engine was told, for the reader of the report, of runs from coarse to fine (a tree is an algorithm alone); two keys
+# are no names of Python.
+TimedSettings = TypedDict(
+    "TimedSettings",
+    {
+        "algorithm": str,
+        "model": str,
+        "closures": str,
+        "drives of the phases": list[list[str]],
+        "phases": list[list[str]],
+        "redundant equations left out of": list[str],
+        "step_s": list[float],
+        "integrator": str,
+        "newton_tolerance": list[float],
+        "start": str,
+        "element": str,
+        "elements_per_beam": list[int],
+        "extrapolation": str,
+        "reactions_at_0": str,
+    },
+    total=False,
+)
+
+
 @dataclass(frozen=True)
 class TimedRun:
     """Series, what the engine was told, how long it took [s], and where its error bars come from."""
 
     series: dict[str, Series]
-    settings: dict[str, Any]
+    settings: TimedSettings
     wall: float
-    budget: dict[str, Any] = field(default_factory=dict)
+    budget: Mapping[str, BudgetLine] = field(default_factory=dict)
 
 
 def build_start_layout(mechanism: Mechanism, case: Case) -> Layout:
@@ -182,11 +207,11 @@ def integrate_model(
     return exudyn_planar.run(exudyn_planar.build(mechanism, layout, choice.plane, ancf, elements), plan, q, qd)
 
 
-def _describe_settings(choice: ModelChoice, plans: list[Plan]) -> dict[str, Any]:
+def _describe_settings(choice: ModelChoice, plans: list[Plan]) -> TimedSettings:
     """Return the engine's settings, for the reader of the report."""
     plan = plans[0]
     flat = choice.plane is not None
-    settings: dict[str, Any] = {
+    settings: TimedSettings = {
         "model": "planar bodies" if flat else "bodies with Euler parameters",
         "step_s": [one.step for one in plans],
         "integrator": plan.integrator,
@@ -194,7 +219,8 @@ def _describe_settings(choice: ModelChoice, plans: list[Plan]) -> dict[str, Any]
         "start": "static equilibrium" if plan.static_start else "undeformed",
     }
     if choice.engine in (ANCF, EXACT):
-        settings |= {"element": NAMES[choice.engine, flat], "elements_per_beam": list(choice.elements)}
+        settings["element"] = NAMES[choice.engine, flat]
+        settings["elements_per_beam"] = list(choice.elements)
     if choice.limit:
         settings["extrapolation"] = "(4 fine - coarse) / 3: the error is of order l^2 and h^2"
     if plan.extrapolate:

@@ -36,7 +36,7 @@ from crosscheck.engines.exudyn.models.connectors import HELD
 from crosscheck.engines.exudyn.models.frames import Array, compose
 from crosscheck.engines.exudyn.models.layout import Layout, build_layout, find_attachment_frame
 from crosscheck.engines.exudyn.models.parts import Outcome, Poses
-from crosscheck.engines.exudyn.run_in_time import ANCF, NAMES, TimedRun
+from crosscheck.engines.exudyn.run_in_time import ANCF, NAMES, TimedRun, TimedSettings
 from crosscheck.engines.shared import loop_closure as assembly
 from crosscheck.engines.shared import phases
 from crosscheck.measures.budget import Family, add_error_bars, compute_richardson_limit
@@ -127,7 +127,7 @@ def integrate_switched_beams(mechanism: Mechanism, case: Case, engine: str, opti
     done = [_integrate_with_retries(mechanism, model, n, plan) for n, plan in zip(elements, plans, strict=True)]
     runs = [exudyn_loops.collect_flexible_series(model, outcome) for outcome, _ in done]
     made, budget = add_error_bars(compute_richardson_limit(runs), [Family("mesh and step", runs, "limit")])
-    told = {
+    told: TimedSettings = {
         "model": "planar bodies" if model.plane is not None else "bodies with Euler parameters",
         "closures": "connectors of each phase; velocities jump by the engine's mass matrix and Jacobian",
         "element": NAMES[engine, model.plane is not None],

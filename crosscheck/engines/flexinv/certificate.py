@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 
 from crosscheck.engines.shared.probe_states import Array, collect_joint_bodies, configurations, move_inertia_to_origin
-from crosscheck.measures.certificate import Certificate
+from crosscheck.measures.certificate import AttachmentData, Certificate
 from flexinv.analysis.solve import solve
 from flexinv.constraints.allocation import count_ranks
 from flexinv.constraints.closures import build_constraint_rows, compute_constraint_jacobian
@@ -57,7 +56,7 @@ def certify(mechanism: Mechanism, case: Case, engine: str) -> Certificate:
     )
 
 
-def collect_attachment_data(mechanism: Mechanism) -> dict[str, Any]:
+def collect_attachment_data(mechanism: Mechanism) -> AttachmentData:
     """Return damping, friction, springs, closure points and axes of a mechanism: what is stated of them, nothing computed."""
     ends = [
         (f"{c.name}: {end}", c, at)

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import mujoco
 import numpy as np
 
@@ -13,7 +11,7 @@ from crosscheck.engines.mujoco.model import build
 from crosscheck.engines.shared import loop_closure as assembly
 from crosscheck.engines.shared.prescribed import describe_nontree_parts
 from crosscheck.engines.shared.probe_states import Array, collect_joint_bodies, configurations, move_inertia_to_origin
-from crosscheck.measures.certificate import Certificate
+from crosscheck.measures.certificate import Certificate, ClosureEnds, PassiveElements, RestDynamics
 from flexinv.files.load_cases import Case
 from flexinv.model.mechanism import Mechanism
 
@@ -45,7 +43,7 @@ def certify(mechanism: Mechanism, case: Case, engine: str) -> Certificate:
 
 def _compute_rest_dynamics(
     mechanism: Mechanism, built_model: BuiltModel, data: mujoco.MjData, mass: Array, q: Array
-) -> dict[str, Any]:
+) -> RestDynamics:
     """Return centre of mass, mass matrix, gravity torque and axes by configuration; data is left at the last one.
 
     q : (configurations, nq) [rad], [m]; mass : of bodies that move [kg]
@@ -74,7 +72,7 @@ def _compute_rest_dynamics(
     }
 
 
-def _read_passive_elements(mechanism: Mechanism, built_model: BuiltModel) -> dict[str, Any]:
+def _read_passive_elements(mechanism: Mechanism, built_model: BuiltModel) -> PassiveElements:
     """Damping and dry friction of joints, springs in joints and tendons, from the compiled model's own arrays."""
     model = built_model.model
     moving = [j for j in mechanism.joints if j.nv]
@@ -96,7 +94,7 @@ def _read_passive_elements(mechanism: Mechanism, built_model: BuiltModel) -> dic
     }
 
 
-def _read_closure_ends(mechanism: Mechanism, built_model: BuiltModel) -> dict[str, Any]:
+def _read_closure_ends(mechanism: Mechanism, built_model: BuiltModel) -> ClosureEnds:
     """Return points and axes of MuJoCo's equalities on each link, in the link's frame: places of their sites."""
     model = built_model.model
     points = {}

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
+from typing import TypedDict
 
 import numpy as np
 
@@ -12,9 +12,24 @@ from crosscheck.engines.base import sample_times
 from crosscheck.engines.mujoco import flex as adapter
 from crosscheck.engines.mujoco.mjcf import write_mjcf
 from crosscheck.engines.mujoco.rod import build_flexible_model, build_rod
-from crosscheck.engines.shared.export_files import Array, Motion, NotExported, write
+from crosscheck.engines.shared.export_files import Array, JointNumbers, Motion, NotExported, write
 from flexinv.files.load_cases import Case
 from flexinv.model.mechanism import Mechanism
+
+
+class ExportedRun(TypedDict):
+    """A model and the number of its steps in a sample [-]."""
+
+    model: str
+    stride: int
+
+
+class FlexSettings(JointNumbers):
+    """All that ``settings.json`` says."""
+
+    engine: str
+    runs: list[ExportedRun]
+    joints: list[str]
 
 
 def export(mechanism: Mechanism, case: Case, engine: str, effort: Array, folder: Path) -> None:
@@ -26,7 +41,7 @@ def export(mechanism: Mechanism, case: Case, engine: str, effort: Array, folder:
         raise NotExported(reason)
     time = sample_times(case)
     models = {}
-    runs = []
+    runs: list[ExportedRun] = []
     steps: dict[str, Array] = {}
     for k, elements in enumerate((adapter.ELEMENTS // 2, adapter.ELEMENTS)):
         rod = build_rod(mechanism, elements)
@@ -41,9 +56,13 @@ def export(mechanism: Mechanism, case: Case, engine: str, effort: Array, folder:
     write_arrays(folder / "steps.npz", steps)
     state = case.motion.evaluate(mechanism, time)
     motion = Motion(time, *state, effort, mechanism.coordinate_names, mechanism.velocity_names)
-    settings: dict[str, Any] = {"engine": engine, "runs": runs, "joints": [j.name for j in mechanism.joints if j.nv]}
-    settings |= {
-        key: [float(getattr(j, key)) for j in mechanism.joints for _ in range(j.nv)]
-        for key in ("rotor_inertia", "damping", "friction")
+    by_coordinate = [j for j in mechanism.joints for _ in range(j.nv)]
+    settings: FlexSettings = {
+        "engine": engine,
+        "runs": runs,
+        "joints": [j.name for j in mechanism.joints if j.nv],
+        "rotor_inertia": [float(j.rotor_inertia) for j in by_coordinate],
+        "damping": [float(j.damping) for j in by_coordinate],
+        "friction": [float(j.friction) for j in by_coordinate],
     }
     write(folder, motion, "run_mujoco_flex.py.txt", models, settings)

@@ -19,7 +19,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, TypedDict
 
 import mujoco
 import numpy as np
@@ -247,7 +247,6 @@ def _read_joint(model: Any, index: int, parent: str, child: str, at: Placement) 
         Limits(lower=float(model.jnt_range[index][0]), upper=float(model.jnt_range[index][1])) if limited else Limits()
     )
     stiffness = 0.0 if is_disabled(model, SPRING_OFF) else float(model.jnt_stiffness[index])
-    spring: dict[str, Any] = {"stiffness": stiffness, "rest": float(model.qpos_spring[start])} if stiffness else {}
     return Joint(
         name,
         kind,
@@ -256,12 +255,21 @@ def _read_joint(model: Any, index: int, parent: str, child: str, at: Placement) 
         Placement(place, back),
         axis=axis,
         limits=limits,
-        **spring,
+        stiffness=stiffness,
+        rest=float(model.qpos_spring[start]) if stiffness else 0.0,
         **_read_passive_values(model, index),
     )
 
 
-def _read_passive_values(model: Any, index: int) -> dict[str, Any]:
+class PassiveValues(TypedDict):
+    """Numbers of a joint's drive [kg m^2], [N m s], [N m]."""
+
+    rotor_inertia: float
+    damping: float
+    friction: float
+
+
+def _read_passive_values(model: Any, index: int) -> PassiveValues:
     """Numbers of a joint's drive [kg m^2], [N m s], [N m]; what of a free one acts along world axes is a feature."""
     dof = int(model.jnt_dofadr[index])
     rotor = float(model.dof_armature[dof])
@@ -269,7 +277,7 @@ def _read_passive_values(model: Any, index: int) -> dict[str, Any]:
     for k in find_actuators(model, index):
         rotor += read_gear(model, k) ** 2 * float(model.actuator_armature[k])
         damping += read_gear(model, k) ** 2 * float(model.actuator_damping[k])
-    numbers = {
+    numbers: PassiveValues = {
         "rotor_inertia": rotor,
         "damping": 0.0 if is_disabled(model, DAMPER_OFF) else damping,
         "friction": 0.0 if is_disabled(model, FRICTION_OFF) else float(model.dof_frictionloss[dof]),

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 import pinocchio as pin
@@ -13,7 +12,7 @@ from crosscheck.engines.pinocchio.model import BuiltModel, build, convert_to_eng
 from crosscheck.engines.shared import loop_closure as assembly
 from crosscheck.engines.shared.prescribed import collect_passive_elements
 from crosscheck.engines.shared.probe_states import Array, configurations, move_inertia_to_origin
-from crosscheck.measures.certificate import Certificate
+from crosscheck.measures.certificate import Certificate, ClosureEnds, RestDynamics
 from flexinv.files.load_cases import Case
 from flexinv.model.mechanism import Mechanism, Placement
 
@@ -35,18 +34,17 @@ def certify(mechanism: Mechanism, case: Case, engine: str) -> Certificate:
         masses={name: float(model.inertias[index].mass) for name, (index, _) in built.joint.items()},
         moments={name: moment for name, (moment, _) in second.items()},
         inertias={name: tensor for name, (_, tensor) in second.items()},
-        axes=_compute_joint_axes(mechanism, built, places),
         order=tuple(_resolve_joint_name(mechanism, name) for name in list(model.names)[1:]),
         residual=residual,
         rank=rank,
-        **_compute_rest_dynamics(built, places),
+        **_compute_rest_dynamics(mechanism, built, places),
         **collect_passive_elements(mechanism),
         **_read_closure_ends(mechanism, case, built),
     )
 
 
-def _compute_rest_dynamics(built_model: BuiltModel, places: Array) -> dict[str, Any]:
-    """Return centre of mass, mass matrix and gravity torque by configuration, in the mechanism's order of coordinates."""
+def _compute_rest_dynamics(mechanism: Mechanism, built_model: BuiltModel, places: Array) -> RestDynamics:
+    """Return centre of mass, mass matrix, gravity torque and axes by configuration, in the mechanism's order of coordinates."""
     model = built_model.model
     data = model.createData()
     order = built_model.v_order
@@ -58,10 +56,15 @@ def _compute_rest_dynamics(built_model: BuiltModel, places: Array) -> dict[str, 
         matrix[k] = upper + np.triu(upper, 1).T
         gravity[k] = pin.computeGeneralizedGravity(model, data, place)
         com[k] = pin.centerOfMass(model, data, place)
-    return {"com": com, "mass_matrix": matrix[:, order][:, :, order], "gravity": gravity[:, order]}
+    return {
+        "com": com,
+        "mass_matrix": matrix[:, order][:, :, order],
+        "gravity": gravity[:, order],
+        "axes": _compute_joint_axes(mechanism, built_model, places),
+    }
 
 
-def _read_closure_ends(mechanism: Mechanism, case: Case, built_model: BuiltModel) -> dict[str, Any]:
+def _read_closure_ends(mechanism: Mechanism, case: Case, built_model: BuiltModel) -> ClosureEnds:
     """Return points and axes of closures on each link, in its frame: poses of Pinocchio's frames beside those of links."""
     tree = pinocchio_loops.Tree(mechanism, built_model, built_model.model.createData(), case)
     place, rate, _ = tree.evaluate_motion(np.zeros(1))

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import NotRequired, TypedDict
 
 import numpy as np
 import pinocchio as pin
@@ -20,8 +20,11 @@ from crosscheck.engines.pinocchio import phases as pinocchio_phases
 from crosscheck.engines.shared import loop_closure as assembly
 from crosscheck.engines.shared.export_files import (
     Array,
+    JointNumbers,
+    JointSpring,
     Motion,
     NotExported,
+    SharingSettings,
     check_rigid,
     collect_sharing_settings,
     write,
@@ -32,6 +35,76 @@ from flexinv.files.load_cases import Case
 from flexinv.model.mechanism import Attachment, Closure, Joint, Mechanism
 
 Indices = NDArray[np.intp]
+
+
+class CoordinatePlaces(TypedDict):
+    """Where the coordinates of a joint stand in Pinocchio's q, and its first one in v."""
+
+    q: list[int]
+    v: int
+
+
+class FactorRow(CoordinatePlaces):
+    """A joint of a coupling, with its factor [-], [rad/m]."""
+
+    factor: float
+
+
+class AttachmentRow(TypedDict):
+    """A link and a frame on it: position [m], rotation matrix by rows [-]."""
+
+    link: str
+    position: list[float]
+    rotation: list[list[float]]
+
+
+class ClosureRow(TypedDict):
+    """A closure: ends and vectors of its equations [-]; of a coupling offset [rad], [m] and joints."""
+
+    name: str
+    kind: str
+    first: NotRequired[AttachmentRow]
+    second: NotRequired[AttachmentRow]
+    positions: NotRequired[list[list[float]]]
+    directions: NotRequired[list[list[list[float]]]]
+    offset: NotRequired[float]
+    coupled: NotRequired[list[FactorRow]]
+
+
+class SpringRow(TypedDict):
+    """A spring between two points [N/m], [m], [N s/m]."""
+
+    name: str
+    first: AttachmentRow
+    second: AttachmentRow
+    stiffness: float
+    rest: float
+    damping: float
+
+
+class ForceRow(TypedDict):
+    """A given force: where it acts, and whether it turns with the link."""
+
+    name: str
+    at: AttachmentRow
+    follower: bool
+
+
+class LoopParts(TypedDict):
+    """What a URDF does not have: closures, springs and given forces."""
+
+    closures: list[ClosureRow]
+    springs: list[SpringRow]
+    joint_springs: list[JointSpring]
+    forces: list[ForceRow]
+
+
+class ExportSettings(JointNumbers, SharingSettings, LoopParts):
+    """All that ``settings.json`` says."""
+
+    engine: str
+    free_base: bool
+    gravity_m_per_s2: list[float]
 
 
 def export(mechanism: Mechanism, case: Case, engine: str, effort: Array, folder: Path) -> None:
@@ -56,23 +129,26 @@ def export(mechanism: Mechanism, case: Case, engine: str, effort: Array, folder:
     motion = Motion(
         time, q[:, q_order], qd[:, v_order], qdd[:, v_order], effort[:, v_order], q_names, v_names
     )  # fmt: skip
-    drives = {
-        key: np.array([getattr(j, key) for j in mechanism.joints for _ in range(j.nv)])[v_order].tolist()
-        for key in ("rotor_inertia", "damping", "friction")
-    }
-    settings = {"engine": engine, "free_base": free, "gravity_m_per_s2": mechanism.gravity.tolist(), **drives}
+    by_coordinate = [j for j in mechanism.joints for _ in range(j.nv)]
     spans = ((phase.samples, [c.name for c in phase.mechanism.closures]) for phase, _ in followed)
-    settings |= collect_sharing_settings(mechanism, v_order, spans) | _collect_loop_parts(
-        mechanism, np.argsort(q_order), np.argsort(v_order)
-    )
+    settings: ExportSettings = {
+        "engine": engine,
+        "free_base": free,
+        "gravity_m_per_s2": mechanism.gravity.tolist(),
+        "rotor_inertia": np.array([j.rotor_inertia for j in by_coordinate])[v_order].tolist(),
+        "damping": np.array([j.damping for j in by_coordinate])[v_order].tolist(),
+        "friction": np.array([j.friction for j in by_coordinate])[v_order].tolist(),
+        **collect_sharing_settings(mechanism, v_order, spans),
+        **_collect_loop_parts(mechanism, np.argsort(q_order), np.argsort(v_order)),
+    }
     write_forces(folder, mechanism, time)
     write(folder, motion, "run_pinocchio.py.txt", {"model.urdf": text}, settings)
 
 
-def _collect_loop_parts(mechanism: Mechanism, q_at: Indices, v_at: Indices) -> dict[str, Any]:
+def _collect_loop_parts(mechanism: Mechanism, q_at: Indices, v_at: Indices) -> LoopParts:
     """Return closures, springs and given forces in words; q_at, v_at : where the mechanism's coordinates stand."""
 
-    def find_indices(name: str) -> dict[str, Any]:
+    def find_indices(name: str) -> CoordinatePlaces:
         q = mechanism.q_slices[name]
         v = mechanism.v_slices[name]
         return {"q": q_at[q].tolist(), "v": int(v_at[v.start])}
@@ -85,8 +161,9 @@ def _collect_loop_parts(mechanism: Mechanism, q_at: Indices, v_at: Indices) -> d
                 "first": _convert_attachment(s.first),
                 "second": _convert_attachment(s.second),
                 "stiffness": s.stiffness,
+                "rest": s.rest,
+                "damping": s.damping,
             }
-            | {"rest": s.rest, "damping": s.damping}
             for s in mechanism.springs
         ],
         "joint_springs": [
@@ -98,24 +175,22 @@ def _collect_loop_parts(mechanism: Mechanism, q_at: Indices, v_at: Indices) -> d
     }
 
 
-def _convert_closure(mechanism: Mechanism, closure: Closure, number: Callable[[str], dict[str, Any]]) -> dict[str, Any]:
+def _convert_closure(mechanism: Mechanism, closure: Closure, number: Callable[[str], CoordinatePlaces]) -> ClosureRow:
     if closure.kind == "coupling":
-        rows = [{"factor": factor, **number(name)} for name, factor in closure.factors]
+        rows: list[FactorRow] = [{"factor": factor, **number(name)} for name, factor in closure.factors]
         return {"name": closure.name, "kind": closure.kind, "offset": closure.offset, "coupled": rows}
     along, pairs = assembly.build_equation_vectors(closure)
     return {
-        **{
-            "name": closure.name,
-            "kind": closure.kind,
-            "first": _convert_attachment(closure.first),
-            "second": _convert_attachment(closure.second),
-        },
+        "name": closure.name,
+        "kind": closure.kind,
+        "first": _convert_attachment(closure.first),
+        "second": _convert_attachment(closure.second),
         "positions": [u.tolist() for u in along],
         "directions": [[u.tolist(), w.tolist()] for u, w in pairs],
     }
 
 
-def _convert_attachment(at: Attachment) -> dict[str, Any]:
+def _convert_attachment(at: Attachment) -> AttachmentRow:
     """Return an attachment: link, and its frame there."""
     return {"link": at.link, "position": at.placement.position.tolist(), "rotation": at.placement.rotation.tolist()}
 

@@ -131,13 +131,11 @@ def _read_joint(model: Any, k: int, parent: str, child: str) -> Joint:
     kind, axes, pitch = _resolve_joint_kind(model.joints[k], model.names[k])
     at = Placement(np.array(model.jointPlacements[k].translation), np.array(model.jointPlacements[k].rotation))
     first = model.joints[k].idx_v
-    words: dict[str, Any] = {
-        "rotor_inertia": _take_number(model.armature, first), "damping": _take_number(model.damping, first),
-        "friction": _take_number(model.upperDryFrictionLimit, first),
-    }  # fmt: skip
     return Joint(
         model.names[k], kind, parent, child, at, axis=axes[0], second_axis=axes[-1], pitch=pitch,
-        limits=_read_limits(model, k, kind), actuated=kind != "free", **words,
+        limits=_read_limits(model, k, kind), actuated=kind != "free",
+        rotor_inertia=_take_number(model.armature, first), damping=_take_number(model.damping, first),
+        friction=_take_number(model.upperDryFrictionLimit, first),
     )  # fmt: skip
 
 

@@ -7,7 +7,7 @@ import json
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TypedDict
 
 import numpy as np
 from numpy.typing import NDArray
@@ -41,7 +41,41 @@ class Motion:
     v_names: Sequence[str]
 
 
-def write(folder: Path, motion: Motion, script: str, files: Mapping[str, str], settings: Mapping[str, Any]) -> None:
+class JointNumbers(TypedDict):
+    """Properties of joints by coordinate, in the engine's order [kg m^2], [N m s/rad], [N m], ..."""
+
+    rotor_inertia: list[float]
+    damping: list[float]
+    friction: list[float]
+
+
+class JointSpring(TypedDict):
+    """A spring in a joint [N m/rad], [rad], ..., and where the joint's coordinates stand."""
+
+    joint: str
+    stiffness: float
+    rest: float
+    v: int
+    q: list[int]
+
+
+class LoopPhase(TypedDict):
+    """Samples of a phase, from first to before last, and the names of what closes loops there."""
+
+    first: int
+    last: int
+    closures: list[str]
+
+
+class SharingSettings(TypedDict):
+    """Settings of loops: which coordinates have drives, with which weights [-], and what closes when."""
+
+    driven: list[bool]
+    weight: list[float]
+    phases: list[LoopPhase]
+
+
+def write(folder: Path, motion: Motion, script: str, files: Mapping[str, str], settings: Mapping[str, object]) -> None:
     """Write ``motion.csv``, ``expected.csv``, ``settings.json``, ``run.py`` and the model's own files into a folder.
 
     script : name of the template of ``run.py``
@@ -59,7 +93,7 @@ def write(folder: Path, motion: Motion, script: str, files: Mapping[str, str], s
 
 def collect_sharing_settings(
     mechanism: Mechanism, order: NDArray[np.intp], spans: Iterable[tuple[slice, Sequence[str]]]
-) -> dict[str, Any]:
+) -> SharingSettings:
     """Return the settings of loops: which coordinates have drives, with which weights [-], and what closes when.
 
     order : which of the mechanism's velocity coordinates stands at every place of the engine's

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 from numpy.typing import NDArray
 
+from crosscheck.measures.certificate import PassiveElements
 from flexinv.files.load_cases import Case
 from flexinv.model.mechanism import Mechanism
 
@@ -68,7 +67,7 @@ def rotor_effort(mechanism: Mechanism, qdd: Array) -> Array:
     return _list_per_coordinate(mechanism, "rotor_inertia") * qdd
 
 
-def collect_passive_elements(mechanism: Mechanism) -> dict[str, Any]:
+def collect_passive_elements(mechanism: Mechanism) -> PassiveElements:
     """Return damping, friction and springs for the certificates of engines without passive elements of their own.
 
     Damping [N m s/rad], [N s/m] and friction [N m], [N] are read off `passive_effort` at two speeds, springs in joints

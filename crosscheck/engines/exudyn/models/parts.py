@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, SupportsInt
 
 import exudyn as exu
 import numpy as np
@@ -34,9 +34,9 @@ class Model:
     node: dict[int, Any] = field(default_factory=dict)
     beam: dict[str, list[Any]] = field(default_factory=dict)
     joint: dict[str, tuple[Any, ...]] = field(default_factory=dict)
-    lock: dict[str, Any] = field(default_factory=dict)
-    closure: dict[str, Any] = field(default_factory=dict)
-    spring: dict[str, Any] = field(default_factory=dict)
+    lock: dict[str, SupportsInt] = field(default_factory=dict)
+    closure: dict[str, SupportsInt] = field(default_factory=dict)
+    spring: dict[str, SupportsInt] = field(default_factory=dict)
     drivers: list[Driver] = field(default_factory=list)
     loads: dict[Any, Any] = field(default_factory=dict)
 

@@ -19,7 +19,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
-from typing import Any
+from typing import Any, TypedDict
 
 import exudyn as exu
 import numpy as np
@@ -288,13 +288,24 @@ def _make_node(drawing: Drawing, root: Frame, pose: Placement) -> Any:
     return NodeRigidBody2D(referenceCoordinates=[*at[:2], angle], initialVelocities=[*velocity[:2], spin])
 
 
+class BeamNumbers(TypedDict):
+    """Numbers of an element in the plane, as Exudyn's elements call them [m], [kg/m], [N m^2], [N], [N m^2 s], [N s]."""
+
+    length: float
+    massPerLength: float
+    bendingStiffness: float
+    axialStiffness: float
+    bendingDamping: float
+    axialDamping: float
+
+
 def _make_element(drawing: Drawing, root: Frame, beam: Beam, cells: Mesh, nodes: list[Any], k: int) -> Any:
     """Return element k: bending about the section axis that is normal to the plane, shear along the other."""
     stiffness, mass, rotary = cells.sections[k]
     damping = cells.damping[k]
     normal = drawing.layout.compute_start_pose(root).rotation.T @ drawing.plane[:, 2]
     about = int(np.argmax(np.abs(normal)))  # 1: y, 2: z
-    common: dict[str, Any] = {
+    common: BeamNumbers = {
         "length": cells.lengths[k],
         "massPerLength": mass,
         "bendingStiffness": stiffness[3 + about],
@@ -304,8 +315,9 @@ def _make_element(drawing: Drawing, root: Frame, beam: Beam, cells: Mesh, nodes:
     }
     if drawing.cable:
         # Reduced integration 2: Lobatto and Gauss points that avoid membrane locking.
-        common |= {"useReducedOrderIntegration": 2, "strainIsRelativeToReference": 1.0}
-        return ObjectANCFCable2D(nodeNumbers=nodes[k : k + 2], **common)
+        return ObjectANCFCable2D(
+            nodeNumbers=nodes[k : k + 2], **common, useReducedOrderIntegration=2, strainIsRelativeToReference=1.0
+        )
     return ObjectBeamGeometricallyExact2D(
         nodeNumbers=nodes[2 * k : 2 * k + 3],
         crossSectionInertia=rotary[about],
