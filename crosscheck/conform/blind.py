@@ -10,11 +10,12 @@ import json
 import tomllib
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from flexinv.files.toml_tables import read_toml
+
+TomlValue = Mapping[str, "TomlValue"] | list["TomlValue"] | bool | int | float | str  # of the files of a model
 
 # Parts by which numbers change: lengths little, so that linkages still turn and loops close on the same branch.
 LENGTH = 0.02
@@ -61,11 +62,11 @@ def write_blind_models(ladder: Path, out: Path, seed: int) -> None:
 
 
 def scale_table(
-    table: Mapping[str, Any], random: np.random.Generator, motion: bool = False, mass: float = 1.0
-) -> dict[str, Any]:
+    table: Mapping[str, TomlValue], random: np.random.Generator, motion: bool = False, mass: float = 1.0
+) -> dict[str, TomlValue]:
     """Return a table whose numbers are changed by factors [-]; mass : of the body it belongs to; motion : of a cases file."""
     own = 1.0 + OF_KEY["mass_kg"] * random.uniform(-1.0, 1.0) if "mass_kg" in table else mass
-    made: dict[str, Any] = {}
+    made: dict[str, TomlValue] = {}
     for key, value in table.items():
         if key == "start":
             made[key] = value  # the guess of a loop: its branch
@@ -80,7 +81,7 @@ def scale_table(
     return made
 
 
-def scale_value(value: Any, factor: float) -> Any:
+def scale_value(value: TomlValue, factor: float) -> TomlValue:
     """Return a number, a list or a table of numbers times a factor [-]."""
     if isinstance(value, Mapping):
         return {key: scale_value(one, factor) for key, one in value.items()}
@@ -89,7 +90,7 @@ def scale_value(value: Any, factor: float) -> Any:
     return value if isinstance(value, bool | str) else float(value) * factor
 
 
-def format_toml(table: Mapping[str, Any]) -> str:
+def format_toml(table: Mapping[str, TomlValue]) -> str:
     """Return a table as TOML: every value inline, which reads the same."""
     text = "".join(f"{_format_key(key)} = {_format_value(value)}\n" for key, value in table.items())
     tomllib.loads(text)
@@ -100,7 +101,7 @@ def _format_key(name: str) -> str:
     return json.dumps(name, ensure_ascii=False)
 
 
-def _format_value(value: Any) -> str:
+def _format_value(value: TomlValue) -> str:
     if isinstance(value, Mapping):
         return "{ " + ", ".join(f"{_format_key(k)} = {_format_value(v)}" for k, v in value.items()) + " }"
     if isinstance(value, list):

@@ -9,7 +9,7 @@ import shlex
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, NotRequired, TypedDict
 
 from crosscheck.doors import config, packages, record, trust
 from crosscheck.doors.fmu_description import INSTALL, PLACE
@@ -127,17 +127,30 @@ def _add_package_limits(name: str, row: config.EngineRow, engines: Mapping[str, 
     return replace(engines[name], limits=config.list_limits(name, row))
 
 
+class DoorSettings(TypedDict):
+    """Settings of an engine of crosscheck.toml; folder : of that file; of a program command and refine, or the path of an FMU."""
+
+    folder: str
+    cases: list[str]
+    version: str
+    abilities: str
+    command: NotRequired[list[str]]
+    refine: NotRequired[bool]
+    fmu: NotRequired[str]
+
+
 def _make_engine(name: str, row: config.EngineRow, file: Path) -> tuple[Engine, Program]:
     """Return an engine of crosscheck.toml and what is trusted with it."""
     folder = file.parent
-    told: dict[str, Any] = {
+    told: DoorSettings = {
         "folder": str(folder),
         "cases": list(row.cases),
         "version": row.version,
         "abilities": row.abilities,
     }
     if row.command is not None:
-        told |= {"command": list(row.command), "refine": row.refine}
+        told["command"] = list(row.command)
+        told["refine"] = row.refine
         engine = Engine(name, COMMAND, "", "", settings=told)
         files = compute_digests(_list_named(row.command, folder), folder)
         program = Program(name, shlex.join(row.command), _compute_digest(told), files)
@@ -147,7 +160,7 @@ def _make_engine(name: str, row: config.EngineRow, file: Path) -> tuple[Engine, 
         every = _list_fmus(folder, row.fmu)
         if not every:
             raise InputError(f'{file}: [engines.{name}] fmu = "{row.fmu}": expected a file inside {folder}')
-        told |= {"fmu": str(path)}
+        told["fmu"] = str(path)
         engine = Engine(name, FMU, "fmpy", INSTALL, settings=told)
         contents = {one.relative_to(folder).as_posix(): hashlib.sha256(one.read_bytes()).hexdigest() for one in every}
         program = Program(name, f"the native code in {path.name}", _compute_digest(told), contents)
@@ -185,7 +198,7 @@ def _list_fmus(folder: Path, stated: str) -> list[Path]:
     return sorted(f for f in found if f.is_file() and f.resolve().is_relative_to(folder.resolve()))
 
 
-def _compute_digest(told: Mapping[str, Any]) -> str:
+def _compute_digest(told: DoorSettings) -> str:
     return hashlib.sha256(json.dumps(told, sort_keys=True).encode()).hexdigest()
 
 

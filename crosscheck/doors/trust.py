@@ -12,7 +12,6 @@ import json
 import os
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
 
 from crosscheck.output_folder import replace
 
@@ -39,7 +38,7 @@ def write_trusted_parts(config: Path, parts: Mapping[str, Mapping[str, str]]) ->
     replace(file, json.dumps({**read_store(), str(config): plain}, indent=1) + "\n")
 
 
-def read_store() -> dict[str, dict[str, Any]]:
+def read_store() -> dict[str, dict[str, object]]:
     """Return all that is remembered; nothing where the file is none of ours."""
     try:
         plain = json.loads(find_store().read_text(encoding="utf-8"))

@@ -56,6 +56,7 @@ from crosscheck.equivalence.tree import Tree, build_tree
 from crosscheck.lifting.description import Description
 from flexinv.errors import InputError
 from flexinv.model.mechanism import Mechanism, Placement
+from flexinv.typing import Array
 from flexinv.validation import check_flag, check_names, check_number, check_renaming, refuse
 
 TOLERANCE = 1e-6  # relative to the range of an effort [-]
@@ -247,7 +248,7 @@ def _judge_efforts(
     tree = explanation.trees.first
     moving = explanation.moving
     states = sample_states(tree)
-    wanted: dict[str, Any] = {}
+    wanted: Mapping[str, Array] = {}
     if moving:
         mechanism = remove_ties(machines.descriptions[1].mechanism)
         efforts = evaluate_efforts(mechanism, map_states(states, tree, moving), explanation.names)

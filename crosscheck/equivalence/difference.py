@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, TypedDict
 
 from flexinv.model.mechanism import Placement
 
@@ -12,6 +12,21 @@ from flexinv.model.mechanism import Placement
 # coordinates count, limits.
 FAMILIES = ("rigid", "beam", "drive", "feature", "convention", "limits")
 Change = tuple[int, str, Any]
+
+
+class DifferenceEntry(TypedDict):
+    """A difference as JSON values; size [unit], effect [N m], [N], share [-]."""
+
+    family: str
+    cause: str
+    place: str
+    size: float
+    unit: str
+    a: str
+    b: str
+    hints: list[str]
+    effect: float | None
+    share: float | None
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,7 +71,7 @@ class Difference:
         return f"{self.cause.removesuffix(f' of {kind}')} of {self.place}"
 
     @property
-    def plain(self) -> dict[str, Any]:
+    def plain(self) -> DifferenceEntry:
         """Return the difference as JSON values."""
         return {
             "family": self.family, "cause": self.cause, "place": self.place, "size": self.size, "unit": self.unit,

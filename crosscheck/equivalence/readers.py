@@ -6,10 +6,10 @@ import contextlib
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, NotRequired, TypedDict, TypeVar
 
 from crosscheck.equivalence.compare import TOLERANCE, check_comparison_options, compare_descriptions
-from crosscheck.equivalence.result import JUDGED, Comparison
+from crosscheck.equivalence.result import JUDGED, Comparison, ComparisonEntry
 from crosscheck.equivalence.sources import describe, describe_pair, find_format, is_xml, list_readers
 from crosscheck.lifting.usd import SUFFIXES as USD_SUFFIXES
 from flexinv.errors import InputError
@@ -18,6 +18,18 @@ from flexinv.errors import InputError
 # reads the file.
 T = TypeVar("T")
 REFERENCE = {"urdf": "flexinv", "mjcf": "mujoco", "sdf": "drake"}
+
+
+class ReaderEntry(TypedDict):
+    """A row as JSON values."""
+
+    reader: str
+    joints: str
+    mass: str
+    result: str
+    words: str
+    dropped: list[str]
+    comparison: NotRequired[ComparisonEntry]
 
 
 @dataclass(frozen=True)
@@ -36,9 +48,9 @@ class ReaderRow:
     dropped: tuple[str, ...] = ()
 
     @property
-    def plain(self) -> dict[str, Any]:
+    def plain(self) -> ReaderEntry:
         """Return the row as JSON values."""
-        own = {
+        entry: ReaderEntry = {
             "reader": self.reader,
             "joints": self.joints,
             "mass": self.mass,
@@ -46,7 +58,9 @@ class ReaderRow:
             "words": self.refusal,
             "dropped": list(self.dropped),
         }
-        return own | ({"comparison": self.comparison.plain} if self.comparison is not None else {})
+        if self.comparison is not None:
+            entry["comparison"] = self.comparison.plain
+        return entry
 
 
 @dataclass(frozen=True)

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, TypedDict
 
-from crosscheck.equivalence.difference import FAMILIES, Difference
+from crosscheck.equivalence.difference import FAMILIES, Difference, DifferenceEntry
 from crosscheck.equivalence.judge import Judgement
 from crosscheck.equivalence.proof import LOST, UNPROVEN, Proof
 from crosscheck.measures.certificate import Check
@@ -28,6 +28,60 @@ INCOMPARABLE = "not comparable"
 NOT_PROVEN = "not proven"
 CODES = {EQUAL: 0, DIFFERENT: 1, INCOMPARABLE: 2, NOT_PROVEN: 2}
 REPAIRED = 1e-9  # of range: what a repair may leave
+
+
+class ProofEntry(TypedDict):
+    """What came of holding a mechanism against its reader's own model."""
+
+    state: str
+    words: str
+
+
+class CertificateLine(TypedDict):
+    """A line of the certificate; error, scale [unit]."""
+
+    what: str
+    unit: str
+    holds: bool
+    error: float | None
+    scale: float | None
+    words: str
+
+
+class AdviceEntry(TypedDict):
+    """What to write at a place."""
+
+    place: str
+    write: list[str]
+
+
+class ComparisonEntry(TypedDict):
+    """A comparison as JSON values: the fields of `Comparison`, efforts over their range [-]."""
+
+    format: str
+    a: str
+    b: str
+    equal: bool
+    state: str
+    tolerance: float
+    doubts: list[str]
+    ignored: list[str]
+    unproven: bool
+    proofs: dict[str, ProofEntry]
+    verdicts: dict[str, str]
+    matched: str
+    effort_before: float
+    effort_after: float
+    rounding_effort: float
+    causes: list[DifferenceEntry]
+    conventions: list[DifferenceEntry]
+    limits: list[DifferenceEntry]
+    rounding: list[DifferenceEntry]
+    unseen: list[DifferenceEntry]
+    certificate: list[CertificateLine]
+    advice: list[AdviceEntry]
+    notes: list[str]
+    dropped: dict[str, list[str]]
 
 
 @dataclass(frozen=True)
@@ -150,9 +204,8 @@ class Comparison:
         return pd.DataFrame([d.plain for d in self.differences], columns=columns)
 
     @property
-    def plain(self) -> dict[str, Any]:
+    def plain(self) -> ComparisonEntry:
         """Return the result as JSON values."""
-        groups = ("causes", "conventions", "limits", "rounding", "unseen")
         return {
             "format": "crosscheck-compare/1", "a": self.first, "b": self.second, "equal": self.equal, "state": self.state,
             "tolerance": self.tolerance, "doubts": list(self.doubts), "ignored": list(self.ignored), "unproven": self.unproven,
@@ -160,7 +213,9 @@ class Comparison:
             "verdicts": {family: self.verdict(family) for family in self.told}, "matched": self.matched,
             "effort_before": self.judged.before, "effort_after": self.judged.after,
             "rounding_effort": self.judged.rounding_effort,
-            **{name: [d.plain for d in getattr(self.judged, name)] for name in groups},
+            "causes": [d.plain for d in self.judged.causes], "conventions": [d.plain for d in self.judged.conventions],
+            "limits": [d.plain for d in self.judged.limits], "rounding": [d.plain for d in self.judged.rounding],
+            "unseen": [d.plain for d in self.judged.unseen],
             "certificate": [
                 {"what": c.what, "unit": c.unit, "holds": c.holds, "error": c.error, "scale": c.scale, "words": c.words}
                 for c in self.certificate

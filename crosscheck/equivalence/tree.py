@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any
+from typing import Any, TypedDict
 
 import numpy as np
 
@@ -157,11 +157,36 @@ def build_tree(mechanism: Mechanism, gears: Mapping[str, float]) -> Tree:
     return Tree(tuple(members), np.asarray(mechanism.gravity), couplings)
 
 
+class PassiveNumbers(TypedDict):
+    """Numbers of a joint as a `Joint` has them."""
+
+    rotor_inertia: float
+    damping: float
+    friction: float
+    stiffness: float
+    rest: float
+
+
+class BodyFields(TypedDict):
+    """Fields of a `Member` about its body [kg], [m], [kg m^2]."""
+
+    mass: float
+    com: Array
+    tensor: Array
+    parts: tuple[tuple[str, Inertia], ...]
+
+
 def _list_members(mechanism: Mechanism, joint: Joint, parent: int, count: int, gear: float) -> Iterator[Member]:
     link = mechanism.link_of[joint.child]
     body = join_bodies([part.inertia for part in link.bodies])
-    passive: dict[str, Any] = {name: getattr(joint, name) for name in PASSIVE}
-    own: dict[str, Any] = {
+    passive: PassiveNumbers = {
+        "rotor_inertia": joint.rotor_inertia,
+        "damping": joint.damping,
+        "friction": joint.friction,
+        "stiffness": joint.stiffness,
+        "rest": joint.rest,
+    }
+    own: BodyFields = {
         "mass": body.mass,
         "com": body.com,
         "tensor": body.tensor,

@@ -3,10 +3,21 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import TypedDict
 
 # "error": no machine can have it, or readers refuse it; "warning": a machine could have it, but probably has not.
 LEVELS = ("error", "warning")
+
+
+class FindingEntry(TypedDict):
+    """A finding as JSON values."""
+
+    check: str
+    level: str
+    place: str
+    given: str
+    why: str
+    write: str
 
 
 @dataclass(frozen=True)
@@ -21,9 +32,16 @@ class Finding:
     write: str
 
     @property
-    def plain(self) -> dict[str, Any]:
+    def plain(self) -> FindingEntry:
         """Return the finding as JSON values."""
-        return dict(vars(self))
+        return {
+            "check": self.check,
+            "level": self.level,
+            "place": self.place,
+            "given": self.given,
+            "why": self.why,
+            "write": self.write,
+        }
 
 
 def make_error(check: str, place: str, given: str, why: str, write: str) -> Finding:

@@ -13,7 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import TypedDict
 
 import numpy as np
 
@@ -28,12 +28,24 @@ from flexinv.model.mechanism import (
     Closure,
     Inertia,
     Joint,
+    Limits,
     Link,
     Mechanism,
     Placement,
 )  # fmt: skip
 
 Bodies = Mapping[str, Inertia]
+
+
+class JointFields(TypedDict, total=False):
+    """Fields of a `Joint` that a reader finds: limits, rotor [kg m^2], damping [N m s], friction [N m], spring [N m/rad]."""
+
+    limits: Limits
+    rotor_inertia: float
+    damping: float
+    friction: float
+    stiffness: float
+    rest: float
 
 
 @dataclass(frozen=True)
@@ -52,7 +64,7 @@ class BodyJoint:
     on_child: Placement = field(default_factory=Placement)
     axis: Array = field(default_factory=lambda: np.array([0.0, 0.0, 1.0]))
     second_axis: Array = field(default_factory=lambda: np.array([0.0, 1.0, 0.0]))
-    joint_fields: Mapping[str, Any] = field(default_factory=dict)
+    joint_fields: JointFields = field(default_factory=JointFields)
     closes: bool = False
 
     @property
@@ -144,7 +156,7 @@ def _make_free_joint(body: str, pose: Placement, names: set[str]) -> Joint:
 
 def _make_joint(one: BodyJoint, carrier: Placement) -> Joint:
     at = apply_placement(inverse(carrier), one.on_parent)
-    own = dict(one.joint_fields)
+    own = one.joint_fields.copy()
     if one.kind not in ("revolute", "prismatic", "continuous", "helical"):
         own.pop("limits", None)
     return Joint(

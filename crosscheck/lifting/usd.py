@@ -25,7 +25,7 @@ from typing import Any
 
 import numpy as np
 
-from crosscheck.lifting.assembly import BodyJoint, assembled
+from crosscheck.lifting.assembly import BodyJoint, JointFields, assembled
 from crosscheck.lifting.description import Description
 from crosscheck.lifting.names import name_words, unique_names
 from crosscheck.lifting.reader_dynamics import Feature
@@ -303,7 +303,7 @@ class _Stage:
             compute_relative_pose(self.compute_pose(prim)[0], frame), local
         )
 
-    def read_drive(self, prim: Any, name: str, kind: str, axis: str) -> dict[str, Any]:
+    def read_drive(self, prim: Any, name: str, kind: str, axis: str) -> JointFields:
         """Return limits [rad], [m] and passive numbers of a joint; gains of its drive are dropped."""
         if kind == "fixed":
             return {}

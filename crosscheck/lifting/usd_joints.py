@@ -15,10 +15,11 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
+from crosscheck.lifting.assembly import JointFields
 from crosscheck.lifting.reader_dynamics import Feature, Parameter
 from flexinv.model.mechanism import WORLD, Attachment, Closure
 
@@ -72,7 +73,8 @@ class Attribute:
 
 
 # By field of a `Joint`, the attributes that state it, the first that is there is taken.
-PASSIVE = {
+PassiveKey = Literal["rotor_inertia", "damping", "friction", "stiffness"]
+PASSIVE: dict[PassiveKey, tuple[Attribute, ...]] = {
     "rotor_inertia": (
         Attribute("newton:armature"),
         Attribute("physxJointAxis:{}:armature"),
@@ -99,7 +101,7 @@ SPEEDS = ("newton:velocityLimit", "physxJointAxis:{}:maxJointVelocity", "physxJo
 class PassiveTerms:
     """Passive numbers of one joint: fields of a `Joint`, what is said of them, and features that no mechanism can say."""
 
-    joint_fields: dict[str, Any] = field(default_factory=dict)
+    joint_fields: JointFields = field(default_factory=JointFields)
     notes: list[str] = field(default_factory=list)
     features: list[Feature] = field(default_factory=list)
 
@@ -159,7 +161,9 @@ def read_passive_values(
     return passive_terms
 
 
-def _add_value(found: PassiveTerms, key: str, value: float, prim: Any, joint: tuple[str, str], units: Units) -> None:
+def _add_value(
+    found: PassiveTerms, key: PassiveKey, value: float, prim: Any, joint: tuple[str, str], units: Units
+) -> None:
     name, kind = joint
     if key != "stiffness":
         found.joint_fields[key] = value
@@ -170,7 +174,8 @@ def _add_value(found: PassiveTerms, key: str, value: float, prim: Any, joint: tu
         return
     if kind == "revolute" and rest and not units.radian:
         rest *= DEGREE
-    found.joint_fields |= {"stiffness": value, "rest": rest * (units.meter if kind == "prismatic" else 1.0)}
+    found.joint_fields["stiffness"] = value
+    found.joint_fields["rest"] = rest * (units.meter if kind == "prismatic" else 1.0)
 
 
 def _list_other_features(prim: Any, name: str) -> Iterator[Feature]:

@@ -6,14 +6,14 @@ import os
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, TypedDict
 
 import numpy as np
 
 from crosscheck.equivalence.sources import describe, find_format, is_xml
 from crosscheck.equivalence.tree import join_bodies
 from crosscheck.findings.bodies import LinkStatements, check_bodies
-from crosscheck.findings.finding import Finding, make_error, make_warning
+from crosscheck.findings.finding import Finding, FindingEntry, make_error, make_warning
 from crosscheck.lifting.description import Description
 from crosscheck.linting.urdf import check_urdf
 from flexinv.errors import InputError
@@ -22,6 +22,15 @@ from flexinv.model.mechanism import Joint
 from flexinv.validation import check_flag
 
 LAWS = ("coupling-law", "tendon-equality", "equality")  # features that tie joints by more than a linear law
+
+
+class LintEntry(TypedDict):
+    """A report as JSON values."""
+
+    format: str
+    file: str
+    clean: bool
+    findings: list[FindingEntry]
 
 
 @dataclass(frozen=True)
@@ -45,7 +54,7 @@ class LintReport:
         return f"errors: {errors}, warnings: {len(self.findings) - errors}" if self.findings else "nothing found"
 
     @property
-    def plain(self) -> dict[str, Any]:
+    def plain(self) -> LintEntry:
         """Return the findings as JSON values."""
         return {
             "format": "crosscheck-lint/1",

@@ -109,10 +109,13 @@ def read_mesh(file: Path) -> MeshFile:
 def _read_mesh(file: Path) -> MeshFile:
     import trimesh
 
-    options: dict[str, Any] = {"skip_materials": True} if file.suffix.lower() == ".obj" else {}
+    loaded: Any
     try:
         with np.errstate(all="ignore"):  # numbers that are none are looked for below
-            loaded: Any = trimesh.load(file, force="mesh", process=False, **options)
+            if file.suffix.lower() == ".obj":
+                loaded = trimesh.load(file, force="mesh", process=False, skip_materials=True)
+            else:
+                loaded = trimesh.load(file, force="mesh", process=False)
         points = np.asarray(loaded.vertices, dtype=float)
         faces = np.asarray(loaded.faces)
     except IndexError as problem:

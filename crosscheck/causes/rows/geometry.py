@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
-from typing import Any
 
 import scipy  # its parts are loaded when they are asked for
 
@@ -66,8 +65,10 @@ def _make_closure_frame_change(change: Callable[[Placement, Array], Placement]) 
 
         def update_closure(closure: Closure) -> Closure:
             here: Attachment = getattr(closure, end)
-            moved: dict[str, Any] = {end: replace(here, placement=change(here.placement, size))}
-            return replace(closure, **moved) if closure.name == name else closure
+            moved = replace(here, placement=change(here.placement, size))
+            if closure.name != name:
+                return closure
+            return replace(closure, first=moved) if end == "first" else replace(closure, second=moved)
 
         return subject.replace_closures(update_closure)
 

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import datetime
 import json
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import TypedDict
 from xml.etree import ElementTree as ET
 
 from crosscheck import output_folder as owned
+from crosscheck.equivalence.difference import Difference
 from crosscheck.equivalence.output.text import (
     GROUPS,
     describe_difference,
@@ -22,13 +24,33 @@ from crosscheck.report.junit import FORBIDDEN
 from crosscheck.verdicts.results import list_versions
 
 
+class Stamp(TypedDict):
+    """When a comparison was made, and with which versions."""
+
+    started: str
+    versions: dict[str, str]
+
+
+class ComparisonView(TypedDict):
+    """Contents of the page of a comparison."""
+
+    found: Comparison
+    groups: list[tuple[str, tuple[Difference, ...]]]
+    words: Mapping[str, str]
+    verdicts: list[tuple[str, str]]
+    repaired: str
+    rounding: list[str]
+    results: Stamp
+    root: str
+
+
 def write(comparison: Comparison, out: Path) -> None:
     """Write index.html, results.json, junit.xml and summary.md into a folder.  Raises OSError."""
     out.mkdir(parents=True, exist_ok=True)
     copy_style(out)
     now = datetime.datetime.now().isoformat(timespec="seconds")
-    stamp = {"started": now, "versions": list_versions()}
-    view: dict[str, Any] = {
+    stamp: Stamp = {"started": now, "versions": list_versions()}
+    view: ComparisonView = {
         "found": comparison,
         "groups": [(title, getattr(comparison.judged, name)) for name, title in GROUPS],
         "words": WORDS,
@@ -39,7 +61,7 @@ def write(comparison: Comparison, out: Path) -> None:
         "root": "",
     }
     write_page(prepare_templates(), "compare.html.j2", out / "index.html", **view)
-    owned.write(out / "results.json", json.dumps(comparison.plain | stamp, indent=1, ensure_ascii=False))
+    owned.write(out / "results.json", json.dumps({**comparison.plain, **stamp}, indent=1, ensure_ascii=False))
     owned.write(out / "summary.md", render_markdown(comparison))
     owned.write(out / "junit.xml", render_junit(comparison))
 
