@@ -64,7 +64,6 @@ KERNEL = "compiled code apart from the code that calls it: a change of the calle
 EQUATIONS = "equations of their own, at the head of the file"
 COMPARED = "a step of the comparison, in a file of its own name"
 ASKED = "what an engine's own model answers, apart from what is lifted from it"
-DRAWING = "loads what draws, or what the page is written with, when it is asked for"
 # Modules that one other imports and that fit into it, and why they stay apart.
 ALONE = {
     "crosscheck.studies.robot_sweep": "states and torques of many robots, which the benchmarks take, too",
@@ -86,7 +85,6 @@ ALONE = {
     "crosscheck.causes.apply": "changes of an engine's efforts, apart from the model that is fitted",
     "crosscheck.commands": "the commands, of which the program is made",
     "crosscheck.doors.record": "what a door makes of answers on disk, beside the programs and packages of the others",
-    "crosscheck.engines.exudyn.adapter": "found by its name: an engine's adapter",
     "crosscheck.engines.exudyn.ends": "questions to an engine's own model, one a module",
     "crosscheck.engines.exudyn.static_probes": "questions to an engine's own model, one a module",
     "crosscheck.engines.exudyn.weights": "questions to an engine's own model, one a module",
@@ -101,7 +99,6 @@ ALONE = {
     "crosscheck.kit.page": "the page of a kit in words, apart from its data",
     "crosscheck.equivalence.beams.sampled": "numbers of a beam, apart from what differs in them",
     "crosscheck.equivalence.matching.numbers": COMPARED,
-    "crosscheck.report.plots": DRAWING,
 }
 
 
@@ -243,6 +240,12 @@ def test_exceptions_are_raised() -> None:
     check(ALL, lambda path: rules.forgotten_raise(path.read_text()))
 
 
+@pytest.mark.parametrize("package", ["flexinv", "crosscheck"])
+def test_data_have_types(package: str) -> None:
+    sources = {name(path): path.read_text() for path in PACKAGES}
+    assert rules.open_dicts({m: text for m, text in sources.items() if m.split(".")[0] == package}) == []
+
+
 def test_no_file_names_a_machine() -> None:
     check(TEXTS, lambda path: rules.machine_paths(path.read_text()))
 
@@ -369,6 +372,18 @@ def test_units_are_recognised() -> None:
     ):
         assert rules.units_in_docstrings(f'def f(x):\n    "A value {unit}."') == []
     assert rules.units_in_docstrings('def f(name: str) -> str:\n    "Words have no unit."') == []
+
+
+def test_dicts_of_anything_are_counted_and_so_are_their_aliases() -> None:
+    one = "def f() -> dict[str, Any]: pass\n"
+    assert rules.open_dicts({"p.a": one * rules.OPEN_DICTS}) == []
+    (complaint,) = rules.open_dicts({"p.a": one * rules.OPEN_DICTS, "p.b": one})
+    assert complaint.startswith(f"{rules.OPEN_DICTS + 1} times dict[str, Any], at most {rules.OPEN_DICTS}; write a ")
+    assert complaint.endswith("p.b, line 1")
+    hidden = "Row = dict[str, Any]\n" + "def f() -> Row: pass\n" * rules.OPEN_DICTS
+    assert len(rules.open_dicts({"p.a": hidden})) == 1
+    assert len(rules.open_dicts({"p.a": "Row = dict[str, Any]", "p.b": "x: list[Row]\n" * rules.OPEN_DICTS})) == 1
+    assert rules.open_dicts({"p.a": "def f() -> dict[str, int]: pass\n" * (rules.OPEN_DICTS + 1)}) == []
 
 
 def test_paths_inside_the_project_are_no_machine_paths() -> None:

@@ -19,11 +19,11 @@ from campaigns.beyond.judge import Outcome, judge_fault
 from campaigns.beyond.planting import apply_fault
 from crosscheck.causes.fit import Columns
 from crosscheck.engines import ENGINES
+from crosscheck.engines.job_files import CaseJobFile
 from crosscheck.measures.certificate import Check
 from crosscheck.measures.limits import REFERENCE, find
 from crosscheck.measures.record import Record, RecordError, check, read_record
 from crosscheck.run.child import run_case
-from crosscheck.run.child_jobs import CaseJobFile
 from crosscheck.run.isolation import Attempt
 from crosscheck.run.questions import list_questions
 from crosscheck.run.result_rows import compare_all, run_row

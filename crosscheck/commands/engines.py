@@ -13,9 +13,9 @@ from rich.table import Table
 from crosscheck.commands.shared.options import CONFIG, NAMED, collect_engines
 from crosscheck.commands.shared.terminal import Console
 from crosscheck.engines import describe_missing_package
+from crosscheck.engines.job_files import DescribeRequest
 from crosscheck.report.words import join_alike_engines
 from crosscheck.run.abilities import LIMIT as DESCRIBE
-from crosscheck.run.child_jobs import DescribeRequest
 from crosscheck.run.forking import ForkServers
 from crosscheck.run.isolation import ChildProcesses, ask
 from crosscheck.verdicts.results import EngineRow

@@ -9,9 +9,9 @@ import click
 from crosscheck.commands.shared.options import find_task
 from crosscheck.commands.shared.terminal import MODELS, TIMEOUT, Failure
 from crosscheck.engines import ENGINES
+from crosscheck.engines.job_files import CaseRequest
 from crosscheck.kit.write import write
 from crosscheck.measures.limits import REFERENCE
-from crosscheck.run.child_jobs import CaseRequest
 from crosscheck.run.isolation import ChildProcesses, run_engine
 
 

@@ -31,7 +31,7 @@ REPAIRED = 1e-9  # of range: what a repair may leave
 
 
 class ProofEntry(TypedDict):
-    """What came of holding a mechanism against its reader's own model."""
+    """Outcome of holding a mechanism against its reader's own model."""
 
     state: str
     words: str
@@ -49,7 +49,7 @@ class CertificateLine(TypedDict):
 
 
 class AdviceEntry(TypedDict):
-    """What to write at a place."""
+    """Lines to write at a place."""
 
     place: str
     write: list[str]

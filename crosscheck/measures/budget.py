@@ -61,7 +61,7 @@ class Estimate:
 
 
 class RefinedLimit(TypedDict, total=False):
-    """What refinements of a series tend to and the half-width of its bar, (samples,) [unit]; empty where they do not say."""
+    """Limit of the refinements of a series and the half-width of its bar, (samples,) [unit]; empty where they have none."""
 
     refined: Array
     left: Array

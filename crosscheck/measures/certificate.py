@@ -126,7 +126,7 @@ class AttachmentData(PassiveElements, ClosureEnds):
 
 
 class CheckLine(TypedDict):
-    """What a line of a certificate says, as the fields of `Check` that come after its place."""
+    """A line of a certificate: the fields of `Check` that come after its place."""
 
     what: str
     unit: str

@@ -35,7 +35,7 @@ class QuantityNames(TypedDict):
 
 
 class CaseManifest(TypedDict):
-    """What the page of a case has to know to load its numbers; rest [s]."""
+    """Names by which the page of a case loads its numbers; rest [s]."""
 
     slug: str
     engines: list[str]

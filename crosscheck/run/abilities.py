@@ -10,8 +10,8 @@ from pathlib import Path
 from typing import cast
 
 from crosscheck.engines import Engine
+from crosscheck.engines.job_files import AbilitiesJobFile, AdapterDescription, RefusalLine
 from crosscheck.measures.record import Record, compute_fingerprint
-from crosscheck.run.child_jobs import AbilitiesJobFile, AdapterDescription, RefusalLine
 from crosscheck.run.isolation import Attempt, ChildProcesses, ProcessEnd, open_scratch_folder, run_child
 from crosscheck.verdicts.plan import Task
 

@@ -23,12 +23,7 @@ from crosscheck.doors.outside_bars import convert_door_bars, of_package
 from crosscheck.engines import ENGINES, Door, add_import_path, open_adapter
 from crosscheck.engines.base import Adapter, offered
 from crosscheck.engines.base import Options as EngineOptions
-from crosscheck.engines.shared.export_files import NotExported
-from crosscheck.engines.shared.rounding import add_rounding_bars, build_perturbed_case
-from crosscheck.kit.resolved import needs_integration
-from crosscheck.measures.mechanisms import read_mechanism
-from crosscheck.measures.record import PlainCertificate, Record, compute_fingerprint, read_record, save
-from crosscheck.run.child_jobs import (
+from crosscheck.engines.job_files import (
     AbilitiesJobFile,
     AdapterDescription,
     CaseJobFile,
@@ -38,6 +33,11 @@ from crosscheck.run.child_jobs import (
     RefusalLine,
     StudyJobFile,
 )
+from crosscheck.engines.shared.export_files import NotExported
+from crosscheck.engines.shared.rounding import add_rounding_bars, build_perturbed_case
+from crosscheck.kit.resolved import needs_integration
+from crosscheck.measures.mechanisms import read_mechanism
+from crosscheck.measures.record import PlainCertificate, Record, compute_fingerprint, read_record, save
 from crosscheck.run.processes import apply_file_size_limit, end_with_parent, make_subreaper
 from crosscheck.run.reading_job import read
 from flexinv.errors import InputError
@@ -210,7 +210,7 @@ def _describe_error(error: BaseException) -> str:
     return f"{type(error).__name__}: {error}" if str(error) else type(error).__name__
 
 
-# What is done with the file of a job by its kind; each takes the form that `crosscheck.run.child_jobs` has of it.
+# What is done with the file of a job by its kind; each takes the form that `crosscheck.engines.job_files` has of it.
 KINDS_OF_JOBS: Mapping[str, Callable[[Any], None]] = {
     "run": run_case,
     "describe": describe,

@@ -34,8 +34,8 @@ import numpy as np
 
 from crosscheck.engines import resolve_adapter
 from crosscheck.engines.base import can_fork_jobs, prepare_adapter
+from crosscheck.engines.job_files import PreparedDoor
 from crosscheck.run import child
-from crosscheck.run.child_jobs import PreparedDoor
 from crosscheck.run.processes import (
     end_process_group,
     end_stray_processes,

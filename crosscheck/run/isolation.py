@@ -23,9 +23,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from crosscheck.engines import Engine, describe_missing_package
+from crosscheck.engines.job_files import CaseJobFile, CaseRequest
 from crosscheck.measures.record import Record, RecordError, Status, check, read_record
 from crosscheck.output_folder import remove_tree
-from crosscheck.run.child_jobs import CaseJobFile, CaseRequest
 from crosscheck.run.forking import ForkedProcess, ForkRefused, ForkServerLost, ForkServers
 from crosscheck.run.processes import (
     MARK,

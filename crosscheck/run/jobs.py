@@ -10,10 +10,10 @@ from typing import Any, ClassVar, TypedDict
 
 from crosscheck.engines import Engine
 from crosscheck.engines.base import Options as EngineOptions
+from crosscheck.engines.job_files import CaseRequest, StudyRequest
 from crosscheck.measures.limits import REFERENCE
 from crosscheck.measures.record import Record
 from crosscheck.run.abilities import Abilities, Pair, ask_abilities
-from crosscheck.run.child_jobs import CaseRequest, StudyRequest
 from crosscheck.run.isolation import Attempt, ChildProcesses, ProcessEnd, ask, run_engine
 from crosscheck.run.questions import CaseQuestions, Question
 from crosscheck.run.work import Options, Study

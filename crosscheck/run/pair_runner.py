@@ -13,11 +13,11 @@ from pathlib import Path
 
 from crosscheck.engines import ENGINES, Engine
 from crosscheck.engines.base import Options as EngineOptions
+from crosscheck.engines.job_files import CaseRequest
 from crosscheck.measures.certificate import Check
 from crosscheck.measures.limits import REFERENCE
 from crosscheck.measures.record import Record
 from crosscheck.report.explanations import describe_diagnosis
-from crosscheck.run.child_jobs import CaseRequest
 from crosscheck.run.isolation import Attempt, ChildProcesses, ask, run_engine
 from crosscheck.run.questions import make_question, needs_diagnosis, read_diagnosis
 from crosscheck.run.run_cache import AttemptFolder

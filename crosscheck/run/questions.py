@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import Any
 
 from crosscheck.engines import ENGINES, Engine
+from crosscheck.engines.job_files import StudyRequest
 from crosscheck.measures.limits import REFERENCE
-from crosscheck.run.child_jobs import StudyRequest
 from crosscheck.verdicts.baseline import UNBLESSED
 from crosscheck.verdicts.compare import COMPARED, Comparison
 from crosscheck.verdicts.plan import Plan

@@ -8,7 +8,7 @@ import pickle
 import traceback
 from pathlib import Path
 
-from crosscheck.run.child_jobs import ReadJobFile
+from crosscheck.engines.job_files import ReadJobFile
 from crosscheck.run.processes import apply_memory_limit
 from flexinv.errors import InputError
 

@@ -19,12 +19,12 @@ import sys
 import threading
 import time as clock
 import traceback
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, NoReturn, TypeVar
 
-from crosscheck.run.child_jobs import ReadJobFile
+from crosscheck.engines.job_files import ReadJobFile
 from crosscheck.run.forking import ForkServers
 from crosscheck.run.isolation import (
     ChildProcesses,

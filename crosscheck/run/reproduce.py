@@ -7,9 +7,9 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from crosscheck.engines import ENGINES, Engine
+from crosscheck.engines.job_files import CaseRequest, ExportRequest
 from crosscheck.measures.limits import REFERENCE
 from crosscheck.measures.record import save
-from crosscheck.run.child_jobs import CaseRequest, ExportRequest
 from crosscheck.run.isolation import ChildProcesses, ask, open_scratch_folder, run_engine
 from crosscheck.verdicts.plan import Task
 from flexinv.errors import InputError

@@ -192,7 +192,7 @@ def _run_outside_replay(
     door: NamedDoor, models: str, m: Mechanism, following: Following, name: str
 ) -> dict[str, Array]:
     """Return the tips of a replay in a child process.  Raises InputError where it cannot do that, and ReplayError."""
-    from crosscheck.run.child_jobs import StudyRequest
+    from crosscheck.engines.job_files import StudyRequest
     from crosscheck.run.isolation import ChildProcesses, ask, open_scratch_folder
 
     drive = _make_drive(following, name)

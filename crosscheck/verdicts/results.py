@@ -161,7 +161,7 @@ class StudyRow:
 
 
 class DiagnosisQuestion(TypedDict):
-    """What `crosscheck.causes.diagnosis.diagnose` is called with: folder of the mechanism, case, stems of two saved records.
+    """Arguments of `crosscheck.causes.diagnosis.diagnose`: folder of the mechanism, case, stems of two saved records.
 
     door : where the engine's adapter is, of an engine that is not one of ours
     """
@@ -376,7 +376,7 @@ def _make_row(kind: type, row: Mapping[str, Any]) -> Any:
 
 
 def collect_row_values(kind: type, row: Mapping[str, Any]) -> dict[str, Any]:
-    """Return what a row of JSON says of a dataclass, lists as tuples [units of its fields]; other keys are left out."""
+    """Return the fields of a dataclass that a row of JSON has, lists as tuples [units of the fields]; other keys are left out."""
     names = {f.name for f in dataclasses.fields(kind)}
     return {key: tuple(value) if isinstance(value, list) else value for key, value in row.items() if key in names}
 

@@ -24,6 +24,8 @@ GRAPHICS = ("matplotlib", "plotly", "PIL")
 # Primary data and the reading of it; everything else of flexinv computes and would agree with itself.
 PRIMARY = ("errors", "typing", "model", "files")
 Function = ast.FunctionDef | ast.AsyncFunctionDef
+OPEN = "dict[str, Any]"  # says nothing of what is in it
+OPEN_DICTS = 100  # in a package: options as users write them, JSON of others
 _WORD = re.compile(r"\w+|[^\w\s]")  # a token is one of these, or several
 _FORK = re.compile(r"\b(?:if|elif|for|while|except|case|and|or)\b")  # what a branch is written with
 _BLOCKS = (ast.Module, ast.stmt, ast.ExceptHandler, ast.match_case)  # what statements stand in
@@ -213,6 +215,37 @@ def second_types(module: str, source: str) -> list[str]:
         for node in parsed(source).body
         if isinstance(node, ast.Assign) and isinstance(node.targets[0], ast.Name) and node.targets[0].id in TYPES
     ]
+
+
+def open_dicts(sources: Mapping[str, str]) -> list[str]:
+    """Data have types: a dict of anything stands where its keys really are open (module -> source of one package).
+
+    Counted are its uses and those of its aliases, by which nothing is gained; below the bound there is nothing to say.
+    """
+    aliases = {"JsonSchemaValue"}  # pydantic's
+    for source in sources.values():
+        if OPEN in source:
+            aliases |= {
+                node.targets[0].id
+                for node in parsed(source).body
+                if isinstance(node, ast.Assign)
+                and isinstance(node.targets[0], ast.Name)
+                and ast.unparse(node.value) == OPEN
+            }
+    known = re.compile("|".join(map(re.escape, sorted(aliases))))
+    found = []
+    for module, source in sources.items():
+        if OPEN not in source and not known.search(source):
+            continue
+        for node in walked(source):
+            if (isinstance(node, ast.Subscript) and ast.unparse(node) == OPEN) or (
+                isinstance(node, ast.Name) and isinstance(node.ctx, ast.Load) and node.id in aliases
+            ):
+                found.append(f"{module}, line {node.lineno}")
+    if len(found) <= OPEN_DICTS:
+        return []
+    words = f"{len(found)} times {OPEN}, at most {OPEN_DICTS}; write a dataclass or a TypedDict"
+    return [f"{words}: {'; '.join(found)}"]
 
 
 def machine_paths(text: str) -> list[str]:

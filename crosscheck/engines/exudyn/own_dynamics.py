@@ -24,7 +24,7 @@ from flexinv.model.mechanism import Array, Mechanism
 
 
 class TreeData(TypedDict, total=False):
-    """What is read of the dictionary of an ``ObjectKinematicTree``; lists of vectors and matrices are of Exudyn's own types."""
+    """The keys of an ``ObjectKinematicTree`` that are read; lists of vectors and matrices are of Exudyn's own types."""
 
     objectType: str
     gravity: Any

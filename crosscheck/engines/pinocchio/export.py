@@ -38,7 +38,7 @@ Indices = NDArray[np.intp]
 
 
 class CoordinatePlaces(TypedDict):
-    """Where the coordinates of a joint stand in Pinocchio's q, and its first one in v."""
+    """Places of the coordinates of a joint in Pinocchio's q, and of its first one in v."""
 
     q: list[int]
     v: int
@@ -91,7 +91,7 @@ class ForceRow(TypedDict):
 
 
 class LoopParts(TypedDict):
-    """What a URDF does not have: closures, springs and given forces."""
+    """Parts that a URDF does not have: closures, springs and given forces."""
 
     closures: list[ClosureRow]
     springs: list[SpringRow]
@@ -129,20 +129,27 @@ def export(mechanism: Mechanism, case: Case, engine: str, effort: Array, folder:
     motion = Motion(
         time, q[:, q_order], qd[:, v_order], qdd[:, v_order], effort[:, v_order], q_names, v_names
     )  # fmt: skip
-    by_coordinate = [j for j in mechanism.joints for _ in range(j.nv)]
     spans = ((phase.samples, [c.name for c in phase.mechanism.closures]) for phase, _ in followed)
     settings: ExportSettings = {
         "engine": engine,
         "free_base": free,
         "gravity_m_per_s2": mechanism.gravity.tolist(),
-        "rotor_inertia": np.array([j.rotor_inertia for j in by_coordinate])[v_order].tolist(),
-        "damping": np.array([j.damping for j in by_coordinate])[v_order].tolist(),
-        "friction": np.array([j.friction for j in by_coordinate])[v_order].tolist(),
+        **_collect_joint_numbers(mechanism, v_order),
         **collect_sharing_settings(mechanism, v_order, spans),
         **_collect_loop_parts(mechanism, np.argsort(q_order), np.argsort(v_order)),
     }
     write_forces(folder, mechanism, time)
     write(folder, motion, "run_pinocchio.py.txt", {"model.urdf": text}, settings)
+
+
+def _collect_joint_numbers(mechanism: Mechanism, order: Indices) -> JointNumbers:
+    """Return rotor inertia, damping and friction; order : the mechanism's coordinate at every place."""
+    by_coordinate = [j for j in mechanism.joints for _ in range(j.nv)]
+    return {
+        "rotor_inertia": np.array([j.rotor_inertia for j in by_coordinate])[order].tolist(),
+        "damping": np.array([j.damping for j in by_coordinate])[order].tolist(),
+        "friction": np.array([j.friction for j in by_coordinate])[order].tolist(),
+    }
 
 
 def _collect_loop_parts(mechanism: Mechanism, q_at: Indices, v_at: Indices) -> LoopParts:

@@ -25,7 +25,7 @@ from crosscheck.verdicts.results import list_versions
 
 
 class Stamp(TypedDict):
-    """When a comparison was made, and with which versions."""
+    """Time of a comparison, and the versions that made it."""
 
     started: str
     versions: dict[str, str]
