@@ -54,7 +54,7 @@ class EngineLine(TypedDict):
 def run_study(models: str, engines: Sequence[NamedDoor] = ()) -> StudyTable:
     """Return the tables of the report: differences over the range [-], times [s].
 
-    models : not asked, the ladder has its own; engines : jobs of the project's own engines (`crosscheck.engines.open_adapter`)
+    models : not asked, the ladder has its own; engines : doors of the project's own engines (`crosscheck.engines.open_adapter`)
     """
     ladder_engines = list_ladder_engines(engines)
     taking = {REFERENCE: ENGINES[REFERENCE], **ladder_engines}

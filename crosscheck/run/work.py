@@ -17,7 +17,7 @@ from crosscheck.verdicts.plan import Plan
 class Study:
     """A named study: the function of a module, and what it is called with (JSON values).
 
-    asks : its function is told the project's own engines, too (``engines``: jobs of `crosscheck.engines.open_adapter`)
+    asks : its function is told the project's own engines, too (``engines``: doors for `crosscheck.engines.open_adapter`)
     path : folder that its module is imported from, where that is not installed
     """
 

@@ -71,7 +71,7 @@ class ReplayAnswer(TypedDict, total=False):
 def run_study(models: str, engines: Sequence[NamedDoor] = ()) -> StudyTable:
     """Return the table of the report; distances over the length of the path [-].
 
-    engines : jobs of the project's own engines (`crosscheck.engines.open_adapter`), of which those take part that replay
+    engines : doors of the project's own engines (`crosscheck.engines.open_adapter`), of which those take part that replay
     """
     rows: list[TrackingRow] = []
     for folder in sorted(file.parent for file in Folder(models).glob("*/mechanism.toml")):
