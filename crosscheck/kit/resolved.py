@@ -217,25 +217,28 @@ def _convert_beam(beam: Beam) -> BeamData:
 
 def _convert_coupled_section(section: Section) -> SectionData:
     """A section as matrices, without the numbers that would be its diagonals."""
-    empty: dict[str, Any] = {name: [] for name in (*COLUMNS, "rho_A", *(f"rho_I_{axis}" for axis in XYZ), "damping")}
+    empty: dict[str, list[float]] = {name: [] for name in (*COLUMNS, *(f"rho_I_{axis}" for axis in XYZ))}
     return SectionData(
         station=_list_numbers(section.stations),
         stiffness_matrix=section.stiffness_matrices.tolist(),
         mass_matrix=section.mass_matrices.tolist(),
         damping_matrix=[] if section.damping is None else section.damping_matrices.tolist(),
+        rho_A=[],
+        damping=[],
         **empty,
     )
 
 
 def _convert_section(section: Section) -> SectionData:
-    stiff: dict[str, Any] = {name: _list_numbers(section.stiffness[:, k]) for k, name in enumerate(COLUMNS)}
-    rotary: dict[str, Any] = {
-        f"rho_I_{axis}": _list_numbers(section.rotary_inertia[:, k]) for k, axis in enumerate(XYZ)
-    }
+    stiff = {name: _list_numbers(section.stiffness[:, k]) for k, name in enumerate(COLUMNS)}
+    rotary = {f"rho_I_{axis}": _list_numbers(section.rotary_inertia[:, k]) for k, axis in enumerate(XYZ)}
     return SectionData(
         station=_list_numbers(section.stations),
         rho_A=_list_numbers(section.mass_per_length),
         damping=[] if section.damping is None else section.damping.tolist(),
+        stiffness_matrix=[],
+        mass_matrix=[],
+        damping_matrix=[],
         **stiff,
         **rotary,
     )
