@@ -30,6 +30,7 @@ OWN = re.compile(r"^[\w/*-]+\.(urdf|xml|csv|toml|sdf|usd|gz)(@.*)?$")  # a reade
 TABLES = {  # a page's tables in capitals are parts of files: what they are laid over
     "docs/howto/payload.md": ("docs/tutorials/own-mechanism.md", "models/ur5/mechanism.toml"),
     "docs/howto/corpus.md": ("", ""),
+    "docs/howto/coupled-sections.md": ("", ""),
     "docs/howto/identify.md": ("", ""),
 }
 
@@ -110,6 +111,21 @@ def test_the_environment_that_is_activated_is_the_one_that_make_fills() -> None:
 def test_every_part_of_a_file_that_is_shown_is_tested() -> None:
     others = {"docs/reference/files.md"}  # models/README.md: tests/test_models.py, test_task_file.py
     assert {page for page in PAGES if blocks((ROOT / page).read_text(), "TOML")} - others == set(TABLES)
+
+
+def test_coupled_sections_that_are_shown_are_read(tmp_path: Path) -> None:
+    """The bend-twist coupling and the mass centre of the page are in the section of a beam."""
+    (shown,) = blocks((ROOT / "docs/howto/coupled-sections.md").read_text(), "TOML")
+    beam = '[links.beam]\nkind = "beam"\nlength_m = 1\nsection = "blade"\n'
+    joint = '[joints.root]\nkind = "fixed"\nparent = "world"\nchild = "beam"\n'
+    (tmp_path / "mechanism.toml").write_text(
+        f'source = "a test"\ngravity_m_per_s2 = [0, 0, 0]\n{shown}\n{beam}\n{joint}'
+    )
+    (link,) = load_mechanism(tmp_path).beams
+    assert link.beam is not None
+    assert link.beam.section.stiffness_matrices[0][3, 4] == 25.0
+    assert link.beam.section.mass_centre is not None
+    assert link.beam.section.mass_centre[0] == pytest.approx([0.01, 0.0])
 
 
 def test_payloads_that_are_shown_are_read(tmp_path: Path) -> None:

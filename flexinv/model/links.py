@@ -291,10 +291,10 @@ class Section(Frozen):
                 raise InputError(f"{start}; expected principal moments p1 + p2 >= p3 >= 0 there")
         return cls(
             stations,
-            matrices.take_diagonals(stiffness),
+            matrices.take_diagonals("Section: stiffness", stiffness),
             np.array([part[0] for part in parts]),
-            matrices.take_diagonals(inertia),
-            None if damping is None else matrices.take_diagonals(damping),
+            matrices.take_diagonals("Section: rotary_inertia", inertia),
+            None if damping is None else matrices.take_diagonals("Section: damping", damping),
             centre if centre.any() else None,
         )
 

@@ -17,11 +17,12 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from flexinv.errors import InputError
 from flexinv.model.rules import Rule, copy_read_only, make_array_rule
 from flexinv.typing import Array
-from flexinv.validation import check_finite_array
+from flexinv.validation import check_finite_array, convert_to_floats
 
 COMPONENTS = ("axial", "shear y", "shear z", "twist", "bending y", "bending z")
 # Of the geometric mean of two entries of the diagonal: files carry about seven digits, as of an inertia (`links.DIGITS`).
@@ -40,7 +41,7 @@ def make_section_rule(size: int, unit: str, describe: Callable[[Array], str] = l
     check_numbers = make_array_rule((None, size), unit, least=0.0)
 
     def check_value(name: str, value: Any) -> Any:
-        if np.ndim(value) != 3:
+        if convert_to_floats(name, value).ndim != 3:
             return check_numbers(name, value)
         given = check_finite_array(name, value, (None, size, size), unit)
         for k, matrix in enumerate(given):
@@ -57,9 +58,12 @@ def build_full_matrices(rows: Array) -> Array:
     return rows if rows.ndim == 3 else np.asarray(rows[:, :, None] * np.eye(rows.shape[1]))
 
 
-def take_diagonals(given: Array) -> Array:
-    """Return the diagonals (n, size) [any unit] of matrices (n, size, size) of which none has anything beside it, else all."""
-    whole = np.asarray(given)
+def take_diagonals(name: str, given: ArrayLike) -> Array:
+    """Return the diagonals (n, size) [any unit] of matrices (n, size, size) of which none has anything beside it, else all.
+
+    Raises InputError, which begins with ``name``, for what are no numbers.
+    """
+    whole = convert_to_floats(name, given)
     if whole.ndim != 3 or whole.shape[1] != whole.shape[2] or (whole * (1.0 - np.eye(whole.shape[1]))).any():
         return whole
     return np.diagonal(whole, axis1=1, axis2=2).copy()

@@ -279,7 +279,9 @@ def test_the_command_leaves_a_page_and_ratios(tiny: None, tmp_path: Path) -> Non
     (night,) = history.list_nights(database, "bench")
     rows = {row["name"]: row for row in history.read_rows(database, history.METRIC, night.id)}
     assert rows["ur5: times as fast as rneaInParallel, 1000 samples by sample, 1 thread"]["lower"] in (10.0, 5.0)
-    assert build_study_plot(results.studies[1])["log"]
+    plot = results.studies[1].plot
+    assert plot is not None
+    assert build_study_plot(results.studies[1], plot)["log"]
 
 
 def test_a_part_that_there_is_not_is_named() -> None:

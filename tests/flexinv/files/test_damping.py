@@ -9,10 +9,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+import flexinv
 from flexinv.cli.commands import main
 from flexinv.errors import InputError
 from flexinv.files.load_mechanism import load_mechanism
 from flexinv.kinematics.mesh import build
+from flexinv.linearized.modal_damping import resolve_damping_ratio
 from flexinv.model.mechanism import Mechanism, ModalDamping, Section
 
 MODELS = Path(__file__).resolve().parents[3] / "models"
@@ -36,8 +38,9 @@ def test_a_ratio_becomes_a_time_and_a_note(tmp_path: Path) -> None:
     stated = loaded(tmp_path, DAMPED)
     assert section(stated).damping is None
     assert stated.modal_damping == ModalDamping(0.03, 1)
-    result = build(stated).mechanism
-    assert build(stated) is build(result)  # computed once
+    result = resolve_damping_ratio(stated)
+    assert resolve_damping_ratio(stated) is result  # computed once
+    assert build(result).mechanism is result
     damping = section(result).damping
     assert damping is not None
     np.testing.assert_allclose(damping / section(result).stiffness, 0.06 / 62.9812, rtol=1e-5)
@@ -76,10 +79,31 @@ def test_what_cannot_be_is_answered(text: str, words: str, tmp_path: Path) -> No
         loaded(tmp_path, text)
 
 
-def test_a_mode_that_the_mesh_has_not_is_an_error_of_the_mesh(tmp_path: Path) -> None:
+def test_a_mode_that_the_mesh_has_not_is_an_error(tmp_path: Path) -> None:
     mechanism = loaded(tmp_path, DAMPED.replace("mode = 1", "mode = 999"))
     with pytest.raises(InputError, match="mode 999, expected 1 to"):
-        build(mechanism)
+        resolve_damping_ratio(mechanism)
+    with pytest.raises(InputError, match="mode 999, expected 1 to"):
+        flexinv.natural_modes(mechanism)
+
+
+def test_a_mesh_of_a_ratio_without_a_time_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"stated as a ratio of a mode.*write .*resolve_damping_ratio"):
+        build(loaded(tmp_path, DAMPED))
+
+
+def test_every_entrance_resolves_a_ratio(tmp_path: Path) -> None:
+    mechanism = loaded(tmp_path, DAMPED)
+    times = resolve_damping_ratio(mechanism)
+    motion = flexinv.Motion.point_to_point({"hub": 0.0}, {"hub": 0.1}, duration=0.05)
+    one, other = (flexinv.solve(m, motion, step=5e-4) for m in (mechanism, times))
+    np.testing.assert_array_equal(one.torque, other.torque)
+    np.testing.assert_array_equal(flexinv.statics(mechanism).torque, flexinv.statics(times).torque)
+    np.testing.assert_array_equal(flexinv.natural_modes(mechanism).ratio, flexinv.natural_modes(times).ratio)
+    np.testing.assert_array_equal(flexinv.steady_modes(mechanism).root, flexinv.steady_modes(times).root)
+    np.testing.assert_array_equal(flexinv.linear_model(mechanism).A, flexinv.linear_model(times).A)
+    (batched,) = flexinv.solve_many([mechanism], [motion], step=5e-4).solutions
+    np.testing.assert_array_equal(batched.torque, one.torque)
 
 
 def test_reading_a_file_starts_no_solver() -> None:
