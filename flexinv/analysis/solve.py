@@ -55,7 +55,7 @@ def solve(
 
     step : time step and spacing of the samples [s]; end : last time [s], the motion's duration by default
     accuracy : in place of a step the largest error of every torque, tip and free coordinate, part of its range [-]: steps, mesh
-        and extrapolation are chosen for it (`flexinv.accuracy`), and error bars say so
+        and extrapolation are chosen for it (`analysis.accurate`), and error bars say so
     error : also march with half the step and on a refined mesh: ``torque_error``, ``tip_error``; the answer is extrapolated from
         both steps (not where joints stick, closures switch or the mode is incremental)
     spectral_radius : numerical damping of the march, 0 strong, 1 none [-]

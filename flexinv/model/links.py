@@ -211,7 +211,9 @@ class Section(Frozen):
 
     RULES: ClassVar[rules.Rules] = {
         "stations": rules.make_array_rule((None,), "-", least=0.0),
-        "stiffness": matrices.make_section_rule(6, "N, N m^2", matrices.describe_impossible_stiffness),
+        "stiffness": matrices.make_section_rule(
+            6, "N, N m^2", matrices.describe_impossible_stiffness, "a symmetric, positive definite matrix"
+        ),
         "mass_per_length": rules.make_array_rule((None,), "kg/m", least=0.0),
         "rotary_inertia": matrices.make_section_rule(3, "kg m"),
         "damping": rules.make_optional_rule(

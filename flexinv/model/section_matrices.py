@@ -32,10 +32,12 @@ LEAST_STIFFNESS = 1e-9
 UPPER = np.triu_indices(6, 1)
 
 
-def make_section_rule(size: int, unit: str, describe: Callable[[Array], str] = lambda one: "") -> Rule:
+def make_section_rule(
+    size: int, unit: str, describe: Callable[[Array], str] = lambda one: "", expected: str = "a symmetric matrix"
+) -> Rule:
     """Return the rule of a table (n, size) of numbers >= 0 [any unit], or of matrices (n, size, size), which become symmetric.
 
-    describe : the reason against a matrix, ``""`` for none
+    describe : the reason against a matrix, ``""`` for none; expected : what it has to be, in words
     """
 
     check_numbers = make_array_rule((None, size), unit, least=0.0)
@@ -46,8 +48,7 @@ def make_section_rule(size: int, unit: str, describe: Callable[[Array], str] = l
         given = check_finite_array(name, value, (None, size, size), unit)
         for k, matrix in enumerate(given):
             if reason := describe_asymmetry(matrix) or describe(matrix):
-                expected = f"symmetric matrices (n, {size}, {size}) [{unit}]"
-                raise InputError(f"{name}[{k}] = {matrix.tolist()}: {reason}; expected {expected}")
+                raise InputError(f"{name}[{k}]: {reason}; expected {expected} ({size}, {size}) [{unit}]")
         return copy_read_only((given + given.swapaxes(1, 2)) / 2.0)
 
     return check_value
