@@ -79,7 +79,7 @@ def _build_beam(data: BeamData) -> Beam:
 
 
 def _build_section(data: SectionData) -> Section:
-    if data.stiffness_matrix or data.mass_matrix:
+    if data.stiffness_matrix or data.mass_matrix or data.damping_matrix:
         return _build_coupled_section(data)
     stiffness = np.column_stack([data.EA, data.GA_y, data.GA_z, data.GJ, data.EI_y, data.EI_z])
     rotary = np.column_stack([data.rho_I_x, data.rho_I_y, data.rho_I_z])
@@ -89,7 +89,9 @@ def _build_section(data: SectionData) -> Section:
 
 def _build_coupled_section(data: SectionData) -> Section:
     """The section of matrices; raises InputError where numbers stand beside them."""
-    both = [name for name in ("EA", "GA_y", "GA_z", "GJ", "EI_y", "EI_z", "rho_A", "damping") if getattr(data, name)]
+    matrices = ("stiffness_matrix", "mass_matrix", "damping_matrix")
+    numbers = [name for name in SectionData.model_fields if name not in ("station", *matrices)]
+    both = [name for name in numbers if getattr(data, name)]
     if both:
         raise InputError(
             f"section: {', '.join(both)} beside matrices; expected one or the other; write [] for the numbers"

@@ -106,10 +106,11 @@ def test_a_kit_has_matrices_and_no_diagonal(tmp_path: Path) -> None:
     np.testing.assert_allclose(there.mass_matrices, beam_of(mechanism).section.mass_matrices, rtol=1e-14, atol=1e-17)
     plain = build_case_file(*pair("spatial_arm")).model_dump_json()
     assert "matrix" not in plain
-    both = file.model_dump_json().replace('"EA":[]', '"EA":[1.0]')
-    (tmp_path / "case.json").write_text(both, encoding="utf-8")
-    with pytest.raises(InputError, match="EA beside matrices"):
-        lift_kit(tmp_path / "case.json")
+    for name in ("EA", "rho_A", "rho_I_z"):
+        both = file.model_dump_json().replace(f'"{name}":[]', f'"{name}":[1.0]')
+        (tmp_path / "case.json").write_text(both, encoding="utf-8")
+        with pytest.raises(InputError, match=f"{name} beside matrices"):
+            lift_kit(tmp_path / "case.json")
 
 
 def test_compare_tells_coupled_beams_apart() -> None:
