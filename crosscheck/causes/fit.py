@@ -36,6 +36,7 @@ FAR_FACTORS = (1e-3, 3e-3, 0.01, 0.03, 0.1, 0.3, 0.7, 1.4, 3.0, 10.0, 30.0, 100.
 # Of an effect: what difference quotients (PROBE) leave of a derivative where the effect is proportional to the size.
 PROBED = 1e-6
 HOPELESS = 0.7  # of |r|: beyond, no refinement is tried
+ROUGHLY = 0.8  # of |r|: the same of rough marches, whose effects may be off by as much as that is more
 SCANNED = 4  # rounds of Gauss-Newton from there
 ENOUGH = (
     0.05  # a step that gains less than this part of what is left is the last one: near a solution it gains nearly all
@@ -80,11 +81,11 @@ class Candidate:
     def compute_far_effect(self, model: Model, place: Array) -> Array | None:
         """Return the effect of a size of ``place`` times ``scale`` [unit], (samples nv,) [-], None where nothing runs.
 
-        It is computed once for all engines of a case, for it does not depend on what they gave.
+        Marches take ROUGH_STEPS.  It is computed once for all engines of a case, for it does not depend on what they gave.
         """
         key = place.tobytes()
         if key not in self.far:
-            column = _compute_effect_or_none(model, self.cause, self.target, place * self.scale)
+            column = _compute_effect_or_none(model.rough, self.cause, self.target, place * self.scale)
             self.far[key] = column if column is not None and np.isfinite(column).all() else None
         return self.far[key]
 
@@ -234,7 +235,12 @@ def fit(model: Model, residual: Array, candidate: Candidate, rounds: int = 0, no
     if cause.linear or not rounds:
         return first
     most = np.inf if first.residual <= PROPORTIONAL else LARGEST
-    return _solve_size(model, residual, candidate, np.clip(p, -most, most), rounds, noise / 2, most)
+    start = np.clip(p, -most, most)
+    if model.rough is not model and first.residual > HOPELESS:
+        rough = _solve_size(model.rough, residual, candidate, start, rounds, noise / 2, most)
+        if rough.residual > ROUGHLY:
+            return min(first, rough, key=lambda f: f.residual)
+    return _solve_size(model, residual, candidate, start, rounds, noise / 2, most)
 
 
 def fit_from(model: Model, residual: Array, candidate: Candidate, size: Array, rounds: int, noise: float) -> Fit | None:
@@ -338,10 +344,15 @@ def find_large_size(model: Model, residual: Array, candidate: Candidate, noise: 
     columns = [(place, candidate.compute_far_effect(model, place)) for place in places]
     fits = [_fit(candidate, place, column, residual, total) for place, column in columns if column is not None]
     best = min(fits, key=lambda f: f.residual, default=first)
-    if best.residual > HOPELESS:
+    if best.residual > _find_hopeless_remainder(model):
         return best
     most = max(LARGEST, 2.0 * float(np.abs(best.size / candidate.scale).max()))
     return _solve_size(model, residual, candidate, best.size / candidate.scale, SCANNED, noise / 2, most)
+
+
+def _find_hopeless_remainder(model: Model) -> float:
+    """Return the part of |r| [-] beyond which an effect far away (`Candidate.compute_far_effect`) is not refined."""
+    return HOPELESS if model.rough is model else ROUGHLY
 
 
 def _list_start_sizes(candidate: Candidate) -> list[Array]:

@@ -371,7 +371,7 @@ def test_a_reference_that_is_not_known_well_enough_judges_nothing(monkeypatch: p
 @pytest.mark.slow
 def test_torque_errors_stand_beside_the_fastest_run_of_exudyn_that_reaches_them() -> None:
     arm = torque_errors.ARMS[0]
-    head, *rows = torque_errors.list_arm_rows(arm, MODELS, (1e-2,), SHORT, longest=0.2)
+    head, *rows = torque_errors.list_arm_rows(arm, MODELS, (1e-2,), SHORT, longest=0.05)
     assert head["verdict"] == "within"
     assert [row["method"] for row in rows] == ["flexinv", "Exudyn"]
     assert all(0.0 < row["error"] <= row["asked_error"] for row in rows)
