@@ -18,6 +18,7 @@ from crosscheck.causes.rows import scales as scale_rows
 from crosscheck.causes.rows import sections as section_rows
 from crosscheck.causes.rows import signals as signal_rows
 from crosscheck.causes.rows import springs as spring_rows
+from crosscheck.causes.rows import terms as term_rows
 from crosscheck.doors.packages import CAUSE_GROUP, EntryPoint, list_entry_points
 
 TABLES = (
@@ -26,6 +27,7 @@ TABLES = (
     body_rows,
     mixup_rows,
     convention_rows,
+    term_rows,
     scale_rows,
     signal_rows,
     geometry_rows,

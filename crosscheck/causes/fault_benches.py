@@ -16,6 +16,7 @@ from crosscheck.causes.rows import joints as joint_rows
 from crosscheck.causes.rows import mixups as mixup_rows
 from crosscheck.causes.rows import scales as scale_rows
 from crosscheck.causes.rows import signals as signal_rows
+from crosscheck.causes.rows import terms as term_rows
 from crosscheck.causes.separate import TRIALS
 from crosscheck.causes.subject import Subject
 from flexinv.files.load_cases import Case
@@ -228,6 +229,7 @@ OF_JOINTS = tuple(cause.name for cause in friction_rows.ROWS)
 OF_BODIES = tuple(cause.name for cause in mixup_rows.ROWS)
 OF_UNITS = tuple(cause.name for cause in scale_rows.ROWS)
 OF_SIGNALS = tuple(cause.name for cause in signal_rows.ROWS)
+OF_TERMS = tuple(cause.name for cause in term_rows.ROWS)
 OF_PLACES = ("link length", "joint frame turned", "force at the tip")
 OF_MATERIAL = (
     "modulus of elasticity",
@@ -243,7 +245,7 @@ BENCHES = (
     Bench("double_pendulum", "swing", "pinocchio", more=(*OF_JOINTS, *OF_SIGNALS)),
     Bench("rigid_3r", "quintic", "exudyn", more=(*OF_BODIES, *OF_UNITS, *OF_PLACES)),
     Bench("ur5", "reach", "mujoco", more=("bodies exchanged", "force at the tip")),
-    Bench("ur5", "reach", "pinocchio", causes=OF_INERTIA, motion=QUICK),
+    Bench("ur5", "reach", "pinocchio", causes=OF_INERTIA, motion=QUICK, more=OF_TERMS),
     Bench("ur5", "reach", "pinocchio", causes=OF_DRIVES, shape=GEARED),
     Bench("ur5", "reach", "mujoco", causes=(*OF_FRICTION, "spring in a joint"), shape=("rubbing", _add_friction)),
     Bench("ur5", "reach", "pinocchio", causes=OF_FORCES, shape=("sprung", _add_springs_and_force)),

@@ -55,22 +55,25 @@ def _scale_tensor(inertia: Inertia, size: Array) -> Inertia:
     return inertia.replace_unchecked(tensor=inertia.tensor * (1.0 - float(size[0])))
 
 
+def add_parallel_axis_term(inertia: Inertia, part: float) -> Inertia:
+    """Return an inertia with a part [-] of the term to the frame's origin added to its tensor:  m (|c|^2 1 - c c^T)."""
+    c = inertia.com
+    steiner = inertia.mass * (c @ c * np.eye(3) - np.outer(c, c))
+    return inertia.replace_unchecked(tensor=inertia.tensor + part * steiner)
+
+
 def _make_parallel_axis_change(sign: float) -> Callable[[Inertia, Array], Inertia]:
-    """Return the change to (or back from) the tensor about the frame's origin:  I + m (|c|^2 1 - c c^T)."""
-
-    def update_inertia(inertia: Inertia, size: Array) -> Inertia:
-        c = inertia.com
-        steiner = inertia.mass * (c @ c * np.eye(3) - np.outer(c, c))
-        return inertia.replace_unchecked(tensor=inertia.tensor + sign * float(size[0]) * steiner)
-
-    return update_inertia
+    """Return the change to (or back from) the tensor about the frame's origin."""
+    return lambda inertia, size: add_parallel_axis_term(inertia, sign * float(size[0]))
 
 
-def _list_eccentric_bodies(model: Model) -> list[str]:
+def list_eccentric_bodies(model: Model) -> list[str]:
+    """Return the bodies whose centre of mass is not at their frame's origin."""
     return [name for name in list_bodies(model) if model.base.bodies[name][1].inertia.com.any()]
 
 
-def _remove_body(subject: Subject, target: str, size: Array) -> Subject:
+def remove_body(subject: Subject, target: str, size: Array) -> Subject:
+    """Return the subject without one body."""
     link, body = subject.find_body(target)
     return subject.replace_link(link, lambda one: replace(one, bodies=tuple(b for b in one.bodies if b is not body)))
 
@@ -220,7 +223,7 @@ ROWS = (
         fraction=True,
         shows=TURN,
     ),
-    Cause("missing body", "{target} is missing", _remove_body, list_bodies, 0, shows=TURN),
+    Cause("missing body", "{target} is missing", remove_body, list_bodies, 0, shows=TURN),
     Cause(
         "payload",
         "{target} carries {size} more at its tip",
@@ -246,7 +249,7 @@ ROWS = (
         "inertia about the origin",
         "the inertia of {target} about its frame's origin is taken for the one about its centre of mass",
         _make_inertia_change(_make_parallel_axis_change(1.0)),
-        _list_eccentric_bodies,
+        list_eccentric_bodies,
         0,
         shows=TURN,
     ),
@@ -254,7 +257,7 @@ ROWS = (
         "inertia about the wrong point",
         "the inertia of {target} is taken about another point: {size} of m (|c|^2 1 - c c^T) is added",
         _make_inertia_change(_make_parallel_axis_change(1.0)),
-        _list_eccentric_bodies,
+        list_eccentric_bodies,
         covers=("inertia about the origin",),
         fraction=True,
         shows=TURN,

@@ -44,6 +44,7 @@ SPEEDS = ", accelerations alone, from speeds"
 # joints up to which every pair is tried; beyond, neighbours only
 MANY = 8
 FROM = " <- "
+AT = ": "
 
 
 def _make_signal_change(change: Callable[[Array, float, str, Array], Array]) -> Change:
@@ -84,6 +85,37 @@ def _apply_low_pass(effort: Array, spacing: float, target: str, size: Array) -> 
     return np.asarray(
         scipy.signal.lfilter(b, a, effort, axis=0, zi=scipy.signal.lfilter_zi(b, a)[:, None] * effort[:1])[0]
     )
+
+
+def _make_joint_signal_change(change: Callable[[Array, float, str, Array], Array]) -> Change:
+    """Return the change of one joint's effort; targets are its name, and after AT the way of the change."""
+
+    def apply_change(subject: Subject, target: str, size: Array) -> Subject:
+        joint, _, way = target.partition(AT)
+
+        def update_effort(mechanism: Mechanism, states: States, effort: Array) -> Array:
+            out = effort.copy()
+            part = mechanism.v_slices[joint]
+            out[:, part] = change(effort[:, part], float(states.time[1] - states.time[0]), way, size)
+            return out
+
+        return subject.add_effort_change(update_effort, dense=True)
+
+    return apply_change
+
+
+def _list_single_joints(model: Model) -> list[str]:
+    """Return the driven joints where there are several: of one what is done to all efforts says it."""
+    joints = list_driven_joints(model)
+    return joints if len(joints) > 1 else []
+
+
+def _list_joint_filters(model: Model) -> list[str]:
+    return [f"{joint}{AT}{way}" for joint in _list_single_joints(model) for way in (FIRST, SECOND, BOTH)]
+
+
+def _apply_single_precision(subject: Subject, target: str, size: Array) -> Subject:
+    return subject.add_effort_change(lambda mechanism, states, effort: effort.astype(np.float32).astype(np.float64))
 
 
 def _compute_time_scale(model: Model, target: str) -> float:
@@ -273,10 +305,28 @@ ROWS = (
         shows=SHARP,
     ),
     Cause(
+        "effort of a joint late",
+        "the effort of {target} comes late by {size} (a delay of its signal)",
+        _make_joint_signal_change(_move_effort_in_time),
+        _list_single_joints,
+        scale=_compute_time_scale,
+        unit="s",
+        shows=SHARP,
+    ),
+    Cause(
         "low-pass filter",
         "all efforts passed a low-pass filter ({target}) of the time constant {size}",
         _make_signal_change(_apply_low_pass),
         lambda model: [FIRST, SECOND, BOTH],
+        scale=_compute_time_scale,
+        unit="s",
+        shows=SHARP,
+    ),
+    Cause(
+        "low-pass filter of a joint",
+        "the effort of one joint passed a low-pass filter ({target}) of the time constant {size}",
+        _make_joint_signal_change(_apply_low_pass),
+        _list_joint_filters,
         scale=_compute_time_scale,
         unit="s",
         shows=SHARP,
@@ -306,6 +356,13 @@ ROWS = (
         unit="N m or N",
         shows=ANY,
         guess=_find_quantisation_step,
+    ),
+    Cause(
+        "single precision",
+        "all efforts are rounded to single precision",
+        _apply_single_precision,
+        parameters=0,
+        shows=ANY,
     ),
     Cause(
         "saturation",
