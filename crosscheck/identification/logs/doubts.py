@@ -7,9 +7,9 @@ from itertools import combinations
 import numpy as np
 
 from crosscheck.identification.bands import ChannelJudgement
-from crosscheck.identification.logs.header import SLOW
 from crosscheck.identification.logs.log import Log
 from crosscheck.identification.readings import Machine
+from flexinv.files.header_words import SLOW
 from flexinv.typing import Array
 
 # Samples at an extreme value, of all: a smooth signal touches its extremes once or twice.

@@ -1,0 +1,304 @@
+"""Columns of a motion as planners write it: which is the position, rate or acceleration of which coordinate, in which unit.
+
+A header names a joint, in any order and among other words: ``elbow``, ``elbow_deg``, ``rate elbow [rad/s]``, ``qdd_elbow``,
+``/joint_states/elbow/velocity``; or it numbers the joints, ``q1 [deg]``, ``qd1``.  The unit stands in brackets or at the end; SI
+without one.  A word or a unit of rates makes a rate: the two must not contradict each other.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+from flexinv.errors import InputError
+from flexinv.files.header_words import (
+    TIME,
+    find_column_joint,
+    find_time_column,
+    map_joint_names,
+    match_by_number,
+    remove_words,
+)
+from flexinv.files.toml_tables import make_input_error
+from flexinv.files.values import UNITS
+from flexinv.model.joint_kinds import KINDS
+from flexinv.model.joints import Joint
+from flexinv.model.mechanism import Mechanism
+from flexinv.validation import find_nearest_word
+
+POSITION = "position"
+RATE = "rate"
+ACCELERATION = "acceleration"
+SENSES = (POSITION, RATE, ACCELERATION)
+SENSE_WORDS = {
+    POSITION: "position positions pos angle angles q theta phi coordinate displacement",
+    RATE: "rate rates velocity velocities vel speed speeds qd dq qdot v omega",
+    ACCELERATION: "acceleration accelerations accel acc qdd ddq qddot a alpha",
+}
+_SENSE_OF = {word: sense for sense, words in SENSE_WORDS.items() for word in words.split()}
+NEUTRAL = frozenset(["joint", "joints", "axis", "j", "state", "states", "actual", "planned", "trajectory"])
+# What a file of efforts or of results has beside a motion; flexinv's own tables among them.
+LEFT_OUT = re.compile(
+    r"torque|effort|force|current|(?:^|[^a-z])tau(?![a-z])|^tip |^deflection |^error of ", re.IGNORECASE
+)
+BASES = {
+    "rad": ("rad", "rads", "radian", "radians"), "deg": ("deg", "degs", "degree", "degrees", "°"), "mrad": ("mrad",),
+    "m": ("m", "metre", "metres", "meter", "meters"), "mm": ("mm",), "cm": ("cm",),
+}  # fmt: skip
+_BASE_OF = {word: base for base, words in BASES.items() for word in words}
+_ORDERS = {
+    POSITION: ("",),
+    RATE: ("/s", "s^-1", "s-1"),
+    ACCELERATION: ("/s^2", "/s2", "/s**2", "/s/s", "/(s^2)", "s^-2", "s-2"),
+}
+# Every unit as a header may write it, blanks and marks removed -> its sense, "rad" or "m", and its size in SI.
+MOTION_UNITS = {
+    word + mark: (sense, "m" if base in ("m", "mm", "cm") else "rad", UNITS[base][base])
+    for word, base in _BASE_OF.items()
+    for sense, marks in _ORDERS.items()
+    for mark in marks
+} | dict.fromkeys(("rpm", "1/min"), (RATE, "rad", UNITS["rpm"]["rpm"]))
+MOST_NAMED = 12  # columns or joints that a message lists
+
+
+@dataclass(frozen=True)
+class MotionColumn:
+    """One column: its place in the file, its header, whose coordinate it is, and its unit's size in SI.
+
+    stated : the header names the unit
+    """
+
+    place: int
+    name: str
+    sense: str
+    joint: str
+    coordinate: str
+    factor: float = 1.0
+    stated: bool = True
+
+
+@dataclass(frozen=True)
+class MotionColumns:
+    """Columns of a motion by what they are, each in the order of the mechanism's coordinates; those of joints held are not there.
+
+    time : the place of its column and its header, None where there is none
+    """
+
+    time: tuple[int, str] | None
+    positions: tuple[MotionColumn, ...]
+    rates: tuple[MotionColumn, ...]
+    accelerations: tuple[MotionColumn, ...]
+    left_out: tuple[str, ...]
+    by_number: bool = False
+
+
+def list_place_suffixes(joint: Joint) -> tuple[str, ...]:
+    """Return the suffixes of a joint's positions in a file [-]: of a continuous joint one angle, not cosine and sine."""
+    kind = KINDS[joint.kind]
+    return ("",) if kind.circle else kind.q
+
+
+def list_coordinates(joint: Joint, sense: str) -> tuple[str, ...]:
+    """Return the names of the columns of a joint [-] that a motion needs of one sense."""
+    suffixes = list_place_suffixes(joint) if sense == POSITION else KINDS[joint.kind].v
+    return tuple(joint.name + suffix for suffix in suffixes)
+
+
+def parse_motion_unit(text: str) -> tuple[str, str, float] | None:
+    """Return the sense, "rad" or "m", and the size [rad], [m], [1/s] of a unit; None for what is none."""
+    plain = text.lower().replace("²", "^2").replace("_per_", "/").replace(" ", "").replace("·", "").strip("_")
+    return MOTION_UNITS.get(plain)
+
+
+def match_motion_columns(header: Sequence[str], mechanism: Mechanism, held: Iterable[str], where: str) -> MotionColumns:
+    """Return which column is what [rad], [m], [1/s].
+
+    held : joints that need no column.  Raises InputError, one for all: columns that are nothing of the mechanism, coordinates
+    without a column, columns that say the same.
+    """
+    moving = [joint for joint in mechanism.joints if joint.nv]
+    names = map_joint_names(moving)
+    time = find_time_column(header)
+    places = {name: place for place, name in enumerate(header)}
+    found: list[MotionColumn] = []
+    unknown: list[str] = []
+    left_out: list[str] = []
+    numbered: list[MotionColumn] = []
+    for place, name in enumerate(header):
+        if name == time and (name == "time_s" or TIME.search(name)):
+            continue
+        owner = find_column_joint(name, names)
+        column = _match_column(place, name, mechanism.joint_of[owner] if owner else None, names.get(owner, ()))
+        if column is not None:
+            (found if owner else numbered).append(column)
+        elif LEFT_OUT.search(name):
+            left_out.append(name)
+        else:
+            unknown.append(name)
+    given, lost = _match_numbered_columns(moving, numbered)
+    found += given
+    _check_columns(found, [*unknown, *lost], mechanism, tuple(held), where)
+    ordered = {sense: _list_ordered(found, mechanism, sense) for sense in SENSES}
+    when = (places[time], time) if time in places else None
+    return MotionColumns(when, *(ordered[sense] for sense in SENSES), tuple(left_out), bool(given))
+
+
+def _match_column(place: int, name: str, joint: Joint | None, words: Sequence[str]) -> MotionColumn | None:
+    """The column as a coordinate of a joint, or of a joint that its number means; None for one that is neither."""
+    rest, unit = _split_motion_unit(remove_words(name, words))
+    tokens = re.findall(r"[^\W\d_]+|\d+", rest.lower())
+    said = {_SENSE_OF[token] for token in tokens if token in _SENSE_OF}
+    others = [token for token in tokens if token not in _SENSE_OF and token not in NEUTRAL]
+    if unit is not None:
+        said.add(unit[0])
+    if joint is None:
+        whole = len(others) <= 1 and all(token.isdigit() for token in others) and (said or unit)
+        sense = next(iter(said or {POSITION}))
+        return MotionColumn(place, name, sense, "", "", *_read_factor(unit)) if whole and len(said) < 2 else None
+    suffixes = {s.strip("."): s for s in (*list_place_suffixes(joint), *KINDS[joint.kind].v) if s}
+    ends = [suffixes[token] for token in tokens if token in suffixes]
+    others = [token for token in others if token not in suffixes]
+    if others or len(said) > 1 or len(ends) > 1:
+        return None
+    suffix = ends[0] if ends else ""
+    sense = next(iter(said)) if said else POSITION
+    if not said and suffix and suffix not in list_place_suffixes(joint):
+        sense = RATE
+    coordinate = joint.name + suffix
+    if coordinate not in list_coordinates(joint, sense) or not _has_joint_unit(joint, suffix, sense, unit):
+        return None
+    return MotionColumn(place, name, sense, joint.name, coordinate, *_read_factor(unit))
+
+
+def _read_factor(unit: tuple[str, str, float] | None) -> tuple[float, bool]:
+    return (1.0, False) if unit is None else (unit[2], True)
+
+
+def _has_joint_unit(joint: Joint, suffix: str, sense: str, unit: tuple[str, str, float] | None) -> bool:
+    """Return True unless the unit is of a length where the coordinate is an angle, or the other way round."""
+    kind = KINDS[joint.kind]
+    if unit is None:
+        return True
+    if sense == POSITION and suffix.startswith(".q"):
+        return False
+    suffixes = list_place_suffixes(joint) if sense == POSITION else kind.v
+    return kind.units[min(suffixes.index(suffix), len(kind.units) - 1)] == unit[1]
+
+
+def _split_motion_unit(text: str) -> tuple[str, tuple[str, str, float] | None]:
+    """What is left of a header, and its unit: in brackets, or after the first mark behind which there is nothing else."""
+    for bracket in re.finditer(r"\[(.*?)\]|\((.*?)\)", text):
+        if unit := parse_motion_unit(bracket.group(1) or bracket.group(2) or ""):
+            return text.replace(bracket.group(0), " "), unit
+    for mark in re.finditer(r"[_\s.]", text):
+        if unit := parse_motion_unit(text[mark.end() :]):
+            return text[: mark.start()], unit
+    return text, None
+
+
+def _match_numbered_columns(
+    joints: Sequence[Joint], columns: Sequence[MotionColumn]
+) -> tuple[list[MotionColumn], list[str]]:
+    """Columns that number the joints, as those of these joints; and those whose number means none."""
+    scalar = [joint for joint in joints if joint.nv == 1]
+    given: list[MotionColumn] = []
+    for sense in SENSES:
+        own = {column.name: column for column in columns if column.sense == sense}
+        matched = match_by_number(scalar, list(own)) if len(scalar) > 1 or len(own) > 1 else {}
+        if len(scalar) == 1 and len(own) == 1:
+            matched = {scalar[0].name: list(own)}
+        of_joint = {name: joint for joint, names in matched.items() for name in names}
+        for name, joint in of_joint.items():
+            unit = _split_motion_unit(name)[1]
+            if _has_joint_unit(next(j for j in scalar if j.name == joint), "", sense, unit):
+                given.append(replace(own[name], joint=joint, coordinate=joint))
+    names = {column.name for column in given}
+    return given, [column.name for column in columns if column.name not in names]
+
+
+def _list_ordered(found: Iterable[MotionColumn], mechanism: Mechanism, sense: str) -> tuple[MotionColumn, ...]:
+    by_coordinate = {column.coordinate: column for column in found if column.sense == sense}
+    order = [name for joint in mechanism.joints if joint.nv for name in list_coordinates(joint, sense)]
+    return tuple(by_coordinate[name] for name in order if name in by_coordinate)
+
+
+def _check_columns(
+    found: Sequence[MotionColumn], unknown: Sequence[str], mechanism: Mechanism, held: Sequence[str], where: str
+) -> None:
+    """Raise one InputError for all that does not fit."""
+    faults = []
+    seen: dict[tuple[str, str], str] = {}
+    for column in found:
+        key = (column.sense, column.coordinate)
+        if key in seen:
+            faults.append(f"{seen[key]!r} and {column.name!r} are both the {column.sense} of {column.coordinate}")
+        if column.joint in held:
+            faults.append(f"{column.name!r} moves joint {column.joint}, which is held")
+        seen[key] = column.name
+    if unknown:
+        faults.append(
+            f"no coordinate of {mechanism.name}: {_list_some(map(repr, unknown))}{_advise(unknown, mechanism)}"
+        )
+    senses = {column.sense for column in found} | {POSITION}
+    if ACCELERATION in senses:
+        senses.add(RATE)
+    for sense in SENSES:
+        missing = _list_missing(seen, mechanism, held, sense) if sense in senses else []
+        if missing:
+            faults.append(f"no {sense} of {_list_some(missing)}")
+    if faults:
+        expected = (
+            f"columns of {mechanism.name}: positions, or positions and rates, or accelerations, too; others left out"
+        )
+        write = f"{make_header(mechanism, held)}; a joint that stands still may be held instead"
+        raise make_input_error(where, "; ".join(faults), expected, write)
+
+
+def _list_missing(
+    seen: Mapping[tuple[str, str], str], mechanism: Mechanism, held: Sequence[str], sense: str
+) -> list[str]:
+    """Coordinates without a column; where closures move the joints that a motion leaves out, none but parts of a joint."""
+    missing = []
+    for joint in mechanism.joints:
+        own = list_coordinates(joint, sense) if joint.nv and joint.name not in held else ()
+        absent = [name for name in own if (sense, name) not in seen]
+        whole = len(absent) == len(own)
+        if not (whole and mechanism.closures and (POSITION, own[0] if own else "") not in seen):
+            missing += absent
+    return missing
+
+
+def _list_some(names: Iterable[str]) -> str:
+    every = list(names)
+    more = f" and {len(every) - MOST_NAMED} more" if len(every) > MOST_NAMED else ""
+    return ", ".join(every[:MOST_NAMED]) + more
+
+
+def _advise(unknown: Sequence[str], mechanism: Mechanism) -> str:
+    """The coordinate that the first unknown column may mean."""
+    known = [name for joint in mechanism.joints if joint.nv for name in list_coordinates(joint, POSITION)]
+    near = find_nearest_word(re.sub(r"\[.*?\]|\(.*?\)", "", unknown[0]).strip(), known)
+    return f" (is it {near}?)" if near else ""
+
+
+def make_header(mechanism: Mechanism, held: Iterable[str] = ()) -> str:
+    """Return the header of a motion of positions alone [rad], [m], as an example."""
+    free = [joint for joint in mechanism.joints if joint.nv and joint.name not in held]
+    names = []
+    for joint in free:
+        units = KINDS[joint.kind].units
+        for k, name in enumerate(list_coordinates(joint, POSITION)):
+            plain = ".q" in name[len(joint.name) :]
+            names.append(name if plain else f"{name}_{units[min(k, len(units) - 1)]}")
+    shown = names if len(names) <= MOST_NAMED else [*names[: MOST_NAMED - 1], "..."]
+    return ",".join(["time_s", *shown])
+
+
+def check_held_joints(hold: Mapping[str, object], mechanism: Mechanism) -> None:
+    """Raise InputError for a joint that is held and that the mechanism does not move [-]."""
+    moving = [joint.name for joint in mechanism.joints if joint.nv]
+    for name in hold:
+        if name not in moving:
+            near = find_nearest_word(str(name), moving) or _list_some(moving)
+            raise InputError(f"hold: joint {name!r} is none that moves in {mechanism.name}; write {near}")
