@@ -1,4 +1,4 @@
-"""Torques of a motion in a file: ``flexinv torques`` beside reading, the call in Python and writing, in processor time and memory.
+"""Torques of a motion in a file: `flexinv.write_torques` beside reading, the call in Python and writing; time and memory.
 
     python -m benchmarks.torque_files 10000000
 
@@ -25,8 +25,8 @@ import numpy as np
 import pandas as pd
 
 import flexinv
-from flexinv.analysis.torques import ROWS
 from flexinv.model.mechanism import Mechanism
+from flexinv.sampled.torque_run import ROWS
 from flexinv.typing import Array
 
 ROBOT = Path(__file__).resolve().parent.parent / "models" / "ur5"
@@ -60,14 +60,14 @@ def write_motion(robot: Mechanism, samples: int, file: Path) -> None:
                 stream.write(line * len(some) % tuple(some.ravel().tolist()))
 
 
-def measure_seconds(run: Callable[[], None]) -> float:
+def compute_seconds(run: Callable[[], None]) -> float:
     """Return the processor time of a call [s], that of its threads included."""
     begin = time.process_time()
     run()
     return time.process_time() - begin
 
 
-def measure_parts(robot: Mechanism, file: Path, out: Path) -> dict[str, float]:
+def sample_part_seconds(robot: Mechanism, file: Path, out: Path) -> dict[str, float]:
     """Return the processor time [s] of reading, of the call in Python, and of writing in two ways, each summed over the parts."""
     seconds = dict.fromkeys(("read", "call", "write", "write by to_csv"), 0.0)
     reader = pd.read_csv(file, chunksize=ROWS)
@@ -96,7 +96,7 @@ def measure_parts(robot: Mechanism, file: Path, out: Path) -> dict[str, float]:
             seconds["write by to_csv"] += time.process_time() - begin
 
 
-def measure_memory(file: Path, out: Path) -> float:
+def sample_memory(file: Path, out: Path) -> float:
     """Return the largest memory of a process that writes the torques of a file [MB]."""
     words = [sys.executable, "-c", MEMORY, str(ROBOT), str(file), str(out)]
     done = subprocess.run(words, check=True, capture_output=True, text=True)
@@ -114,10 +114,10 @@ def main(samples: int) -> None:
         write_motion(robot, samples, whole)
         write_motion(robot, samples // 10, tenth)
         flexinv.write_torques(robot, tenth, result)  # kernels are compiled, or read
-        seconds = measure_parts(robot, whole, Path(folder) / "parts.csv")
+        seconds = sample_part_seconds(robot, whole, Path(folder) / "parts.csv")
         (Path(folder) / "parts.csv").unlink()
-        own = measure_seconds(lambda: _write_whole(robot, whole, result))
-        memory = [measure_memory(file, result) for file in (tenth, whole)]
+        own = compute_seconds(lambda: _write_whole(robot, whole, result))
+        memory = [sample_memory(file, result) for file in (tenth, whole)]
     least = seconds["read"] + seconds["call"] + seconds["write"]
     plain = least - seconds["write"] + seconds["write by to_csv"]
     out += [f"{name:<16} {value:9.2f} s" for name, value in seconds.items()]

@@ -14,7 +14,6 @@ if TYPE_CHECKING:
     from flexinv.analysis.solve_in_parts import solve_in_parts
     from flexinv.analysis.solve_many import Batch, solve_many
     from flexinv.analysis.statics import Load, statics
-    from flexinv.analysis.torques import TorqueSummary, torques, write_torques
     from flexinv.errors import ConvergenceError, FlexinvError, InputError, ModelWarning
     from flexinv.files.from_urdf import from_urdf
     from flexinv.files.load_cases import Case, load_cases
@@ -30,6 +29,8 @@ if TYPE_CHECKING:
     from flexinv.rigid.prepare import TorqueFunction, prepare
     from flexinv.rigid.torque_derivatives import TorqueDerivatives, torque_derivatives
     from flexinv.rigid.torque_regressor import BaseParameters, Regressor, base_parameters, torque_regressor
+    from flexinv.sampled.torques import torques
+    from flexinv.sampled.write_torques import TorqueSummary, write_torques
     from flexinv.tracking.follow import Following, follow
     from flexinv.tracking.frame_path import Path
 
@@ -39,7 +40,7 @@ _NAMES = {
     "analysis.motor_side": "motor_side", "analysis.simulate": "simulate",
     "analysis.solution": "Solution", "analysis.solve": "solve", "analysis.solve_in_parts": "solve_in_parts",
     "analysis.solve_many": "Batch solve_many", "analysis.statics": "Load statics",
-    "analysis.torques": "TorqueSummary torques write_torques",
+    "sampled.torques": "torques", "sampled.write_torques": "TorqueSummary write_torques",
     "errors": "ConvergenceError FlexinvError InputError ModelWarning",
     "files.from_urdf": "from_urdf", "files.load_cases": "Case load_cases", "files.load_mechanism": "load_mechanism",
     "linearized.linear_model": "LinearModel linear_model", "linearized.modes": "Modes",

@@ -9,10 +9,11 @@ import click
 import numpy as np
 import pandas as pd
 
-from flexinv.analysis.torques import ROWS, Friction, write_torques
 from flexinv.cli.output import FILE, OVERWRITE, parse_by_joint, write_table
 from flexinv.errors import InputError
 from flexinv.model.links import Inertia
+from flexinv.sampled.torque_run import ROWS, Friction
+from flexinv.sampled.write_torques import write_torques
 from flexinv.typing import Array
 
 TICKS = 1000  # of the progress bar
@@ -47,11 +48,11 @@ def write_torque_file(
 ) -> None:  # fmt: skip
     """Compute the torque of every joint of a ROBOT for a MOTION, row by row, in a file of any length.
 
-    ROBOT is a URDF, or a mechanism file or its folder; MJCF, SDF and USD where a reader is installed. Links that bend go the way of
-    flexinv solve.
+    ROBOT is a URDF, or a mechanism file or its folder; MJCF, SDF and USD where a reader is installed. Links that bend go the
+    way of flexinv solve.
 
-    MOTION is a CSV file with a header. It has a column of positions for each joint, and of rates, and of accelerations if you have
-    them; what is missing is the derivative of a spline. Columns are found by the names of the joints, in any order:
+    MOTION is a CSV file with a header. It has a column of positions for each joint, and of rates, and of accelerations if you
+    have them; what is missing is the derivative of a spline. Columns are found by the names of the joints, in any order:
 
     \b
       time_s,shoulder_deg,elbow_deg                             rad and m without a unit

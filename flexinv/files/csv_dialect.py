@@ -16,7 +16,7 @@ from flexinv.files.toml_tables import make_input_error
 if TYPE_CHECKING:
     import pandas as pd
 
-Progress = Callable[[float], None]
+Share = Callable[[float], None]
 
 LONGEST_LINE = 1 << 20  # [characters]
 MARKS = ";\t,"
@@ -24,7 +24,7 @@ MARKS = ";\t,"
 
 @dataclass(frozen=True)
 class CsvDialect:
-    """How a CSV file is written: header, mark between columns, mark before decimals."""
+    """Dialect of a CSV file: header, mark between columns, mark before decimals."""
 
     header: tuple[str, ...]
     mark: str
@@ -57,7 +57,7 @@ def read_csv_dialect(path: Path) -> CsvDialect:
 
 
 def read_csv_parts(
-    path: Path, dialect: CsvDialect, rows: int, progress: Progress | None = None
+    path: Path, dialect: CsvDialect, rows: int, progress: Share | None = None
 ) -> Iterator[pd.DataFrame]:
     """Yield the table of a file in parts of ``rows`` [-], columns in their places.
 
@@ -68,8 +68,8 @@ def read_csv_parts(
     size = max(path.stat().st_size, 1)
     with path.open("rb") as stream:
         options: dict[str, Any] = {"header": 0, "index_col": False, "chunksize": rows, "low_memory": False}
-        parts = _guard(path, dialect, lambda: pd.read_csv(stream, **_make_options(path, dialect), **options))
-        while (frame := _guard(path, dialect, lambda: next(parts, None))) is not None:
+        parts = _run_pandas(path, dialect, lambda: pd.read_csv(stream, **_make_options(path, dialect), **options))
+        while (frame := _run_pandas(path, dialect, lambda: next(parts, None))) is not None:
             yield frame
             if progress is not None:
                 progress(stream.tell() / size)
@@ -81,7 +81,7 @@ def read_csv_head(path: Path, dialect: CsvDialect, rows: int) -> pd.DataFrame:
 
     options: dict[str, Any] = {"header": 0, "index_col": False, "nrows": rows, "dtype": str, "keep_default_na": False}
     with path.open("rb") as stream:
-        return _guard(path, dialect, lambda: pd.read_csv(stream, **_make_options(path, dialect), **options))
+        return _run_pandas(path, dialect, lambda: pd.read_csv(stream, **_make_options(path, dialect), **options))
 
 
 def _make_options(path: Path, dialect: CsvDialect) -> dict[str, Any]:
@@ -90,8 +90,8 @@ def _make_options(path: Path, dialect: CsvDialect) -> dict[str, Any]:
     return {**marks, "encoding": "utf-8-sig", "compression": packed}
 
 
-def _guard(path: Path, dialect: CsvDialect, take: Callable[[], Any]) -> Any:
-    """What a call of pandas gives; its complaints are InputError."""
+def _run_pandas(path: Path, dialect: CsvDialect, take: Callable[[], Any]) -> Any:
+    """The answer of a call of pandas; its complaints are InputError."""
     import pandas as pd
 
     with warnings.catch_warnings():

@@ -17,16 +17,16 @@ TIMES = {
     "milliseconds": "ms", "us": "us", "µs": "us", "μs": "us", "usec": "us", "micros": "us", "microseconds": "us", "ns": "ns",
     "nsec": "ns", "nanos": "ns", "nanoseconds": "ns",
 }  # fmt: skip
-TIME = re.compile(
+TIME_WORDS = re.compile(
     r"^(t|time|timestamp|stamp|clock)(?![a-z0-9])(?!_\d)|^time|[_ .]time$|^(milli|micro|nano)s", re.IGNORECASE
 )
-SLOW = 0.5  # [s]: no motion of a machine is seen in samples that are farther apart
-SHORT = 3  # letters: names as short as that stand in words that mean something else
+SLOW_SAMPLES = 0.5  # [s]: no motion of a machine is seen in samples that are farther apart
+SHORT_NAME = 3  # letters: names as short as that stand in words that mean something else
 
 
 def find_time_column(names: Sequence[str]) -> str:
     """Return the column that looks like times [s]; "time_s" where none does, which the reader of logs then misses in words."""
-    like = [name for name in names if name == "time_s"] or [name for name in names if TIME.search(name)]
+    like = [name for name in names if name == "time_s"] or [name for name in names if TIME_WORDS.search(name)]
     return like[0] if like else "time_s"
 
 
@@ -34,9 +34,9 @@ def find_time_unit(name: str, spacing: float) -> tuple[str, str]:
     """Return the unit of a column of times [-], and a doubt in words; spacing : of its samples as written [that unit]."""
     if unit := find_header_unit(name, TIMES, bare=True):
         return unit, ""
-    if spacing < SLOW:
+    if spacing < SLOW_SAMPLES:
         return "s", ""
-    unit = next((one for one, factor in (("ms", 1e-3), ("us", 1e-6)) if spacing * factor < SLOW), "ns")
+    unit = next((one for one, factor in (("ms", 1e-3), ("us", 1e-6)) if spacing * factor < SLOW_SAMPLES), "ns")
     return unit, f"the header names no unit, and steps of {spacing:g} s would be slow: is it {unit}?"
 
 
@@ -65,7 +65,7 @@ def map_joint_names(joints: Sequence[Joint]) -> dict[str, tuple[str, ...]]:
     for word in words:
         cuts = (word[: len(word) - len(after)], word[len(before) : len(word) - len(after)]) if len(joints) > 1 else ()
         bare = [cut.strip("_-. /") for cut in cuts]
-        out[word] = tuple(dict.fromkeys((word, *(b for b in bare if len(b) > SHORT and not b.isdigit()))))
+        out[word] = tuple(dict.fromkeys((word, *(b for b in bare if len(b) > SHORT_NAME and not b.isdigit()))))
     return out
 
 
@@ -80,7 +80,7 @@ def _find_common_prefix(words: Sequence[str]) -> str:
 
 def _make_word_pattern(word: str) -> re.Pattern[str]:
     loose = r"[_\s.-]?".join(re.escape(part) for part in re.split(r"[_\s.-]", word))
-    edges = ("(?<![A-Za-z0-9])", "(?![A-Za-z0-9])") if len(word) <= SHORT else ("", "")
+    edges = ("(?<![A-Za-z0-9])", "(?![A-Za-z0-9])") if len(word) <= SHORT_NAME else ("", "")
     before = edges[0] or (r"(?<!\d)" if word[0].isdigit() else "")
     behind = edges[1] or (r"(?!\d)" if word[-1].isdigit() else "")
     return re.compile(before + loose + behind, re.IGNORECASE)

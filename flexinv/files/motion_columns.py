@@ -13,7 +13,6 @@ from dataclasses import dataclass, replace
 
 from flexinv.errors import InputError
 from flexinv.files.header_words import (
-    TIME,
     find_column_joint,
     find_time_column,
     map_joint_names,
@@ -27,17 +26,17 @@ from flexinv.model.joints import Joint
 from flexinv.model.mechanism import Mechanism
 from flexinv.validation import find_nearest_word
 
-POSITION = "position"
-RATE = "rate"
-ACCELERATION = "acceleration"
-SENSES = (POSITION, RATE, ACCELERATION)
+POSITION_COLUMNS = "position"
+RATE_COLUMNS = "rate"
+ACCELERATION_COLUMNS = "acceleration"
+SENSES = (POSITION_COLUMNS, RATE_COLUMNS, ACCELERATION_COLUMNS)
 SENSE_WORDS = {
-    POSITION: "position positions pos angle angles q theta phi coordinate displacement",
-    RATE: "rate rates velocity velocities vel speed speeds qd dq qdot v omega",
-    ACCELERATION: "acceleration accelerations accel acc qdd ddq qddot a alpha",
+    POSITION_COLUMNS: "position positions pos angle angles q theta phi coordinate displacement",
+    RATE_COLUMNS: "rate rates velocity velocities vel speed speeds qd dq qdot v omega",
+    ACCELERATION_COLUMNS: "acceleration accelerations accel acc qdd ddq qddot a alpha",
 }
 _SENSE_OF = {word: sense for sense, words in SENSE_WORDS.items() for word in words.split()}
-NEUTRAL = frozenset(["joint", "joints", "axis", "j", "state", "states", "actual", "planned", "trajectory"])
+SILENT_WORDS = frozenset(["joint", "joints", "axis", "j", "state", "states", "actual", "planned", "trajectory"])
 # What a file of efforts or of results has beside a motion; flexinv's own tables among them.
 LEFT_OUT = re.compile(
     r"torque|effort|force|current|(?:^|[^a-z])tau(?![a-z])|^tip |^deflection |^error of ", re.IGNORECASE
@@ -48,9 +47,9 @@ BASES = {
 }  # fmt: skip
 _BASE_OF = {word: base for base, words in BASES.items() for word in words}
 _ORDERS = {
-    POSITION: ("",),
-    RATE: ("/s", "s^-1", "s-1"),
-    ACCELERATION: ("/s^2", "/s2", "/s**2", "/s/s", "/(s^2)", "s^-2", "s-2"),
+    POSITION_COLUMNS: ("",),
+    RATE_COLUMNS: ("/s", "s^-1", "s-1"),
+    ACCELERATION_COLUMNS: ("/s^2", "/s2", "/s**2", "/s/s", "/(s^2)", "s^-2", "s-2"),
 }
 # Every unit as a header may write it, blanks and marks removed -> its sense, "rad" or "m", and its size in SI.
 MOTION_UNITS = {
@@ -58,7 +57,7 @@ MOTION_UNITS = {
     for word, base in _BASE_OF.items()
     for sense, marks in _ORDERS.items()
     for mark in marks
-} | dict.fromkeys(("rpm", "1/min"), (RATE, "rad", UNITS["rpm"]["rpm"]))
+} | dict.fromkeys(("rpm", "1/min"), (RATE_COLUMNS, "rad", UNITS["rpm"]["rpm"]))
 MOST_NAMED = 12  # columns or joints that a message lists
 
 
@@ -101,7 +100,7 @@ def list_place_suffixes(joint: Joint) -> tuple[str, ...]:
 
 def list_coordinates(joint: Joint, sense: str) -> tuple[str, ...]:
     """Return the names of the columns of a joint [-] that a motion needs of one sense."""
-    suffixes = list_place_suffixes(joint) if sense == POSITION else KINDS[joint.kind].v
+    suffixes = list_place_suffixes(joint) if sense == POSITION_COLUMNS else KINDS[joint.kind].v
     return tuple(joint.name + suffix for suffix in suffixes)
 
 
@@ -112,63 +111,78 @@ def parse_motion_unit(text: str) -> tuple[str, str, float] | None:
 
 
 def match_motion_columns(header: Sequence[str], mechanism: Mechanism, held: Iterable[str], where: str) -> MotionColumns:
-    """Return which column is what [rad], [m], [1/s].
+    """Return the columns of a header by what they are [rad], [m], [1/s].
 
     held : joints that need no column.  Raises InputError, one for all: columns that are nothing of the mechanism, coordinates
     without a column, columns that say the same.
     """
     moving = [joint for joint in mechanism.joints if joint.nv]
     names = map_joint_names(moving)
-    time = find_time_column(header)
-    places = {name: place for place, name in enumerate(header)}
-    found: list[MotionColumn] = []
-    unknown: list[str] = []
-    left_out: list[str] = []
-    numbered: list[MotionColumn] = []
-    for place, name in enumerate(header):
-        if name == time and (name == "time_s" or TIME.search(name)):
-            continue
-        owner = find_column_joint(name, names)
-        column = _match_column(place, name, mechanism.joint_of[owner] if owner else None, names.get(owner, ()))
-        if column is not None:
-            (found if owner else numbered).append(column)
-        elif LEFT_OUT.search(name):
-            left_out.append(name)
-        else:
-            unknown.append(name)
-    given, lost = _match_numbered_columns(moving, numbered)
-    found += given
-    _check_columns(found, [*unknown, *lost], mechanism, tuple(held), where)
+    time = _find_time(header)
+    read = [_parse_header(k, name, names) for k, name in enumerate(header) if k != time]
+    named = [(one, _match_joint_column(one, mechanism.joint_of[one.joint])) for one in read if one.joint]
+    numbered = [(one, _match_nameless_column(one)) for one in read if not one.joint]
+    given, lost = _match_numbered_columns(moving, [column for _, column in numbered if column is not None])
+    found = [*(column for _, column in named if column is not None), *given]
+    none = [one.name for one, column in (*named, *numbered) if column is None]
+    left_out = [name for name in none if LEFT_OUT.search(name)]
+    unknown = [name for name in (*none, *lost) if name not in left_out]
+    _check_columns(found, unknown, mechanism, tuple(held), where)
     ordered = {sense: _list_ordered(found, mechanism, sense) for sense in SENSES}
-    when = (places[time], time) if time in places else None
+    when = None if time is None else (time, header[time])
     return MotionColumns(when, *(ordered[sense] for sense in SENSES), tuple(left_out), bool(given))
 
 
-def _match_column(place: int, name: str, joint: Joint | None, words: Sequence[str]) -> MotionColumn | None:
-    """The column as a coordinate of a joint, or of a joint that its number means; None for one that is neither."""
-    rest, unit = _split_motion_unit(remove_words(name, words))
+def _find_time(header: Sequence[str]) -> int | None:
+    """The place of the column of times, None where none looks like one."""
+    name = find_time_column(header)
+    return list(header).index(name) if name in header else None
+
+
+@dataclass(frozen=True)
+class _Header:
+    """Words of a header: the joint that it names or "", what its words and its unit mean, and what else is there."""
+
+    place: int
+    name: str
+    joint: str
+    senses: frozenset[str]
+    unit: tuple[str, str, float] | None
+    others: tuple[str, ...]
+
+
+def _parse_header(place: int, name: str, names: Mapping[str, tuple[str, ...]]) -> _Header:
+    joint = find_column_joint(name, names)
+    rest, unit = _split_motion_unit(remove_words(name, names.get(joint, ())))
     tokens = re.findall(r"[^\W\d_]+|\d+", rest.lower())
-    said = {_SENSE_OF[token] for token in tokens if token in _SENSE_OF}
-    others = [token for token in tokens if token not in _SENSE_OF and token not in NEUTRAL]
+    senses = {_SENSE_OF[token] for token in tokens if token in _SENSE_OF}
     if unit is not None:
-        said.add(unit[0])
-    if joint is None:
-        whole = len(others) <= 1 and all(token.isdigit() for token in others) and (said or unit)
-        sense = next(iter(said or {POSITION}))
-        return MotionColumn(place, name, sense, "", "", *_read_factor(unit)) if whole and len(said) < 2 else None
-    suffixes = {s.strip("."): s for s in (*list_place_suffixes(joint), *KINDS[joint.kind].v) if s}
-    ends = [suffixes[token] for token in tokens if token in suffixes]
-    others = [token for token in others if token not in suffixes]
-    if others or len(said) > 1 or len(ends) > 1:
+        senses.add(unit[0])
+    others = tuple(token for token in tokens if token not in _SENSE_OF and token not in SILENT_WORDS)
+    return _Header(place, name, joint, frozenset(senses), unit, others)
+
+
+def _match_nameless_column(header: _Header) -> MotionColumn | None:
+    """The column of a joint that is yet to be found by a number; None where other words stand there, or none of a motion."""
+    plain = len(header.others) < 2 and all(token.isdigit() for token in header.others)
+    if not plain or len(header.senses) != 1:
+        return None
+    return MotionColumn(header.place, header.name, *header.senses, "", "", *_read_factor(header.unit))
+
+
+def _match_joint_column(header: _Header, joint: Joint) -> MotionColumn | None:
+    """The column as a coordinate of its joint; None where its words or its unit are those of none."""
+    places = list_place_suffixes(joint)
+    suffixes = {suffix.strip("."): suffix for suffix in (*places, *KINDS[joint.kind].v) if suffix}
+    ends = [suffixes[token] for token in header.others if token in suffixes]
+    if len(ends) != len(header.others) or len(ends) > 1 or len(header.senses) > 1:
         return None
     suffix = ends[0] if ends else ""
-    sense = next(iter(said)) if said else POSITION
-    if not said and suffix and suffix not in list_place_suffixes(joint):
-        sense = RATE
+    sense = next(iter(header.senses), POSITION_COLUMNS if suffix in places else RATE_COLUMNS)
     coordinate = joint.name + suffix
-    if coordinate not in list_coordinates(joint, sense) or not _has_joint_unit(joint, suffix, sense, unit):
+    if coordinate not in list_coordinates(joint, sense) or not _has_joint_unit(joint, suffix, sense, header.unit):
         return None
-    return MotionColumn(place, name, sense, joint.name, coordinate, *_read_factor(unit))
+    return MotionColumn(header.place, header.name, sense, joint.name, coordinate, *_read_factor(header.unit))
 
 
 def _read_factor(unit: tuple[str, str, float] | None) -> tuple[float, bool]:
@@ -180,14 +194,14 @@ def _has_joint_unit(joint: Joint, suffix: str, sense: str, unit: tuple[str, str,
     kind = KINDS[joint.kind]
     if unit is None:
         return True
-    if sense == POSITION and suffix.startswith(".q"):
+    if sense == POSITION_COLUMNS and suffix.startswith(".q"):
         return False
-    suffixes = list_place_suffixes(joint) if sense == POSITION else kind.v
+    suffixes = list_place_suffixes(joint) if sense == POSITION_COLUMNS else kind.v
     return kind.units[min(suffixes.index(suffix), len(kind.units) - 1)] == unit[1]
 
 
 def _split_motion_unit(text: str) -> tuple[str, tuple[str, str, float] | None]:
-    """What is left of a header, and its unit: in brackets, or after the first mark behind which there is nothing else."""
+    """The rest of a header, and its unit: in brackets, or after the first mark behind which there is nothing else."""
     for bracket in re.finditer(r"\[(.*?)\]|\((.*?)\)", text):
         if unit := parse_motion_unit(bracket.group(1) or bracket.group(2) or ""):
             return text.replace(bracket.group(0), " "), unit
@@ -201,20 +215,17 @@ def _match_numbered_columns(
     joints: Sequence[Joint], columns: Sequence[MotionColumn]
 ) -> tuple[list[MotionColumn], list[str]]:
     """Columns that number the joints, as those of these joints; and those whose number means none."""
-    scalar = [joint for joint in joints if joint.nv == 1]
+    scalar = {joint.name: joint for joint in joints if joint.nv == 1}
     given: list[MotionColumn] = []
     for sense in SENSES:
         own = {column.name: column for column in columns if column.sense == sense}
-        matched = match_by_number(scalar, list(own)) if len(scalar) > 1 or len(own) > 1 else {}
-        if len(scalar) == 1 and len(own) == 1:
-            matched = {scalar[0].name: list(own)}
-        of_joint = {name: joint for joint, names in matched.items() for name in names}
-        for name, joint in of_joint.items():
-            unit = _split_motion_unit(name)[1]
-            if _has_joint_unit(next(j for j in scalar if j.name == joint), "", sense, unit):
-                given.append(replace(own[name], joint=joint, coordinate=joint))
-    names = {column.name for column in given}
-    return given, [column.name for column in columns if column.name not in names]
+        alone = len(scalar) == 1 and len(own) == 1
+        matched = {next(iter(scalar)): list(own)} if alone else match_by_number(list(scalar.values()), list(own))
+        pairs = [(joint, own[name]) for joint, names in matched.items() for name in names]
+        given += [replace(column, joint=joint, coordinate=joint) for joint, column in pairs]
+    fitting = [c for c in given if _has_joint_unit(scalar[c.joint], "", c.sense, _split_motion_unit(c.name)[1])]
+    names = {column.name for column in fitting}
+    return fitting, [column.name for column in columns if column.name not in names]
 
 
 def _list_ordered(found: Iterable[MotionColumn], mechanism: Mechanism, sense: str) -> tuple[MotionColumn, ...]:
@@ -238,11 +249,11 @@ def _check_columns(
         seen[key] = column.name
     if unknown:
         faults.append(
-            f"no coordinate of {mechanism.name}: {_list_some(map(repr, unknown))}{_advise(unknown, mechanism)}"
+            f"no coordinate of {mechanism.name}: {_list_some(map(repr, unknown))}{_describe_nearest(unknown, mechanism)}"
         )
-    senses = {column.sense for column in found} | {POSITION}
-    if ACCELERATION in senses:
-        senses.add(RATE)
+    senses = {column.sense for column in found} | {POSITION_COLUMNS}
+    if ACCELERATION_COLUMNS in senses:
+        senses.add(RATE_COLUMNS)
     for sense in SENSES:
         missing = _list_missing(seen, mechanism, held, sense) if sense in senses else []
         if missing:
@@ -264,7 +275,7 @@ def _list_missing(
         own = list_coordinates(joint, sense) if joint.nv and joint.name not in held else ()
         absent = [name for name in own if (sense, name) not in seen]
         whole = len(absent) == len(own)
-        if not (whole and mechanism.closures and (POSITION, own[0] if own else "") not in seen):
+        if not (whole and mechanism.closures and (POSITION_COLUMNS, own[0] if own else "") not in seen):
             missing += absent
     return missing
 
@@ -275,9 +286,9 @@ def _list_some(names: Iterable[str]) -> str:
     return ", ".join(every[:MOST_NAMED]) + more
 
 
-def _advise(unknown: Sequence[str], mechanism: Mechanism) -> str:
+def _describe_nearest(unknown: Sequence[str], mechanism: Mechanism) -> str:
     """The coordinate that the first unknown column may mean."""
-    known = [name for joint in mechanism.joints if joint.nv for name in list_coordinates(joint, POSITION)]
+    known = [name for joint in mechanism.joints if joint.nv for name in list_coordinates(joint, POSITION_COLUMNS)]
     near = find_nearest_word(re.sub(r"\[.*?\]|\(.*?\)", "", unknown[0]).strip(), known)
     return f" (is it {near}?)" if near else ""
 
@@ -288,7 +299,7 @@ def make_header(mechanism: Mechanism, held: Iterable[str] = ()) -> str:
     names = []
     for joint in free:
         units = KINDS[joint.kind].units
-        for k, name in enumerate(list_coordinates(joint, POSITION)):
+        for k, name in enumerate(list_coordinates(joint, POSITION_COLUMNS)):
             plain = ".q" in name[len(joint.name) :]
             names.append(name if plain else f"{name}_{units[min(k, len(units) - 1)]}")
     shown = names if len(names) <= MOST_NAMED else [*names[: MOST_NAMED - 1], "..."]

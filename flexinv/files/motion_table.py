@@ -1,7 +1,7 @@
 """Motions in tables of any length, read in parts: times, positions, rates and accelerations of a mechanism, in SI.
 
 A part holds ``rows`` samples; memory is that of a few parts, whatever the length of the file.  Numbers are read as they stand;
-what the digits of the file leave open is measured at its beginning (`MotionTable.digits`).
+what the digits of the file leave open is measured at its beginning (`MotionSource.digits`).
 """
 
 from __future__ import annotations
@@ -15,8 +15,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from flexinv.errors import InputError
-from flexinv.files.csv_dialect import CsvDialect, Progress, read_csv_dialect, read_csv_head, read_csv_parts
-from flexinv.files.header_words import SLOW, TIMES, find_header_unit, find_time_unit
+from flexinv.files.csv_dialect import CsvDialect, Share, read_csv_dialect, read_csv_head, read_csv_parts
+from flexinv.files.header_words import SLOW_SAMPLES, TIMES, find_header_unit, find_time_unit
 from flexinv.files.motion_columns import (
     SENSES,
     MotionColumn,
@@ -38,7 +38,7 @@ if TYPE_CHECKING:
 
 HEAD = 1000  # rows at the beginning whose digits are looked at
 TURNS = 4.0 * np.pi  # [rad]: an angle without a unit that reaches farther may be in degrees
-NUMBER = re.compile(r"\s*[-+]?\d*(?:[.,](\d*))?(?:[eE]([-+]?\d+))?\s*")
+PLAIN_NUMBER = re.compile(r"\s*[-+]?\d*(?:[.,](\d*))?(?:[eE]([-+]?\d+))?\s*")
 SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}  # [s]
 
 
@@ -58,7 +58,7 @@ class MotionPart:
 
 
 @dataclass(frozen=True)
-class MotionTable:
+class MotionSource:
     """A motion in a file or a table, not yet read; made by `open_motion`.
 
     columns : what they are; hold : by joint the position where it stands [rad], [m]; spacing : of samples without times [s]
@@ -81,7 +81,7 @@ class MotionTable:
         """Return True if times are known [s]."""
         return self.columns.time is not None or self.spacing is not None
 
-    def read_parts(self, rows: int, progress: Progress | None = None) -> Iterator[MotionPart]:
+    def read_parts(self, rows: int, progress: Share | None = None) -> Iterator[MotionPart]:
         """Yield the samples in parts of ``rows`` [-]; progress : called with the part of the file that is read [-].
 
         Raises InputError: a row with too many or too few cells, a cell that is no finite number, an angle without a unit that is
@@ -94,7 +94,7 @@ class MotionTable:
         if not first:
             raise make_input_error(self.label, "no rows of numbers", "one or more samples", make_header(self.mechanism))
 
-    def _read_frames(self, rows: int, progress: Progress | None) -> Iterator[pd.DataFrame]:
+    def _read_frames(self, rows: int, progress: Share | None) -> Iterator[pd.DataFrame]:
         if not isinstance(self.source, Path):
             for first in range(0, len(self.source), rows):
                 yield self.source.iloc[first : first + rows]
@@ -126,7 +126,7 @@ class MotionTable:
                 taken += width
             at += width
         rates, accelerations = (
-            self._spread(self._read_sense(frame, own, first), own) if own else None
+            self._fill_held(self._read_sense(frame, own, first), own) if own else None
             for own in (c.rates, c.accelerations)
         )
         return MotionPart(first, time, positions, rates, accelerations)
@@ -154,7 +154,7 @@ class MotionTable:
             )  # fmt: skip
         return values
 
-    def _spread(self, values: Array, columns: Sequence[MotionColumn]) -> Array:
+    def _fill_held(self, values: Array, columns: Sequence[MotionColumn]) -> Array:
         """Rates or accelerations of all coordinates (samples, nv): zero of joints that are held."""
         if len(columns) == self.mechanism.nv:
             return values
@@ -181,7 +181,7 @@ class MotionTable:
 def open_motion(
     source: str | Path | pd.DataFrame, mechanism: Mechanism, hold: Mapping[str, Any] | None = None,
     spacing: float | None = None,
-) -> MotionTable:  # fmt: skip
+) -> MotionSource:  # fmt: skip
     """Open a motion of a mechanism: a CSV file, or a table in memory with the same headers [rad], [m], [s].
 
     hold : joint -> where it stands [rad], [m]; spacing : of samples without a column of times [s]
@@ -190,33 +190,45 @@ def open_motion(
     stated = dict(hold or {})
     check_held_joints(stated, mechanism)
     held = {name: _check_held(name, value, mechanism) for name, value in stated.items()}
+    label = str(source) if isinstance(source, str | Path) else "motion"
     dialect = None
-    if isinstance(source, (str, Path)):
-        path = Path(source)
-        label = str(path)
-        _check_motion_file(path)
-        dialect = read_csv_dialect(path)
+    if isinstance(source, str | Path):
+        given: Path | pd.DataFrame = Path(source)
+        dialect = _open_csv(Path(source), mechanism)
         header = [name.removeprefix("#").strip() for name in dialect.header]
-        given: Path | pd.DataFrame = path
-        _check_header(header, mechanism, label)
+        head = read_csv_head(Path(source), dialect, HEAD)
     else:
-        label = "motion"
         given = _convert_table(source)
         header = [str(name) for name in given.columns]
+        head = given.iloc[:HEAD]
     columns = match_motion_columns(header, mechanism, held, f"{label}: line 1" if dialect else label)
     text = dialect is not None
-    head = read_csv_head(given, dialect, HEAD) if isinstance(given, Path) and dialect else given.iloc[:HEAD]
-    spacing = None if spacing is None else check_number("spacing", spacing, "the time between samples [s]")
-    if spacing is not None and not 0.0 < spacing < np.inf:
-        raise InputError(f"spacing = {spacing:g} s: expected the time between samples, above 0 [s]")
-    if spacing is not None and columns.time is not None:
-        raise InputError(
-            f"{label}: spacing = {spacing:g} s beside the column {columns.time[1]!r}; write one of the two"
-        )
     factor, time_digit = _read_time_unit(head, columns, label, text)
     own = {"position": columns.positions, "rate": columns.rates, "acceleration": columns.accelerations}
     digits = {sense: np.array([c.factor * _find_digit(head, c.place, text) for c in own[sense]]) for sense in SENSES}
-    return MotionTable(label, mechanism, given, columns, held, spacing, factor, digits, time_digit, dialect)
+    step = _check_spacing(spacing, columns, label)
+    return MotionSource(label, mechanism, given, columns, held, step, factor, digits, time_digit, dialect)
+
+
+def _check_spacing(spacing: float | None, columns: MotionColumns, label: str) -> float | None:
+    if spacing is None:
+        return None
+    step = check_number("spacing", spacing, "the time between samples [s]")
+    if not 0.0 < step < np.inf:
+        raise InputError(f"spacing = {step:g} s: expected the time between samples, above 0 [s]")
+    if columns.time is not None:
+        raise InputError(f"{label}: spacing = {step:g} s beside the column {columns.time[1]!r}; write one of the two")
+    return step
+
+
+def _open_csv(path: Path, mechanism: Mechanism) -> CsvDialect:
+    """The dialect of a file with a header."""
+    _check_motion_file(path)
+    dialect = read_csv_dialect(path)
+    if all(PLAIN_NUMBER.fullmatch(name) for name in dialect.header):
+        given = f"numbers, {','.join(dialect.header)[:60]}" if any(dialect.header) else "an empty line"
+        raise make_input_error(f"{path}: line 1", given, "the names of the columns", make_header(mechanism))
+    return dialect
 
 
 def _check_motion_file(path: Path) -> None:
@@ -234,13 +246,6 @@ def _check_motion_file(path: Path) -> None:
     raise make_input_error(
         str(path), f"a file {path.suffix or 'without suffix'}", "a motion as .csv or .csv.gz", "motion.csv"
     )
-
-
-def _check_header(header: Sequence[str], mechanism: Mechanism, label: str) -> None:
-    """Refuse a file that begins with numbers."""
-    if header and all(NUMBER.fullmatch(name) for name in header):
-        given = f"numbers, {','.join(header)[:60]}"
-        raise make_input_error(f"{label}: line 1", given, "the names of the columns", make_header(mechanism))
 
 
 def _check_held(name: str, value: Any, mechanism: Mechanism) -> Array:
@@ -268,13 +273,13 @@ def _convert_cell(cell: object) -> float:
 
 
 def _find_digit(head: pd.DataFrame, place: int, text: bool) -> float:
-    """What one unit of the last digit is worth in a column of texts, as it stands; 0 of numbers, which have all their digits.
+    """The worth of one unit of the last digit in a column of texts, as it stands; 0 of numbers, which have all their digits.
 
     A file in the notation 1.234e-05 rounds each number to another unit: their mean square counts.  Numbers that all are floats of
     32 bits carry these.
     """
     cells = head.iloc[:, place]
-    matches = [NUMBER.fullmatch(str(cell)) for cell in cells]
+    matches = [PLAIN_NUMBER.fullmatch(str(cell)) for cell in cells]
     if not matches or not all(matches):
         return 0.0
     units = np.array([10.0 ** (int(m[2] or 0) - len(m[1] or "")) for m in matches if m])
@@ -296,7 +301,7 @@ def _read_time_unit(head: pd.DataFrame, columns: MotionColumns, label: str, text
     steps = np.diff(times)
     usual = float(np.median(steps)) if len(steps) and np.isfinite(steps).all() else 0.0
     unit, _ = find_time_unit(name, usual)
-    if not find_header_unit(name, TIMES, bare=True) and usual >= SLOW:
+    if not find_header_unit(name, TIMES, bare=True) and usual >= SLOW_SAMPLES:
         given = f"steps of {usual:g}, and no unit in the header"
         raise make_input_error(f"{label}: column {name}", given, "the unit of the times", f"{name} [s], or {name} [ms]")
     return SECONDS[unit], SECONDS[unit] * _find_digit(head, place, text)

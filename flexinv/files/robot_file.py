@@ -18,7 +18,7 @@ from flexinv.files.toml_tables import make_input_error
 from flexinv.model.mechanism import Mechanism
 
 READER_GROUP = "flexinv.readers"
-ROOTS = {"robot": "urdf", "mujoco": "mjcf", "sdf": "sdf"}
+ROOT_TAGS = {"robot": "urdf", "mujoco": "mjcf", "sdf": "sdf"}
 XML = (".urdf", ".xml", ".mjcf", ".sdf", ".xacro")
 USD = (".usd", ".usda", ".usdc", ".usdz")
 INSTALL = {
@@ -37,7 +37,7 @@ def read_robot_file(path: str | Path) -> Mechanism:
     file = Path(path)
     suffix = file.suffix.lower()
     if suffix in XML and not describe_kind(file):
-        kind = ROOTS.get(read_xml(file).tag, "urdf")
+        kind = ROOT_TAGS.get(read_xml(file).tag, "urdf")
     elif suffix in USD:
         kind = "usd"
     elif suffix in XML:

@@ -1,32 +1,41 @@
 """Samples of a motion in parts, with rates and accelerations: those that are given, else by the spline of `Motion.from_samples`.
 
-A quintic spline through samples forgets a sample by 0.43 from one to the next, so a part is fitted with `MARGIN` samples on both
-sides of it: its derivatives are those of one spline through all samples, to rounding, whatever their number.
+A quintic spline through samples forgets a sample by 0.43 from one to the next, so a part is fitted with `OVERHANG` samples on
+both sides of it: its derivatives are those of one spline through all samples, to rounding, whatever their number.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from typing import Literal
 
 import numpy as np
+from numpy.polynomial import Polynomial
+from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
-from flexinv.files.csv_dialect import Progress
+from flexinv.files.csv_dialect import Share
 from flexinv.files.motion_columns import list_place_suffixes
-from flexinv.files.motion_table import MotionPart, MotionTable
+from flexinv.files.motion_table import MotionPart, MotionSource
 from flexinv.files.toml_tables import make_input_error
 from flexinv.model.joint_kinds import CIRCLE, KINDS, PLAIN, POSE
 from flexinv.model.joints import Joint
 from flexinv.model.mechanism import Mechanism
 from flexinv.model.motion import Motion
 from flexinv.model.track import HOLE, Sampling, scale_quaternions
-from flexinv.typing import Array
+from flexinv.typing import Array, Triple
 
 # The slowest root of the quintic spline on even samples is -0.4306: 0.4306^64 is 4e-24, less than rounding of second derivatives.
-MARGIN = 64
+OVERHANG = 64
 EVEN = 0.75  # of the last digit of times: even times, rounded, are this near to a straight line
 FINE = 0.25  # of the spacing: a last digit coarser than this could hide a lost sample
+
+
+_S = Polynomial([0.0, 1.0])
+_D = 1.0 - _S
+_LEFT = (_D**3 * (1 + 3 * _S + 6 * _S**2), _D**3 * (_S + 3 * _S**2), 0.5 * _D**3 * _S**2)
+BASIS = (*_LEFT, *(sign * one(_D) for sign, one in zip((1.0, -1.0, 1.0), _LEFT, strict=True)))
 
 
 @dataclass(frozen=True)
@@ -45,7 +54,7 @@ class MotionSamples:
 
 
 def list_place_slices(mechanism: Mechanism) -> list[tuple[Joint, slice]]:
-    """Return where the positions of each joint stand in `MotionPart.positions` [-]."""
+    """Return the places of each joint's positions in `MotionPart.positions` [-]."""
     out = []
     at = 0
     for joint in (one for one in mechanism.joints if one.nv):
@@ -99,7 +108,7 @@ def compute_increments(mechanism: Mechanism, positions: Array, stride: int = 1) 
     return out
 
 
-def sample_motion(table: MotionTable, parts: Iterator[MotionPart]) -> Iterator[MotionSamples]:
+def sample_motion(table: MotionSource, parts: Iterator[MotionPart]) -> Iterator[MotionSamples]:
     """Yield the samples of a motion with rates and accelerations [1/s], those given, else derivatives of splines.
 
     Raises InputError: no times where derivatives are needed, times that do not increase, holes between samples.
@@ -114,7 +123,7 @@ def sample_motion(table: MotionTable, parts: Iterator[MotionPart]) -> Iterator[M
     if not table.timed:
         expected = "a column of times [s], or the spacing of the samples: rates and accelerations are derivatives"
         raise make_input_error(table.label, "no times", expected, "time_s as the first column, or spacing 0.001 s")
-    yield from (_differentiate(table, *window) for window in _list_windows(parts))
+    yield from (_fit_splines(table, *window) for window in _list_windows(parts))
 
 
 def _list_windows(parts: Iterator[MotionPart]) -> Iterator[tuple[MotionPart, int, int]]:
@@ -132,9 +141,9 @@ def _list_windows(parts: Iterator[MotionPart]) -> Iterator[tuple[MotionPart, int
 
 def _join_parts(before: MotionPart | None, here: MotionPart, after: MotionPart | None) -> tuple[MotionPart, int, int]:
     sides = [
-        *([_take(before, slice(-MARGIN, None))] if before else []),
+        *([_take(before, slice(-OVERHANG, None))] if before else []),
         here,
-        *([_take(after, slice(MARGIN))] if after else []),
+        *([_take(after, slice(OVERHANG))] if after else []),
     ]
     start = len(sides[0].positions) if before else 0
     joined = {
@@ -150,7 +159,7 @@ def _take(part: MotionPart, some: slice) -> MotionPart:
     return replace(part, **{key: None if values is None else values[some] for key, values in series.items()})
 
 
-def _differentiate(table: MotionTable, whole: MotionPart, start: int, end: int) -> MotionSamples:
+def _fit_splines(table: MotionSource, whole: MotionPart, start: int, end: int) -> MotionSamples:
     """The samples from ``start`` to ``end`` of a part with margins: splines through positions, or through given rates."""
     mechanism = table.mechanism
     assert whole.time is not None
@@ -182,7 +191,7 @@ def make_even_times(time: Array, digit: float) -> Array:
     return even if digit <= FINE * spacing and np.abs(even - time).max() <= rounding else time
 
 
-def _check_times(table: MotionTable, part: MotionPart, time: Array) -> None:
+def _check_times(table: MotionSource, part: MotionPart, time: Array) -> None:
     steps = np.diff(time)
     name = table.columns.time[1] if table.columns.time is not None else "time"
     where = f"{table.label}: column {name}"
@@ -201,7 +210,7 @@ def _check_times(table: MotionTable, part: MotionPart, time: Array) -> None:
         raise make_input_error(where, given, expected, "the samples between, or two files")
 
 
-def read_whole_motion(table: MotionTable, rows: int, progress: Progress | None = None) -> MotionPart:
+def read_whole_motion(table: MotionSource, rows: int, progress: Share | None = None) -> MotionPart:
     """Return all samples of a motion as one part [rad], [m], [s]."""
     parts = list(table.read_parts(rows, progress))
     series = ("time", "positions", "rates", "accelerations")
@@ -210,3 +219,71 @@ def read_whole_motion(table: MotionTable, rows: int, progress: Progress | None =
         for key in series
     }
     return MotionPart(0, **joined)
+
+
+@dataclass(frozen=True, eq=False)
+class HermiteMotion:
+    """A motion of joints whose coordinates are numbers of their own, with its rates and accelerations, for `solve`.
+
+    Between two samples it is the polynomial of degree 5 that has q, qd, qdd of both.  With s = (t - t_k) / h and d = 1 - s it is
+
+        q(s) = sum over both ends of  q H0 + h qd H1 + h^2 qdd H2,
+        H0 = d^3 (1 + 3 s + 6 s^2),  H1 = d^3 (s + 3 s^2),  H2 = d^3 s^2 / 2,
+
+    at the other end with s and d exchanged, and H1 with its sign (interpolation by Hermite).
+
+    time : (samples,) [s], from 0; angles, rates, accelerations : (samples, nv) [rad], [m], [1/s]; moved : names of the joints
+    """
+
+    time: Array
+    angles: Array
+    rates: Array
+    accelerations: Array
+    moved: tuple[str, ...]
+
+    @property
+    def duration(self) -> float:
+        """The time of the last sample [s]."""
+        return float(self.time[-1])
+
+    @property
+    def jumps(self) -> tuple[float, ...]:
+        """Times [s] where the acceleration may jump: both ends, as before and after the samples a motion rests."""
+        return (0.0, self.duration)
+
+    @property
+    def knots(self) -> tuple[float, ...]:
+        """Times [s] between which every coordinate is one polynomial."""
+        return tuple(self.time)
+
+    breaks = knots
+
+    def joints(self, mechanism: Mechanism) -> tuple[str, ...]:
+        """Return the names of the joints [-] that the motion gives."""
+        return tuple(joint.name for joint in mechanism.joints if joint.name in self.moved)
+
+    def evaluate(self, mechanism: Mechanism, time: ArrayLike, side: Literal["left", "right"] = "right") -> Triple:
+        """Return q (samples, nq), qd and qdd (samples, nv) at times [rad], [m], [1/s]; at samples those that are given."""
+        at = np.asarray(time, dtype=np.float64)
+        inside = np.clip(at, 0.0, self.duration)
+        k = np.clip(np.searchsorted(self.time, inside, side="right") - 1, 0, len(self.time) - 2)
+        width = self.time[k + 1] - self.time[k]
+        s = (inside - self.time[k]) / width
+        h = width[:, None]
+        ends = [(self.angles[i], h * self.rates[i], h**2 * self.accelerations[i]) for i in (k, k + 1)]
+        path = []
+        for order in range(3):
+            values = [basis.deriv(order)(s) if order else basis(s) for basis in BASIS]
+            parts = (value[:, None] * part for value, part in zip(values, [*ends[0], *ends[1]], strict=True))
+            path.append(sum(parts) / h**order)
+        angles, rates, accelerations = (np.asarray(part) for part in path)
+        q = np.tile(mechanism.neutral, (at.size, 1))
+        for joint in mechanism.joints:
+            own = q[:, mechanism.q_slices[joint.name]]
+            angle = angles[:, mechanism.v_slices[joint.name]]
+            own[:] = np.hstack([np.cos(angle), np.sin(angle)]) if KINDS[joint.kind].circle else angle
+        outside = ((at < 0.0) | (at > self.duration))[:, None]
+        return q, np.where(outside, 0.0, rates), np.where(outside, 0.0, accelerations)
+
+
+AnyMotion = Motion | HermiteMotion

@@ -16,22 +16,22 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from flexinv.analysis.sampled_motion import (
-    MARGIN,
+from flexinv.files.motion_columns import ACCELERATION_COLUMNS, POSITION_COLUMNS, RATE_COLUMNS, MotionColumn
+from flexinv.files.motion_table import MotionPart, MotionSource
+from flexinv.files.toml_tables import make_input_error
+from flexinv.model.joint_kinds import KINDS
+from flexinv.model.track import Sampling
+from flexinv.sampled.sampled_motion import (
+    OVERHANG,
     MotionSamples,
     compute_increments,
     list_place_slices,
     make_even_times,
 )
-from flexinv.files.motion_columns import ACCELERATION, POSITION, RATE, MotionColumn
-from flexinv.files.motion_table import MotionPart, MotionTable
-from flexinv.files.toml_tables import make_input_error
-from flexinv.model.joint_kinds import KINDS
-from flexinv.model.track import Sampling
 from flexinv.typing import Array
 
 ALLOWED = 0.02  # of the factor: planners that differentiate by differences, and clocks, are off by less; units and gears by more
-OPEN = 0.5  # a factor that is not known to better than this is none
+UNKNOWN = 0.5  # a factor that is not known to better than this is none
 # What makes a stated slope this many times the true one, to within the part that is allowed.
 CAUSES = {
     180.0 / np.pi: "it is in degrees: write [deg/s] or [deg/s^2] in its header",
@@ -43,7 +43,7 @@ CAUSES = {
 }
 STANDS = 1e-9  # [rad], [m]: a joint whose samples differ by less in all stands still
 HALF_TURN = np.pi
-LOOKS = 16  # samples of a part at which the torque of a noise is computed
+NOISE_SAMPLES = 16  # samples of a part at which the torque of a noise is computed
 Torques = Callable[[Array, Array, Array], Array]
 
 
@@ -54,17 +54,17 @@ class SlopeCheck:
     compared : by sense (nv,) the joint's slopes were compared with what they are slopes of
     """
 
-    table: MotionTable
+    table: MotionSource
     last: MotionPart | None = None
     compared: dict[str, Array] = field(default_factory=dict)
     moving: dict[str, Array] = field(default_factory=dict)
 
-    def pass_on(self, parts: Iterator[MotionPart]) -> Iterator[MotionPart]:
+    def check_parts(self, parts: Iterator[MotionPart]) -> Iterator[MotionPart]:
         """Yield parts [rad], [m], [1/s] that have been checked.  Raises InputError with the factor of each wrong joint."""
         for part in parts:
             self._check_turns(part)
             if part.time is not None and part.rates is not None:
-                whole = part if self.last is None else _prepend_last(self.last, part)
+                whole = part if self.last is None else _add_last(self.last, part)
                 self._check_part(whole)
                 self.last = part
             yield part
@@ -103,9 +103,13 @@ class SlopeCheck:
         mechanism = self.table.mechanism
         rates = part.rates
         assert rates is not None
-        faults = self._compare(part, RATE, rates, lambda stride: compute_increments(mechanism, part.positions, stride))
+        faults = self._compare(
+            part, RATE_COLUMNS, rates, lambda stride: compute_increments(mechanism, part.positions, stride)
+        )
         if part.accelerations is not None and not faults:  # of rates that are wrong nobody knows the slopes
-            faults = self._compare(part, ACCELERATION, part.accelerations, lambda stride: rates[stride:] - rates[:-stride])
+            faults = self._compare(
+                part, ACCELERATION_COLUMNS, part.accelerations, lambda stride: rates[stride:] - rates[:-stride]
+            )
         if faults:
             rows = f"rows {part.first + 1} to {part.first + len(part.positions)}"
             expected = f"slopes of positions, and of rates, to {ALLOWED:.0%} and what spacing and digits leave open"
@@ -117,18 +121,18 @@ class SlopeCheck:
         self, part: MotionPart, sense: str, slopes: Array, increments: Callable[[int], Array]
     ) -> list[tuple[str, str]]:
         assert part.time is not None
-        of = POSITION if sense == RATE else RATE
+        of = POSITION_COLUMNS if sense == RATE_COLUMNS else RATE_COLUMNS
         time = make_even_times(part.time, self.table.time_digit)
-        digits = (spread_digits(self.table, one) for one in (of, sense))
-        factor, allowed = measure_slope_factors(time, slopes, increments, *digits)
-        known = allowed < OPEN
+        digits = (list_digits(self.table, one) for one in (of, sense))
+        factor, allowed = compute_slope_factors(time, slopes, increments, *digits)
+        known = allowed < UNKNOWN
         self.compared[sense] = self.compared.get(sense, np.zeros_like(known)) | known
         self.moving[sense] = self.moving.get(sense, np.zeros_like(known)) | (np.ptp(slopes, axis=0) > 0.0)
-        columns = self.table.columns.rates if sense == RATE else self.table.columns.accelerations
+        columns = self.table.columns.rates if sense == RATE_COLUMNS else self.table.columns.accelerations
         return _describe_faults(self.table.mechanism.velocity_names, sense, of, columns, factor, allowed)
 
 
-def _prepend_last(last: MotionPart, part: MotionPart) -> MotionPart:
+def _add_last(last: MotionPart, part: MotionPart) -> MotionPart:
     """A part with the last sample of the one before, so that no interval is left out."""
     series = {}
     for key in ("time", "positions", "rates", "accelerations"):
@@ -137,7 +141,7 @@ def _prepend_last(last: MotionPart, part: MotionPart) -> MotionPart:
     return MotionPart(part.first - 1, **series)
 
 
-def measure_slope_factors(
+def compute_slope_factors(
     time: Array, slopes: Array, increments: Callable[[int], Array], digits: Array, slope_digits: Array
 ) -> tuple[Array, Array]:
     """Return by which factor of the stated slopes a column moves (columns,) [-], and how far from 1 that may be [-].
@@ -175,7 +179,7 @@ def _compute_factor(time: Array, slopes: Array, moved: Array, stride: int) -> tu
 def _describe_faults(
     names: tuple[str, ...], sense: str, of: str, columns: tuple[MotionColumn, ...], factor: Array, allowed: Array
 ) -> list[tuple[str, str]]:
-    """What is said of each joint whose stated slopes are wrong, and what to write."""
+    """Words on each joint whose stated slopes are wrong, and what to write."""
     headers = {column.coordinate: column.name for column in columns}
     out = []
     for name, size, most in zip(names, factor, allowed, strict=True):
@@ -189,11 +193,13 @@ def _describe_faults(
     return out
 
 
-def spread_digits(table: MotionTable, sense: str) -> Array:
+def list_digits(table: MotionSource, sense: str) -> Array:
     """Return the last digit of each velocity coordinate's column of a sense (nv,) [rad], [m], [1/s]."""
-    columns = {POSITION: table.columns.positions, RATE: table.columns.rates, ACCELERATION: table.columns.accelerations}[
-        sense
-    ]
+    columns = {
+        POSITION_COLUMNS: table.columns.positions,
+        RATE_COLUMNS: table.columns.rates,
+        ACCELERATION_COLUMNS: table.columns.accelerations,
+    }[sense]
     out = np.zeros(table.mechanism.nv)
     names = list(table.mechanism.velocity_names)
     for column, digit in zip(columns, table.digits[sense], strict=True):
@@ -213,18 +219,18 @@ class DigitNoise:
     acceleration : (nv,) standard deviation in the accelerations [rad/s^2], [m/s^2]; effort : (nv,) what it makes [N m], [N]
     """
 
-    table: MotionTable
+    table: MotionSource
     acceleration: Array | None = None
     effort: Array | None = None
 
-    def watch(self, samples: MotionSamples, torques: Torques | None) -> None:
+    def update(self, samples: MotionSamples, torques: Torques | None) -> None:
         """Look at some samples [rad], [m], [s]; torques : the efforts of a rigid mechanism, None of one that bends."""
         sense, gain = self._find_gain(samples)
-        sigma = gain * spread_digits(self.table, sense) / np.sqrt(12.0)
+        sigma = gain * list_digits(self.table, sense) / np.sqrt(12.0)
         self.acceleration = sigma if self.acceleration is None else np.maximum(self.acceleration, sigma)
         if torques is None or not sigma.any():
             return
-        some = slice(0, None, max(len(samples.q) // LOOKS, 1))
+        some = slice(0, None, max(len(samples.q) // NOISE_SAMPLES, 1))
         q = np.ascontiguousarray(samples.q[some])
         qd = np.ascontiguousarray(samples.qd[some])
         qdd = np.ascontiguousarray(samples.qdd[some])
@@ -240,8 +246,8 @@ class DigitNoise:
     def _find_gain(self, samples: MotionSamples) -> tuple[str, float]:
         """Whose digits count, and the acceleration [1/s^2], [1/s] that a unit of scatter makes in these."""
         if self.table.columns.accelerations:
-            return ACCELERATION, 1.0
-        sense, order = (RATE, 1) if self.table.columns.rates else (POSITION, 2)
+            return ACCELERATION_COLUMNS, 1.0
+        sense, order = (RATE_COLUMNS, 1) if self.table.columns.rates else (POSITION_COLUMNS, 2)
         assert samples.time is not None
         if len(samples.time) < 6:
             return sense, 0.0
@@ -254,8 +260,8 @@ def compute_noise_gain(order: int) -> float:
 
     It is the root of the sum of squares of the derivatives at all samples of the spline through one 1 among zeros.
     """
-    count = 2 * MARGIN + 1
+    count = 2 * OVERHANG + 1
     one = np.zeros((count, 1))
-    one[MARGIN] = 1.0
+    one[OVERHANG] = 1.0
     time = np.arange(count, dtype=np.float64)
     return float(np.linalg.norm(Sampling(time).build_spline(one)(time, order)))
