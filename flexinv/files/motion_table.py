@@ -105,31 +105,39 @@ class MotionSource:
         yield from read_csv_parts(self.source, self.dialect, rows, progress)
 
     def _convert_part(self, frame: pd.DataFrame, first: int) -> MotionPart:
-        m = self.mechanism
         c = self.columns
         time = None
         if c.time is not None:
             time = self._read_columns(frame, [c.time[0]], first)[:, 0] * self.time_factor
         elif self.spacing is not None:
             time = self.spacing * np.arange(first, first + len(frame))
-        positions = np.empty((len(frame), sum(len(list_place_suffixes(j)) for j in m.joints if j.nv)))
         given = self._read_sense(frame, c.positions, first)
         self._check_far(given, first)
-        at = 0
-        taken = 0
-        for joint in (one for one in m.joints if one.nv):
-            width = len(list_place_suffixes(joint))
-            if joint.name in self.hold:
-                positions[:, at : at + width] = self.hold[joint.name]
-            else:
-                positions[:, at : at + width] = given[:, taken : taken + width]
-                taken += width
-            at += width
+        positions = self._fill_places(given)
         rates, accelerations = (
             self._fill_held(self._read_sense(frame, own, first), own) if own else None
             for own in (c.rates, c.accelerations)
         )
         return MotionPart(first, time, positions, rates, accelerations)
+
+    def _fill_places(self, given: Array) -> Array:
+        """Positions of all coordinates (samples, places): given ones, held ones, neutral ones of joints without a column."""
+        moving = [joint for joint in self.mechanism.joints if joint.nv]
+        widths = [len(list_place_suffixes(joint)) for joint in moving]
+        if given.shape[1] == sum(widths):
+            return given
+        named = {column.joint for column in self.columns.positions}
+        parts = []
+        taken = 0
+        for joint, width in zip(moving, widths, strict=True):
+            if joint.name in named:
+                parts.append(given[:, taken : taken + width])
+                taken += width
+                continue
+            place = np.zeros(width)
+            place[-1] = 1.0 if KINDS[joint.kind].has_quaternion else 0.0
+            parts.append(np.tile(self.hold.get(joint.name, place), (len(given), 1)))
+        return np.hstack(parts)
 
     def _read_sense(self, frame: pd.DataFrame, columns: Sequence[MotionColumn], first: int) -> Array:
         values = self._read_columns(frame, [column.place for column in columns], first)

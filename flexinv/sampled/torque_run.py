@@ -14,7 +14,8 @@ from numpy.typing import ArrayLike
 from flexinv.analysis.solution import Solution, list_effort_units
 from flexinv.analysis.solve import solve
 from flexinv.analysis.solve_in_parts import solve_in_parts
-from flexinv.errors import InputError, ModelWarning
+from flexinv.analysis.task import INITIAL
+from flexinv.errors import ModelWarning
 from flexinv.files.csv_dialect import Share
 from flexinv.files.motion_table import MotionPart, MotionSource, open_motion
 from flexinv.files.robot_file import read_robot_file
@@ -36,7 +37,7 @@ from flexinv.sampled.sampled_motion import (
     sample_motion,
 )
 from flexinv.typing import Array
-from flexinv.validation import check_finite_array, check_mapping, check_number, refuse
+from flexinv.validation import check_choice, check_finite_array, check_mapping, check_number, check_seconds, refuse
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -170,12 +171,9 @@ class TorqueRun:
             raise make_input_error(
                 self.table.label, given, "even samples, or the step [s] at which rows are written", write
             )
-        step = check_number("step", self.step, "the time step [s]")
-        if not 0.0 < step < np.inf:
-            raise InputError(f"step = {step:g} s: expected a time step above 0 [s]")
-        count = round(spacing / step)
-        fits = even and count >= 1 and abs(count * step - spacing) <= 1e-6 * spacing
-        return (spacing / count, count) if fits else (step, 1)
+        count = round(spacing / self.step)
+        fits = even and count >= 1 and abs(count * self.step - spacing) <= 1e-6 * spacing
+        return (spacing / count, count) if fits else (self.step, 1)
 
     def _make_motion(self, whole: MotionPart, time: Array) -> AnyMotion:
         """Given rates and accelerations where joints are numbers of their own; else the spline through positions."""
@@ -232,9 +230,11 @@ def make_torque_run(
         mechanism = replace(mechanism, gravity=check_finite_array("gravity", request.gravity, (3,), "m/s^2"))
     mechanism = _apply_friction(mechanism, request.friction)
     standing = check_mapping("hold", request.hold, "a table of joints and where they stand", 'hold={"finger": 0.02}')
+    check_choice("initial", request.initial, INITIAL)
+    step = None if request.step is None else check_seconds("step", request.step, "a time step above 0 [s]")
     table = open_motion(motion, mechanism, standing, request.spacing)
     return TorqueRun(
-        mechanism, table, rows, request.step, request.initial, progress, SlopeCheck(table), DigitNoise(table)
+        mechanism, table, rows, step, request.initial, progress, SlopeCheck(table), DigitNoise(table)
     )
 
 
@@ -251,9 +251,9 @@ def _make_payload(mechanism: Mechanism, link: str, load: object) -> Body:
 
 def _apply_friction(mechanism: Mechanism, friction: Friction) -> Mechanism:
     """The mechanism with the friction of its joints as asked: stated, none, or other numbers [N m], [N m s/rad]."""
-    if friction is True:
+    if isinstance(friction, bool | np.bool_) and friction:
         return mechanism
-    if friction is False:
+    if isinstance(friction, bool | np.bool_):
         return replace(mechanism, joints=tuple(_remove_friction(joint) for joint in mechanism.joints))
     stated = check_mapping("friction", friction, "True, False or a table of joints", 'friction={"elbow": (0.5, 0.1)}')
     joints = dict(mechanism.joint_of)
