@@ -119,7 +119,7 @@ def match_motion_columns(header: Sequence[str], mechanism: Mechanism, held: Iter
     moving = [joint for joint in mechanism.joints if joint.nv]
     names = map_joint_names(moving)
     time = _find_time(header)
-    read = [_parse_header(k, name, names) for k, name in enumerate(header) if k != time]
+    read = [_parse_header(k, name, names) for k, name in enumerate(header) if k != time and name]
     named = [(one, _match_joint_column(one, mechanism.joint_of[one.joint])) for one in read if one.joint]
     numbered = [(one, _match_nameless_column(one)) for one in read if not one.joint]
     given, lost = _match_numbered_columns(moving, [column for _, column in numbered if column is not None])
@@ -287,10 +287,11 @@ def _list_some(names: Iterable[str]) -> str:
 
 
 def _describe_nearest(unknown: Sequence[str], mechanism: Mechanism) -> str:
-    """The coordinate that the first unknown column may mean."""
-    known = [name for joint in mechanism.joints if joint.nv for name in list_coordinates(joint, POSITION_COLUMNS)]
-    near = find_nearest_word(re.sub(r"\[.*?\]|\(.*?\)", "", unknown[0]).strip(), known)
-    return f" (is it {near}?)" if near else ""
+    """The joint that the first unknown column may mean."""
+    words = map_joint_names([joint for joint in mechanism.joints if joint.nv])
+    owners = {word: joint for joint, own in words.items() for word in own}
+    near = find_nearest_word(_split_motion_unit(unknown[0])[0].strip(), owners)
+    return f" (is it {owners[near]}?)" if near else ""
 
 
 def make_header(mechanism: Mechanism, held: Iterable[str] = ()) -> str:

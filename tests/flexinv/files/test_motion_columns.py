@@ -44,7 +44,7 @@ HEADERS = {
     "bare names": "time,shoulder_joint,elbow_joint,slide_joint,wrist_joint",
     "without the word that all share": "t,wrist,elbow,slide,shoulder",
     "other orders, brackets": "q_elbow_joint [rad],pos slide_joint (m),Time [s],wrist_joint angle,shoulder_joint",
-    "states of joints": "stamp,/joint_states/elbow_joint/position,joint_states.slide_joint.position,wrist_joint/pos,shoulder_joint",
+    "states of joints": "stamp,/joint_states/elbow/position,joint_states.slide_joint.position,wrist/pos,shoulder",
     "numbers": "time_s,q1,q2,q3,q4",
     "numbers from nought": "time_s,q[0],q[1],q[2],q[3]",
     "numbers with units": "time_s,q_4 [rad],q_3 [m],q_2 [rad],q_1 [rad]",
