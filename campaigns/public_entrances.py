@@ -333,7 +333,7 @@ def files() -> Iterator[Entrance]:
         "gravity": optional("numbers", VECTOR), "friction": slot("flag", False), "spacing": slot("number", 0.125),
         "step": optional("number", 0.125), "initial": slot("choice", "static"),
     }  # fmt: skip
-    yield Entrance("torques", flexinv.torques, request, 2.0)
+    yield Entrance("torques", lambda **given: flexinv.torques(**given).to_numpy(), request, 2.0)
     yield Entrance("write_torques", written, {**request, "rows": slot("whole", 2000)})
     judge = slot("names", ["rigid", "drive"])
     both = {"a": slot("thing", urdf), "b": slot("thing", urdf), "tolerance": slot("number", 1e-5), "judge": judge,

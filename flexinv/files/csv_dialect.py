@@ -56,9 +56,7 @@ def read_csv_dialect(path: Path) -> CsvDialect:
     return CsvDialect(tuple(header), mark, decimal)
 
 
-def read_csv_parts(
-    path: Path, dialect: CsvDialect, rows: int, progress: Share | None = None
-) -> Iterator[pd.DataFrame]:
+def read_csv_parts(path: Path, dialect: CsvDialect, rows: int, progress: Share | None = None) -> Iterator[pd.DataFrame]:
     """Yield the table of a file in parts of ``rows`` [-], columns in their places.
 
     progress : called with the part of the file that is read [-].  Raises InputError: rows with other numbers of cells.

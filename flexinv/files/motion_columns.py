@@ -119,7 +119,7 @@ def match_motion_columns(header: Sequence[str], mechanism: Mechanism, held: Iter
     moving = [joint for joint in mechanism.joints if joint.nv]
     names = map_joint_names(moving)
     time = _find_time(header)
-    read = [_parse_header(k, name, names) for k, name in enumerate(header) if k != time and name]
+    read = _parse_headers(header, time, names)
     named = [(one, _match_joint_column(one, mechanism.joint_of[one.joint])) for one in read if one.joint]
     numbered = [(one, _match_nameless_column(one)) for one in read if not one.joint]
     given, lost = _match_numbered_columns(moving, [column for _, column in numbered if column is not None])
@@ -149,6 +149,11 @@ class _Header:
     senses: frozenset[str]
     unit: tuple[str, str, float] | None
     others: tuple[str, ...]
+
+
+def _parse_headers(header: Sequence[str], time: int | None, names: Mapping[str, tuple[str, ...]]) -> list[_Header]:
+    """All headers but that of times, and those that are empty."""
+    return [_parse_header(place, name, names) for place, name in enumerate(header) if place != time and name]
 
 
 def _parse_header(place: int, name: str, names: Mapping[str, tuple[str, ...]]) -> _Header:

@@ -16,6 +16,7 @@ from flexinv.files.load_mechanism import load_mechanism
 from flexinv.files.regular_files import describe_kind
 from flexinv.files.toml_tables import make_input_error
 from flexinv.model.mechanism import Mechanism
+from flexinv.validation import check_path
 
 READER_GROUP = "flexinv.readers"
 ROOT_TAGS = {"robot": "urdf", "mujoco": "mjcf", "sdf": "sdf"}
@@ -34,7 +35,7 @@ def read_robot_file(path: str | Path) -> Mechanism:
     Raises InputError: the file, what was given, what was expected, what to write.  Warns (ModelWarning) of each thing that the
     file says and a mechanism cannot, and where the model was changed.
     """
-    file = Path(path)
+    file = Path(check_path("robot", path, "a URDF, an MJCF or a mechanism, or of its folder, or a Mechanism"))
     suffix = file.suffix.lower()
     if suffix in XML and not describe_kind(file):
         kind = ROOT_TAGS.get(read_xml(file).tag, "urdf")

@@ -233,9 +233,7 @@ def make_torque_run(
     check_choice("initial", request.initial, INITIAL)
     step = None if request.step is None else check_seconds("step", request.step, "a time step above 0 [s]")
     table = open_motion(motion, mechanism, standing, request.spacing)
-    return TorqueRun(
-        mechanism, table, rows, step, request.initial, progress, SlopeCheck(table), DigitNoise(table)
-    )
+    return TorqueRun(mechanism, table, rows, step, request.initial, progress, SlopeCheck(table), DigitNoise(table))
 
 
 def _make_payload(mechanism: Mechanism, link: str, load: object) -> Body:

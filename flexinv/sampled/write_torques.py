@@ -17,7 +17,7 @@ from flexinv.files.csv_dialect import Share
 from flexinv.model.mechanism import Mechanism
 from flexinv.sampled.torque_run import ROWS, EffortRows, Friction, Payload, TorqueRequest, make_torque_run
 from flexinv.typing import Array
-from flexinv.validation import check_callable, check_flag, check_whole_number
+from flexinv.validation import check_callable, check_flag, check_path, check_whole_number
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -86,7 +86,7 @@ def write_torques(
 
 
 def _check_out(out: str | Path, motion: object, overwrite: bool) -> Path:
-    target = Path(out)
+    target = Path(check_path("out", out, "a CSV file"))
     if isinstance(motion, str | Path) and target.resolve() == Path(motion).resolve():
         raise InputError(f"{target}: it is the motion itself; write another name for the efforts")
     if target.suffix.lower() != ".csv":
