@@ -4,9 +4,10 @@ Between samples k and k + 1 of a column x with the stated slopes v
 
     d_k = x_k+1 - x_k,   m_k = (t_k+1 - t_k) (v_k + v_k+1) / 2,   factor = (d . m) / (m . m),
 
-1 for true slopes.  A factor may be off by `ALLOWED`, by what the spacing of the samples leaves (the same sum with every other
-sample, whose error is four times as large, tells how much), and by what the digits of the file leave: each x is known to half a
-digit, and summed by parts that is at most half a digit times the total variation of m / (t_k+1 - t_k), over m . m.
+1 for true slopes.  It may be off by `ALLOWED`; by what the spacing of the samples leaves, for between two samples a slope may
+jump anywhere from one to the other, which changes d_k by half of (t_k+1 - t_k) |v_k+1 - v_k| (of the largest such change nearby,
+where the slope has a peak); and by what the digits of the file leave: each x is known to half a digit, which summed by parts is
+at most half a digit times the total variation of m / (t_k+1 - t_k).  Each is multiplied by |m| and divided by m . m.
 """
 
 from __future__ import annotations
@@ -103,13 +104,9 @@ class SlopeCheck:
         mechanism = self.table.mechanism
         rates = part.rates
         assert rates is not None
-        faults = self._compare(
-            part, RATE_COLUMNS, rates, lambda stride: compute_increments(mechanism, part.positions, stride)
-        )
+        faults = self._compare(part, RATE_COLUMNS, rates, compute_increments(mechanism, part.positions))
         if part.accelerations is not None and not faults:  # of rates that are wrong nobody knows the slopes
-            faults = self._compare(
-                part, ACCELERATION_COLUMNS, part.accelerations, lambda stride: rates[stride:] - rates[:-stride]
-            )
+            faults = self._compare(part, ACCELERATION_COLUMNS, part.accelerations, np.diff(rates, axis=0))
         if faults:
             rows = f"rows {part.first + 1} to {part.first + len(part.positions)}"
             expected = f"slopes of positions, and of rates, to {ALLOWED:.0%} and what spacing and digits leave open"
@@ -117,14 +114,12 @@ class SlopeCheck:
             given = "; ".join(words for words, _ in faults)
             raise make_input_error(f"{self.table.label}: {rows}", given, expected, write)
 
-    def _compare(
-        self, part: MotionPart, sense: str, slopes: Array, increments: Callable[[int], Array]
-    ) -> list[tuple[str, str]]:
+    def _compare(self, part: MotionPart, sense: str, slopes: Array, moved: Array) -> list[tuple[str, str]]:
         assert part.time is not None
         of = POSITION_COLUMNS if sense == RATE_COLUMNS else RATE_COLUMNS
         time = make_even_times(part.time, self.table.time_digit)
         digits = (list_digits(self.table, one) for one in (of, sense))
-        factor, allowed = compute_slope_factors(time, slopes, increments, *digits)
+        factor, allowed = compute_slope_factors(time, slopes, moved, *digits)
         known = allowed < UNKNOWN
         self.compared[sense] = self.compared.get(sense, np.zeros_like(known)) | known
         self.moving[sense] = self.moving.get(sense, np.zeros_like(known)) | (np.ptp(slopes, axis=0) > 0.0)
@@ -142,38 +137,36 @@ def _add_last(last: MotionPart, part: MotionPart) -> MotionPart:
 
 
 def compute_slope_factors(
-    time: Array, slopes: Array, increments: Callable[[int], Array], digits: Array, slope_digits: Array
+    time: Array, slopes: Array, moved: Array, digits: Array, slope_digits: Array
 ) -> tuple[Array, Array]:
     """Return by which factor of the stated slopes a column moves (columns,) [-], and how far from 1 that may be [-].
 
-    time : (samples,) [s]; slopes : (samples, columns); increments : stride -> (samples - stride, columns); digits : of what
-    increments are of (columns,), and of the slopes.  What is said to stand has the factor 1, or an infinite one where it moves.
+    time : (samples,) [s]; slopes : (samples, columns); moved : from each sample to the next (samples - 1, columns); digits : of
+    what moves (columns,), and of the slopes.  What is said to stand has the factor 1, or an infinite one where it moves.
     """
     if len(time) < 4:
         return np.ones(slopes.shape[1]), np.full(slopes.shape[1], np.inf)
-    factor, total, mean = _compute_factor(time, slopes, increments(1), 1)
-    coarse, _, _ = _compute_factor(time, slopes, increments(2), 2)
-    variation = np.abs(np.diff(mean, axis=0)).sum(axis=0) + np.abs(mean[0]) + np.abs(mean[-1])
-    way = np.diff(time) @ np.abs(mean)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        rounding = 0.5 * (digits * variation + slope_digits * way) / total
-    allowed = ALLOWED + np.abs(coarse - factor) + rounding
-    allowed[~np.isfinite(allowed)] = np.inf
-    still = total == 0.0
-    moved = still & (np.abs(increments(1)).sum(axis=0) > STANDS + 2.0 * digits)
-    factor[still] = 1.0
-    factor[moved] = np.inf
-    allowed[moved] = ALLOWED
-    return factor, allowed
-
-
-def _compute_factor(time: Array, slopes: Array, moved: Array, stride: int) -> tuple[Array, Array, Array]:
-    """The factor, m . m, and the mean slopes (samples - stride, columns) of the module's first lines."""
-    width = (time[stride:] - time[:-stride])[:, None]
-    mean = 0.5 * (slopes[stride:] + slopes[:-stride])
+    width = np.diff(time)[:, None]
+    mean = 0.5 * (slopes[1:] + slopes[:-1])
+    size = np.abs(mean)
+    change = np.abs(np.diff(slopes, axis=0))
+    nearby = change.copy()
+    np.maximum(nearby[1:], change[:-1], out=nearby[1:])
+    np.maximum(nearby[:-1], change[1:], out=nearby[:-1])
     total = np.einsum("ij,ij->j", mean, mean * width)
+    jumps = 0.5 * np.einsum("ij,ij->j", size, nearby * width)
+    variation = np.abs(np.diff(mean, axis=0)).sum(axis=0) + size[0] + size[-1]
+    rounding = 0.5 * (digits * variation + slope_digits * (np.diff(time) @ size))
     with np.errstate(divide="ignore", invalid="ignore"):
-        return np.einsum("ij,ij->j", moved, mean) / total, total, mean
+        factor = np.einsum("ij,ij->j", moved, mean) / total
+        allowed = ALLOWED + (jumps + rounding) / total
+    still = total == 0.0
+    gone = still & (np.abs(moved).sum(axis=0) > STANDS + 2.0 * digits)
+    factor[still] = 1.0
+    allowed[still] = np.inf
+    factor[gone] = np.inf
+    allowed[gone] = ALLOWED
+    return factor, allowed
 
 
 def _describe_faults(

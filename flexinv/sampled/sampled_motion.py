@@ -81,14 +81,14 @@ def convert_to_coordinates(mechanism: Mechanism, positions: Array) -> Array:
     return q
 
 
-def compute_increments(mechanism: Mechanism, positions: Array, stride: int = 1) -> Array:
-    """Return by how much each velocity coordinate moves within ``stride`` samples (samples - stride, nv) [rad], [m].
+def compute_increments(mechanism: Mechanism, positions: Array) -> Array:
+    """Return by how much each velocity coordinate moves from a sample to the next (samples - 1, nv) [rad], [m].
 
     An angle of a continuous joint goes the shorter way; a rotation is its vector in the moving frame, a way is seen from the
     frame halfway.
     """
-    before = positions[:-stride]
-    after = positions[stride:]
+    before = positions[:-1]
+    after = positions[1:]
     if before.shape[1] == mechanism.nv and all(KINDS[j.kind].layout == PLAIN for j in mechanism.joints):
         return after - before
     out = np.empty((len(before), mechanism.nv))

@@ -18,6 +18,8 @@ from flexinv.files.from_urdf import find_robots_folder
 from flexinv.files.motion_columns import list_coordinates
 from flexinv.model.joint_kinds import KINDS
 from flexinv.model.mechanism import Joint, Link, Mechanism
+from flexinv.model.track import LAWS, evaluate_progress, find_law
+from flexinv.sampled.motion_checks import compute_slope_factors
 from flexinv.sampled.sampled_motion import convert_to_coordinates
 from flexinv.typing import Array, Triple
 
@@ -347,3 +349,29 @@ def test_a_body_that_turns_and_moves_freely_is_compared_and_differentiated_like_
     motion[rates[4]] *= 1.5
     with pytest.raises(InputError, match=r"'rate base\.wy' is 1\.5 times"):
         flexinv.torques(mechanism, motion)
+
+
+def test_no_true_motion_is_refused_and_wrong_factors_are_found() -> None:
+    """Laws of every kind, with jumps of the acceleration, at a few samples or many, in a few digits or all."""
+    random = np.random.default_rng(0)
+    found = 0
+    compared = 0
+    for _ in range(400):
+        law = find_law(str(random.choice(list(LAWS))))
+        count = int(random.integers(5, 400))
+        time = np.linspace(0.0, 1.0, count)
+        move = random.uniform(0.5, 1.0)
+        delay = random.uniform(0.0, 1.0 - move)
+        path = evaluate_progress(law, (time - delay) / move, np.zeros(count, dtype=bool))
+        decimals = int(random.choice([3, 4, 6]))
+        x, v, a = (np.round(part / move**k, decimals)[:, None] for k, part in enumerate(path))
+        digit = np.array([10.0**-decimals])
+        for slopes, values in ((v, x), (a, v)):
+            moved = np.diff(values, axis=0)
+            factor, allowed = compute_slope_factors(time, slopes, moved, digit, digit)
+            assert abs(factor[0] - 1.0) <= allowed[0]
+            for wrong in (-1.0, 2.0, np.pi / 180.0):
+                factor, allowed = compute_slope_factors(time, wrong * slopes, moved, digit, wrong * digit)
+                found += bool(abs(factor[0] - 1.0) > allowed[0])
+                compared += 1
+    assert found > 0.97 * compared  # the others have five samples and jumps between them
