@@ -81,9 +81,10 @@ def sample_part_seconds(robot: Mechanism, file: Path, out: Path) -> dict[str, fl
                 return seconds
             table = frame.to_numpy()
             seconds["read"] += time.process_time() - begin
-            parts = (np.ascontiguousarray(table[:, 1 + k * robot.nv : 1 + (k + 1) * robot.nv]) for k in range(3))
+            nv = robot.nv
+            q, qd, qdd = (np.ascontiguousarray(table[:, 1 + k * nv : 1 + (k + 1) * nv]) for k in range(3))
             begin = time.process_time()
-            torque = flexinv.joint_torques(robot, *parts)
+            torque = flexinv.joint_torques(robot, q, qd, qdd)
             seconds["call"] += time.process_time() - begin
             begin = time.process_time()
             rows = np.column_stack([table[:, 0], torque])

@@ -89,7 +89,6 @@ class MotionColumns:
     rates: tuple[MotionColumn, ...]
     accelerations: tuple[MotionColumn, ...]
     left_out: tuple[str, ...]
-    by_number: bool = False
 
 
 def list_place_suffixes(joint: Joint) -> tuple[str, ...]:
@@ -128,9 +127,9 @@ def match_motion_columns(header: Sequence[str], mechanism: Mechanism, held: Iter
     left_out = [name for name in none if LEFT_OUT.search(name)]
     unknown = [name for name in (*none, *lost) if name not in left_out]
     _check_columns(found, unknown, mechanism, tuple(held), where)
-    ordered = {sense: _list_ordered(found, mechanism, sense) for sense in SENSES}
+    positions, rates, accelerations = (_list_ordered(found, mechanism, sense) for sense in SENSES)
     when = None if time is None else (time, header[time])
-    return MotionColumns(when, *(ordered[sense] for sense in SENSES), tuple(left_out), bool(given))
+    return MotionColumns(when, positions, rates, accelerations, tuple(left_out))
 
 
 def _find_time(header: Sequence[str]) -> int | None:
@@ -172,7 +171,7 @@ def _match_nameless_column(header: _Header) -> MotionColumn | None:
     plain = len(header.others) < 2 and all(token.isdigit() for token in header.others)
     if not plain or len(header.senses) != 1:
         return None
-    return MotionColumn(header.place, header.name, *header.senses, "", "", *_read_factor(header.unit))
+    return MotionColumn(header.place, header.name, next(iter(header.senses)), "", "", *_read_factor(header.unit))
 
 
 def _match_joint_column(header: _Header, joint: Joint) -> MotionColumn | None:

@@ -56,6 +56,33 @@ class MotionPart:
     rates: Array | None
     accelerations: Array | None
 
+    def take(self, some: slice) -> MotionPart:
+        """Return some of its samples [rad], [m], [s], those of a slice without a step."""
+        time, rates, accelerations = (
+            None if values is None else values[some] for values in (self.time, self.rates, self.accelerations)
+        )
+        first = self.first + some.indices(len(self.positions))[0]
+        return MotionPart(first, time, self.positions[some], rates, accelerations)
+
+
+def join_parts(parts: Sequence[MotionPart]) -> MotionPart:
+    """Return consecutive parts of a motion as one [rad], [m], [s]."""
+    positions = np.concatenate([one.positions for one in parts])
+    time, rates, accelerations = (
+        _join_series(series)
+        for series in (
+            [one.time for one in parts],
+            [one.rates for one in parts],
+            [one.accelerations for one in parts],
+        )
+    )
+    return MotionPart(parts[0].first, time, positions, rates, accelerations)
+
+
+def _join_series(series: Sequence[Array | None]) -> Array | None:
+    known = [values for values in series if values is not None]
+    return np.concatenate(known) if known else None
+
 
 @dataclass(frozen=True)
 class MotionSource:
@@ -106,11 +133,11 @@ class MotionSource:
 
     def _convert_part(self, frame: pd.DataFrame, first: int) -> MotionPart:
         c = self.columns
-        time = None
+        time: Array | None = None
         if c.time is not None:
             time = self._read_columns(frame, [c.time[0]], first)[:, 0] * self.time_factor
         elif self.spacing is not None:
-            time = self.spacing * np.arange(first, first + len(frame))
+            time = self.spacing * np.arange(first, first + len(frame), dtype=np.float64)
         given = self._read_sense(frame, c.positions, first)
         self._check_far(given, first)
         positions = self._fill_places(given)

@@ -18,7 +18,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from flexinv.files.motion_columns import ACCELERATION_COLUMNS, POSITION_COLUMNS, RATE_COLUMNS, MotionColumn
-from flexinv.files.motion_table import MotionPart, MotionSource
+from flexinv.files.motion_table import MotionPart, MotionSource, join_parts
 from flexinv.files.toml_tables import make_input_error
 from flexinv.model.joint_kinds import KINDS
 from flexinv.model.track import Sampling
@@ -29,7 +29,7 @@ from flexinv.sampled.sampled_motion import (
     list_place_slices,
     make_even_times,
 )
-from flexinv.typing import Array
+from flexinv.typing import Array, Mask
 
 ALLOWED = 0.02  # of the factor: planners that differentiate by differences, and clocks, are off by less; units and gears by more
 UNKNOWN = 0.5  # a factor that is not known to better than this is none
@@ -57,15 +57,15 @@ class SlopeCheck:
 
     table: MotionSource
     last: MotionPart | None = None
-    compared: dict[str, Array] = field(default_factory=dict)
-    moving: dict[str, Array] = field(default_factory=dict)
+    compared: dict[str, Mask] = field(default_factory=dict)
+    moving: dict[str, Mask] = field(default_factory=dict)
 
     def check_parts(self, parts: Iterator[MotionPart]) -> Iterator[MotionPart]:
         """Yield parts [rad], [m], [1/s] that have been checked.  Raises InputError with the factor of each wrong joint."""
         for part in parts:
             self._check_turns(part)
             if part.time is not None and part.rates is not None:
-                whole = part if self.last is None else _add_last(self.last, part)
+                whole = part if self.last is None else join_parts([self.last.take(slice(-1, None)), part])
                 self._check_part(whole)
                 self.last = part
             yield part
@@ -125,15 +125,6 @@ class SlopeCheck:
         self.moving[sense] = self.moving.get(sense, np.zeros_like(known)) | (np.ptp(slopes, axis=0) > 0.0)
         columns = self.table.columns.rates if sense == RATE_COLUMNS else self.table.columns.accelerations
         return _describe_faults(self.table.mechanism.velocity_names, sense, of, columns, factor, allowed)
-
-
-def _add_last(last: MotionPart, part: MotionPart) -> MotionPart:
-    """A part with the last sample of the one before, so that no interval is left out."""
-    series = {}
-    for key in ("time", "positions", "rates", "accelerations"):
-        values = getattr(part, key)
-        series[key] = None if values is None else np.concatenate([getattr(last, key)[-1:], values])
-    return MotionPart(part.first - 1, **series)
 
 
 def compute_slope_factors(

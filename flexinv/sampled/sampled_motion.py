@@ -7,7 +7,7 @@ both sides of it: its derivatives are those of one spline through all samples, t
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
@@ -17,7 +17,7 @@ from scipy.spatial.transform import Rotation
 
 from flexinv.files.csv_dialect import Share
 from flexinv.files.motion_columns import list_place_suffixes
-from flexinv.files.motion_table import MotionPart, MotionSource
+from flexinv.files.motion_table import MotionPart, MotionSource, join_parts
 from flexinv.files.toml_tables import make_input_error
 from flexinv.model.joint_kinds import CIRCLE, KINDS, PLAIN, POSE
 from flexinv.model.joints import Joint
@@ -132,31 +132,21 @@ def _list_windows(parts: Iterator[MotionPart]) -> Iterator[tuple[MotionPart, int
     here: MotionPart | None = None
     for after in parts:
         if here is not None:
-            yield _join_parts(before, here, after)
+            yield _add_margins(before, here, after)
             before = here
         here = after
     if here is not None:
-        yield _join_parts(before, here, None)
+        yield _add_margins(before, here, None)
 
 
-def _join_parts(before: MotionPart | None, here: MotionPart, after: MotionPart | None) -> tuple[MotionPart, int, int]:
-    sides = [
-        *([_take(before, slice(-OVERHANG, None))] if before else []),
-        here,
-        *([_take(after, slice(OVERHANG))] if after else []),
-    ]
-    start = len(sides[0].positions) if before else 0
-    joined = {
-        key: None if getattr(here, key) is None else np.concatenate([getattr(one, key) for one in sides])
-        for key in ("time", "positions", "rates", "accelerations")
-    }
-    whole = replace(here, first=here.first - start, **joined)
-    return whole, start, start + len(here.positions)
-
-
-def _take(part: MotionPart, some: slice) -> MotionPart:
-    series = {key: getattr(part, key) for key in ("time", "positions", "rates", "accelerations")}
-    return replace(part, **{key: None if values is None else values[some] for key, values in series.items()})
+def _add_margins(before: MotionPart | None, here: MotionPart, after: MotionPart | None) -> tuple[MotionPart, int, int]:
+    start = 0 if before is None else min(len(before.positions), OVERHANG)
+    sides = [here]
+    if before is not None:
+        sides.insert(0, before.take(slice(-OVERHANG, None)))
+    if after is not None:
+        sides.append(after.take(slice(0, OVERHANG)))
+    return join_parts(sides), start, start + len(here.positions)
 
 
 def _fit_splines(table: MotionSource, whole: MotionPart, start: int, end: int) -> MotionSamples:
@@ -212,13 +202,7 @@ def _check_times(table: MotionSource, part: MotionPart, time: Array) -> None:
 
 def read_whole_motion(table: MotionSource, rows: int, progress: Share | None = None) -> MotionPart:
     """Return all samples of a motion as one part [rad], [m], [s]."""
-    parts = list(table.read_parts(rows, progress))
-    series = ("time", "positions", "rates", "accelerations")
-    joined = {
-        key: None if getattr(parts[0], key) is None else np.concatenate([getattr(one, key) for one in parts])
-        for key in series
-    }
-    return MotionPart(0, **joined)
+    return join_parts(list(table.read_parts(rows, progress)))
 
 
 @dataclass(frozen=True, eq=False)
