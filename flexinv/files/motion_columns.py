@@ -273,13 +273,14 @@ def _check_columns(
 def _list_missing(
     seen: Mapping[tuple[str, str], str], mechanism: Mechanism, held: Sequence[str], sense: str
 ) -> list[str]:
-    """Coordinates without a column; where closures move the joints that a motion leaves out, none but parts of a joint."""
+    """Coordinates without a column; of a joint that closures or springs may move, and that a motion leaves out, none."""
     missing = []
     for joint in mechanism.joints:
         own = list_coordinates(joint, sense) if joint.nv and joint.name not in held else ()
         absent = [name for name in own if (sense, name) not in seen]
         whole = len(absent) == len(own)
-        if not (whole and mechanism.closures and (POSITION_COLUMNS, own[0] if own else "") not in seen):
+        left_out = whole and (POSITION_COLUMNS, own[0] if own else "") not in seen
+        if not (left_out and (mechanism.closures or not joint.actuated)):
             missing += absent
     return missing
 

@@ -96,7 +96,7 @@ class TorqueRun:
             self.peak = np.maximum(self.peak, np.abs(one.values).max(axis=0))
             self.square += np.einsum("ij,ij->j", one.values, one.values)
             yield one
-        for words in (*self.check.describe_unchecked(), *self._describe_noise()):
+        for words in (*self._describe_free(), *self.check.describe_unchecked(), *self._describe_noise()):
             warnings.warn(f"{self.table.label}: {words}", ModelWarning, stacklevel=3)
 
     @property
@@ -190,6 +190,13 @@ class TorqueRun:
             joint.name: whole.positions[:, places] for joint, places in list_place_slices(m) if joint.name in given
         }
         return Motion.from_samples(time, columns)
+
+    def _describe_free(self) -> Iterator[str]:
+        """Joints of a tree that nobody moves."""
+        given = {column.joint for column in self.table.columns.positions} | set(self.table.hold)
+        free = [joint.name for joint in self.mechanism.joints if joint.nv and joint.name not in given]
+        if free and not self.mechanism.closures:
+            yield f"joints without actuator and column move as forces make them: {', '.join(free)}"
 
     def _describe_noise(self) -> Iterator[str]:
         """Noise that the digits of the file make in the efforts, where that is worth a word."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 import warnings
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -375,3 +376,27 @@ def test_no_true_motion_is_refused_and_wrong_factors_are_found() -> None:
                 found += bool(abs(factor[0] - 1.0) > allowed[0])
                 compared += 1
     assert found > 0.97 * compared  # the others have five samples and jumps between them
+
+
+def test_a_joint_without_actuator_and_column_moves_as_forces_make_it(root: Path) -> None:
+    robot = flexinv.load_mechanism(root / "models" / "rigid_3r")
+    sprung = replace(robot.joints[2], actuated=False, stiffness=200.0, damping=2.0)
+    loose = replace(robot, joints=(*robot.joints[:2], sprung))
+    time = 2e-3 * np.arange(100)
+    angles = {name: 0.2 * (1.0 - np.cos(4.0 * time)) for name in loose.velocity_names[:2]}
+    expected = flexinv.solve(loose, flexinv.Motion.from_samples(time, angles), 2e-3)
+    with pytest.warns(ModelWarning, match="joints without actuator and column move as forces make them: joint3"):
+        found = flexinv.torques(loose, pd.DataFrame({"time_s": time, **angles}))
+    assert relative(found.to_numpy(), expected.torque_all) < 1e-9  # the march sees rounding of times, as above
+
+
+def test_the_motion_of_a_case_is_a_motion_file(root: Path) -> None:
+    folder = root / "models" / "elastic_drives"
+    drives = flexinv.load_mechanism(folder)
+    case = next(c for c in flexinv.load_cases(folder, drives).values() if c.motion.tracks[0].sampling is not None)
+    time = case.motion.tracks[0].sampling.time
+    q, qd, qdd = case.motion.evaluate(drives, time)
+    found = flexinv.torques(drives, folder / "swing.csv")
+    # A case may bring its samples to rest at both ends, and within the reach of a spline's ends it then differs.
+    middle = slice(len(time) // 3, 2 * len(time) // 3)
+    assert relative(found.to_numpy()[middle], flexinv.joint_torques(drives, q, qd, qdd)[middle]) < 1e-6
