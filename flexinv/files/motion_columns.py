@@ -123,7 +123,7 @@ def match_motion_columns(header: Sequence[str], mechanism: Mechanism, held: Iter
     numbered = [(one, _match_nameless_column(one)) for one in read if not one.joint]
     given, lost = _match_numbered_columns(moving, [column for _, column in numbered if column is not None])
     found = [*(column for _, column in named if column is not None), *given]
-    none = [one.name for one, column in (*named, *numbered) if column is None]
+    none = [one.name for one, column in sorted((*named, *numbered), key=_find_place) if column is None]
     left_out = [name for name in none if LEFT_OUT.search(name)]
     unknown = [name for name in (*none, *lost) if name not in left_out]
     _check_columns(found, unknown, mechanism, tuple(held), where)
@@ -148,6 +148,10 @@ class _Header:
     senses: frozenset[str]
     unit: tuple[str, str, float] | None
     others: tuple[str, ...]
+
+
+def _find_place(pair: tuple[_Header, MotionColumn | None]) -> int:
+    return pair[0].place
 
 
 def _parse_headers(header: Sequence[str], time: int | None, names: Mapping[str, tuple[str, ...]]) -> list[_Header]:
@@ -266,7 +270,8 @@ def _check_columns(
         expected = (
             f"columns of {mechanism.name}: positions, or positions and rates, or accelerations, too; others left out"
         )
-        write = f"{make_header(mechanism, held)}; a joint that stands still may be held instead"
+        still = "a joint that stands still may be held instead: --hold NAME=0, in Python hold={'NAME': 0.0}"
+        write = f"{make_header(mechanism, held)}; {still}"
         raise make_input_error(where, "; ".join(faults), expected, write)
 
 

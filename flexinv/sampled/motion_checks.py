@@ -35,8 +35,10 @@ ALLOWED = 0.02  # of the factor: planners that differentiate by differences, and
 UNKNOWN = 0.5  # a factor that is not known to better than this is none
 # What makes a stated slope this many times the true one, to within the part that is allowed.
 CAUSES = {
-    180.0 / np.pi: "it is in degrees: write [deg/s] or [deg/s^2] in its header",
-    np.pi / 180.0: "the other is in degrees: write [deg] or [deg/s] in its header",
+    180.0
+    / np.pi: "it is in degrees: write [deg/s] or [deg/s^2] in its header; or the other is in radians: write [rad] there",
+    np.pi
+    / 180.0: "it is in radians: write [rad/s] or [rad/s^2] in its header; or the other is in degrees: write [deg] there",
     1000.0: "it is in thousandths, or times are in milliseconds: write [mm/s] in its header or [ms] in that of times",
     0.001: "the other is in thousandths: write [mm] in its header",
     30.0 / np.pi: "it is in turns per minute: write [rpm] in its header",
