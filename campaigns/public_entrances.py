@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import contextlib
 import io
+import tempfile
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import cache
@@ -14,6 +15,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pandas as pd
 
 import crosscheck
 import flexinv
@@ -326,6 +328,13 @@ def files() -> Iterator[Entrance]:
         "path": slot("thing", urdf), "packages": slot("thing", (), "table"), "base": slot("choice", "free"),
         "gravity": slot("numbers", VECTOR), "lock": slot("names", ["elbow"]),
     })  # fmt: skip
+    request = {
+        "robot": path, "motion": slot("thing", tabled()), "payload": optional("by joint", {"link3": 2.0}),
+        "gravity": optional("numbers", VECTOR), "friction": slot("flag", False), "spacing": slot("number", 0.125),
+        "step": optional("number", 0.125), "initial": slot("choice", "static"),
+    }  # fmt: skip
+    yield Entrance("torques", lambda **given: flexinv.torques(**given).to_numpy(), request, 2.0)
+    yield Entrance("write_torques", written, {**request, "rows": slot("whole", 2000)})
     judge = slot("names", ["rigid", "drive"])
     both = {"a": slot("thing", urdf), "b": slot("thing", urdf), "tolerance": slot("number", 1e-5), "judge": judge,
             "strict": slot("flag", False), "match": optional("renaming", {"elbow": "elbow"})}  # fmt: skip
@@ -337,6 +346,18 @@ def files() -> Iterator[Entrance]:
     yield Entrance("crosscheck.identify", lambda **given: crosscheck.identify(**given), {
         "mechanism": slot("thing", MODELS / "rigid_3r"), "logs": slot("thing", ("missing.csv",)), "hold_out": slot("thing", ()),
     }, 0.6)  # fmt: skip
+
+
+def tabled() -> pd.DataFrame:
+    """Return a motion of the three joints as a table [rad]."""
+    angles = np.sin(np.linspace(0.0, 1.0, 12)[:, None] * [1.0, 2.0, 3.0])
+    return pd.DataFrame(angles, columns=list(model("rigid_3r").velocity_names))
+
+
+def written(**given: Any) -> Any:
+    """Return the efforts [N m] that a file holds afterwards."""
+    with tempfile.TemporaryDirectory() as folder:
+        return pd.read_csv(flexinv.write_torques(**given, out=Path(folder) / "efforts.csv").file).to_numpy()
 
 
 def quiet(call: Call, **given: Any) -> Any:

@@ -22,12 +22,15 @@ if TYPE_CHECKING:
     from flexinv.linearized.modes import Modes
     from flexinv.linearized.natural_modes import natural_modes
     from flexinv.linearized.steady_modes import SteadyModes, steady_modes
+    from flexinv.model.links import Body, Inertia
     from flexinv.model.mechanism import Mechanism
     from flexinv.model.motion import Motion
     from flexinv.rigid.joint_torques import joint_torques
     from flexinv.rigid.prepare import TorqueFunction, prepare
     from flexinv.rigid.torque_derivatives import TorqueDerivatives, torque_derivatives
     from flexinv.rigid.torque_regressor import BaseParameters, Regressor, base_parameters, torque_regressor
+    from flexinv.sampled.torques import torques
+    from flexinv.sampled.write_torques import TorqueSummary, write_torques
     from flexinv.tracking.follow import Following, follow
     from flexinv.tracking.frame_path import Path
 
@@ -37,11 +40,13 @@ _NAMES = {
     "analysis.motor_side": "motor_side", "analysis.simulate": "simulate",
     "analysis.solution": "Solution", "analysis.solve": "solve", "analysis.solve_in_parts": "solve_in_parts",
     "analysis.solve_many": "Batch solve_many", "analysis.statics": "Load statics",
+    "sampled.torques": "torques", "sampled.write_torques": "TorqueSummary write_torques",
     "errors": "ConvergenceError FlexinvError InputError ModelWarning",
     "files.from_urdf": "from_urdf", "files.load_cases": "Case load_cases", "files.load_mechanism": "load_mechanism",
     "linearized.linear_model": "LinearModel linear_model", "linearized.modes": "Modes",
     "linearized.natural_modes": "natural_modes",
-    "linearized.steady_modes": "SteadyModes steady_modes", "model.mechanism": "Mechanism", "model.motion": "Motion",
+    "linearized.steady_modes": "SteadyModes steady_modes", "model.links": "Body Inertia",
+    "model.mechanism": "Mechanism", "model.motion": "Motion",
     "rigid.joint_torques": "joint_torques", "rigid.prepare": "TorqueFunction prepare",
     "rigid.torque_derivatives": "TorqueDerivatives torque_derivatives",
     "rigid.torque_regressor": "BaseParameters Regressor base_parameters torque_regressor",
@@ -50,22 +55,36 @@ _NAMES = {
 _HOME = {name: module for module, names in _NAMES.items() for name in names.split()}
 
 __all__ = [
-    "BaseParameters", "Batch", "Case", "Controller", "ConvergenceError", "FlexinvError", "Following", "InputError",
+    "BaseParameters", "Batch", "Body", "Case", "Controller", "ConvergenceError", "FlexinvError", "Following", "Inertia",
+    "InputError",
     "LimitUse", "LinearModel", "Load", "Mechanism", "ModelWarning", "Modes", "Motion", "Path", "Regressor", "Solution",
-    "SteadyModes", "TorqueDerivatives", "TorqueFunction", "base_parameters", "find_limits", "follow", "from_urdf",
+    "SteadyModes", "TorqueDerivatives", "TorqueFunction", "TorqueSummary",
+    "__version__", "base_parameters", "find_limits", "follow", "from_urdf",
     "joint_torques",
     "linear_model", "load_cases", "load_mechanism", "motor_side", "natural_modes", "prepare", "simulate", "solve",
     "solve_in_parts", "solve_many", "statics", "steady_modes", "torque_derivatives", "torque_regressor",
+    "torques", "write_torques",
 ]  # fmt: skip
 
 
 def __getattr__(name: str) -> Any:
-    """Import a public name on first use (PEP 562)."""
+    """Import a public name on first use (PEP 562); the version is that of the installed package."""
+    if name == "__version__":
+        return _read_version()
     if name not in _HOME:
         raise AttributeError(f"module 'flexinv' has no attribute {name!r}; it has {', '.join(__all__)}")
     value = getattr(import_module(f"flexinv.{_HOME[name]}"), name)
     globals()[name] = value
     return value
+
+
+def _read_version() -> str:
+    from importlib import metadata
+
+    try:
+        return metadata.version("flexinv")
+    except metadata.PackageNotFoundError:  # a checkout on the path that nobody has installed
+        return "0+unknown"
 
 
 def __dir__() -> list[str]:

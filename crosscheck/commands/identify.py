@@ -21,13 +21,13 @@ from crosscheck.identification.excitation import Proposal, find_exciting_motion
 from crosscheck.identification.files import write_judged, write_parameters, write_prediction
 from crosscheck.identification.identified_file import write_identified
 from crosscheck.identification.identify import Identification, identify, judge_blocks, read_machine, read_of
-from crosscheck.identification.logs.header import find_time_column, find_time_unit
 from crosscheck.identification.logs.log import list_column_names, read_log
 from crosscheck.identification.page import write_page
 from crosscheck.identification.propose import format_identify_toml
 from crosscheck.identification.settings import FILE
 from crosscheck.report.words import format_short
 from flexinv.errors import FlexinvError, InputError
+from flexinv.files.header_words import find_time_column, find_time_unit
 from flexinv.files.load_mechanism import load_mechanism
 from flexinv.files.toml_tables import resolve_toml_file
 

@@ -25,16 +25,17 @@ from flexinv.cli.output import (
     OVERWRITE,
     check_outputs,
     parse_by_joint,
-    read_model,
     write,
     write_table,
 )
 from flexinv.cli.simulate import follow_task, simulate_file
+from flexinv.cli.torques import write_torque_file
 from flexinv.cli.warm import warm
 from flexinv.constraints.open_loops import replace_advice
 from flexinv.errors import FlexinvError, InputError, ModelWarning
 from flexinv.files.load_cases import Case, load_cases
 from flexinv.files.load_mechanism import load_mechanism
+from flexinv.files.robot_file import read_robot_file
 from flexinv.kernels.compiler.compile_lock import NOTE, add_compile_listener
 from flexinv.kinematics.mesh import build
 from flexinv.linearized.modal_damping import apply_stated_ratio
@@ -60,6 +61,7 @@ def app() -> None:
     (motions). Start with:
 
     \b
+      flexinv torques robot.urdf motion.csv --out torques.csv
       flexinv info models/flex_one_link
       flexinv solve models/flex_one_link --case cycloid --plot torque.png
     """
@@ -167,7 +169,7 @@ def _write_motors(solution: Solution) -> None:
 @MODEL
 def info(model: Path) -> None:
     """Show what a mechanism file (or a URDF) is: coordinates, masses, beams and their meshes, and its cases."""
-    mechanism = read_model(model)
+    mechanism = read_robot_file(model)
     click.echo(mechanism.name + (f": {mechanism.title}" if mechanism.title else ""))
     gravity = ", ".join(f"{g:g}" for g in mechanism.gravity)
     mass = sum(overview.compute_link_mass(link) for link in mechanism.links)
@@ -255,7 +257,7 @@ def parameters(model: Path, drives: bool, samples: int) -> None:
 
     tau = Y pi, ten parameters for each link about the origin of its frame: m, h = m c, I.
     """
-    mechanism = read_model(model)
+    mechanism = read_robot_file(model)
     full = torque_regressor(mechanism, *sample_states(mechanism, samples), drives=drives)
     base = base_parameters(full)
     count = len(base.columns)
@@ -268,6 +270,7 @@ def parameters(model: Path, drives: bool, samples: int) -> None:
 app.add_command(follow_task)
 app.add_command(warm)
 app.add_command(simulate_file)
+app.add_command(write_torque_file)
 
 
 def _read_own_cases(model: Path, mechanism: Mechanism) -> dict[str, Case]:

@@ -13,9 +13,6 @@ import numpy as np
 import pandas as pd
 
 from flexinv.errors import InputError
-from flexinv.files.from_urdf import from_urdf
-from flexinv.files.load_mechanism import load_mechanism
-from flexinv.model.mechanism import Mechanism
 
 T = TypeVar("T")
 FILE = click.Path(path_type=Path, dir_okay=False)
@@ -25,11 +22,6 @@ ACCURACY = click.option(
     "--accuracy", type=float, help="Largest error of every torque and tip in parts of its range, for example 1e-4, in place of a "
     "step: steps and mesh are chosen for it, and error bars say what was reached.",
 )  # fmt: skip
-
-
-def read_model(model: Path) -> Mechanism:
-    """Return the mechanism [-] of a URDF, of a mechanism file or of its folder."""
-    return from_urdf(model) if model.suffix in (".urdf", ".xml") else load_mechanism(model)
 
 
 def parse_by_joint(option: str, texts: Sequence[str], read: Callable[[str], T], expected: str) -> dict[str, T]:

@@ -7,9 +7,9 @@ from itertools import combinations
 import numpy as np
 
 from crosscheck.identification.bands import ChannelJudgement
-from crosscheck.identification.logs.header import SLOW
 from crosscheck.identification.logs.log import Log
 from crosscheck.identification.readings import Machine
+from flexinv.files.header_words import SLOW_SAMPLES
 from flexinv.typing import Array
 
 # Samples at an extreme value, of all: a smooth signal touches its extremes once or twice.
@@ -35,7 +35,7 @@ def describe_log_doubts(machine: Machine, logs: list[Log], held: list[Log]) -> l
         f"{log.name}: its samples are {log.spacing:g} s apart, which is slow for a machine that moves: if its times are "
         'milliseconds, write time_unit = "ms" in identify.toml'
         for log in (*logs, *held)
-        if log.spacing > SLOW
+        if log.spacing > SLOW_SAMPLES
     ]
     rate = logs[0].spacing
     words += [

@@ -11,6 +11,7 @@ import numpy as np
 from crosscheck.identification.logs.bag import SUFFIXES, is_bag, read_bag_columns
 from crosscheck.identification.settings import TIMES
 from flexinv.errors import InputError
+from flexinv.files.csv_dialect import read_csv_dialect
 from flexinv.files.regular_files import MISSING, describe_kind
 from flexinv.files.toml_tables import LONGEST_PATH
 from flexinv.typing import Array
@@ -18,7 +19,6 @@ from flexinv.validation import find_nearest_word
 
 LARGEST_FILE = 1 << 30  # [byte]
 MOST_SAMPLES = 10_000_000  # what a packed file may swell to: three hours at 1 kHz
-LONGEST_LINE = 1 << 20  # [characters]
 # Times are written with few decimals: their steps are even to a tenth.
 EVEN = 0.1
 
@@ -139,36 +139,18 @@ def _read_columns(path: Path, time: str) -> dict[str, Array]:
 
 
 def _read_csv(path: Path) -> Any:
-    """Commas, semicolons or tabs between columns; a decimal comma where no column is divided by commas."""
-    import csv
-    import gzip
-
+    """The table of a CSV file in any dialect."""
     import pandas as pd
 
-    opener: Any = gzip.open if path.name.endswith(".gz") else open
-    try:
-        with opener(path, "rt", encoding="utf-8-sig", newline="") as stream:
-            first = stream.readline(LONGEST_LINE)
-            second = stream.readline(LONGEST_LINE)
-    except UnicodeDecodeError as error:
-        raise InputError(f"{path.name}: the header is not UTF-8 ({error}); save it as UTF-8") from error
-    except (OSError, EOFError) as error:
-        raise InputError(f"{path.name}: it cannot be read ({error}); write the log anew") from error
-    if max(len(first), len(second)) >= LONGEST_LINE:
-        raise InputError(f"{path.name}: a line of more than {LONGEST_LINE} characters; expected a line for each sample")
-    mark = max(";\t,", key=lambda one: len(next(csv.reader([first], delimiter=one), [])))
-    header = [cell.strip() for cell in next(csv.reader([first.strip()], delimiter=mark), [])]
-    if doubled := sorted({cell for cell in header if header.count(cell) > 1}):
-        raise InputError(f"{path.name}: column {doubled[0]!r} stands there twice; rename one of them")
-    decimal = "," if mark != "," and "," in second and "." not in second else "."
+    dialect = read_csv_dialect(path)
     try:
         frame = pd.read_csv(
             path,
-            names=header,
+            names=list(dialect.header),
             skiprows=1,
             nrows=MOST_SAMPLES + 1,
-            sep=mark,
-            decimal=decimal,
+            sep=dialect.mark,
+            decimal=dialect.decimal,
             encoding="utf-8-sig",
             skipinitialspace=True,
         )

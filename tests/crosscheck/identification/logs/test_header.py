@@ -7,9 +7,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from crosscheck.identification.logs.header import find_time_column, find_time_unit, match_joint_columns
+from crosscheck.identification.logs.header import match_joint_columns
 from crosscheck.identification.logs.log import read_log
 from flexinv.errors import InputError
+from flexinv.files.header_words import find_time_column, find_time_unit
 from flexinv.model.mechanism import Joint
 
 FEW = np.linspace(0.0, 1.0, 5)
