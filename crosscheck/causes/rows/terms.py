@@ -34,7 +34,7 @@ def compute_quadratic_terms(mechanism: Mechanism, states: States, qd: Array) -> 
 def compute_centrifugal_terms(mechanism: Mechanism, states: States) -> Array:
     """Return sum_j c_ijj q'_j^2, (samples, nv) [N m] or [N]: what each joint's rate does alone."""
     alone = (states.qd * unit for unit in np.eye(mechanism.nv))
-    return np.sum([compute_quadratic_terms(mechanism, states, qd) for qd in alone], axis=0)
+    return np.asarray(np.sum([compute_quadratic_terms(mechanism, states, qd) for qd in alone], axis=0))
 
 
 def compute_gyroscopic_efforts(mechanism: Mechanism, states: States) -> Array:
