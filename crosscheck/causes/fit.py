@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 
@@ -69,14 +70,27 @@ class Fit:
 class Candidate:
     """A cause at a target with its columns at size zero, (samples nv, parameters), per ``scale`` [unit].
 
+    look : the columns, of marches rough ones (`Model.rough`); model : that finer ones are computed with, None for no finer ones
     far : effects (samples nv,) [-] at sizes that no engine's answer has chosen, by their bytes; None where nothing runs
     """
 
     cause: Cause
     target: str
     scale: float
-    columns: Array
+    look: Array
+    model: Model | None = field(default=None, compare=False, repr=False)
     far: dict[bytes, Array | None] = field(default_factory=dict, compare=False, repr=False)
+
+    @cached_property
+    def columns(self) -> Array:
+        """The columns, of marches those of the model's own step: computed when somebody needs them."""
+        if self.model is None or self.model.rough is self.model:
+            return self.look
+        try:
+            found = _compute_columns(self.model, self.cause, self.target, self.scale)
+        except IMPOSSIBLE:
+            return self.look
+        return found if np.isfinite(found).all() else self.look
 
     def compute_far_effect(self, model: Model, place: Array) -> Array | None:
         """Return the effect of a size of ``place`` times ``scale`` [unit], (samples nv,) [-], None where nothing runs.
@@ -121,11 +135,11 @@ def _list_cause_candidates(model: Model, cause: Cause) -> Iterator[Candidate]:
         if not scale:
             continue
         try:
-            columns = _compute_columns(model, cause, target, scale)
+            look = _compute_columns(model.rough, cause, target, scale)
         except IMPOSSIBLE:
             continue
-        if np.isfinite(columns).all() and _is_visible(model, cause, columns):
-            yield Candidate(cause, target, scale, columns)
+        if np.isfinite(look).all() and _is_visible(model, cause, look):
+            yield Candidate(cause, target, scale, look, model)
 
 
 def _is_visible(model: Model, cause: Cause, columns: Array) -> bool:
@@ -223,17 +237,15 @@ def fit(model: Model, residual: Array, candidate: Candidate, rounds: int = 0, no
 
     noise : part of |r| [-] that says nothing: a fit that leaves half as much is good enough
     """
-    total = float(np.linalg.norm(residual))
     cause = candidate.cause
-    columns = candidate.columns
-    if not cause.sized:
-        return _fit(candidate, np.ones(1), columns[:, 0], residual, total)
     if cause.guess is not None:
-        return _fit_from_guesses(model, residual, candidate, total)
-    p = np.asarray(np.linalg.lstsq(columns, residual, rcond=SMALL)[0], dtype=np.float64)
-    first = _fit(candidate, p, columns @ p, residual, total)
-    if cause.linear or not rounds:
+        return _fit_from_guesses(model, residual, candidate, float(np.linalg.norm(residual)))
+    first = _fit_linearly(residual, candidate, candidate.look)
+    if candidate.model is not None and first.residual <= ROUGHLY:  # `columns` may be finer than a look
+        first = _fit_linearly(residual, candidate, candidate.columns)
+    if cause.linear or not cause.sized or not rounds:
         return first
+    p = first.size / candidate.scale
     most = np.inf if first.residual <= PROPORTIONAL else LARGEST
     start = np.clip(p, -most, most)
     if model.rough is not model and first.residual > HOPELESS:
@@ -241,6 +253,15 @@ def fit(model: Model, residual: Array, candidate: Candidate, rounds: int = 0, no
         if rough.residual > ROUGHLY:
             return min(first, rough, key=lambda f: f.residual)
     return _solve_size(model, residual, candidate, start, rounds, noise / 2, most)
+
+
+def _fit_linearly(residual: Array, candidate: Candidate, columns: Array) -> Fit:
+    """Return the least squares of a cause's size by columns (samples nv, parameters) [-]; of a cause without one, its effect."""
+    total = float(np.linalg.norm(residual))
+    if not candidate.cause.sized:
+        return _fit(candidate, np.ones(1), columns[:, 0], residual, total)
+    p = np.asarray(np.linalg.lstsq(columns, residual, rcond=SMALL)[0], dtype=np.float64)
+    return _fit(candidate, p, columns @ p, residual, total)
 
 
 def fit_from(model: Model, residual: Array, candidate: Candidate, size: Array, rounds: int, noise: float) -> Fit | None:
@@ -303,7 +324,7 @@ def _is_proportional(model: Model, candidate: Candidate, size: float) -> bool:
     Of several numbers each is looked at alone, the products of two are not.
     """
     for k, unit in enumerate(np.eye(candidate.cause.parameters)):
-        told = size * candidate.columns[:, k]
+        told = size * candidate.look[:, k]
         far_effect = candidate.compute_far_effect(model, size * unit)
         if far_effect is None or np.abs(far_effect - told).max() > PROBED * np.abs(told).max():
             return False

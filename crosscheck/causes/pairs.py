@@ -12,7 +12,17 @@ from dataclasses import replace
 import numpy as np
 
 from crosscheck.causes.cause import Cause
-from crosscheck.causes.fit import SMALL, Candidate, Fit, describe_size, fit, fit_from, list_candidates
+from crosscheck.causes.fit import (
+    HOPELESS,
+    ROUGHLY,
+    SMALL,
+    Candidate,
+    Fit,
+    describe_size,
+    fit,
+    fit_from,
+    list_candidates,
+)
 from crosscheck.causes.model import Model, is_tree
 from crosscheck.causes.subject import Subject
 from flexinv.typing import Array
@@ -24,7 +34,7 @@ ROUNDS = {True: 8, False: 3}  # of a refinement, by whether it is rigid
 # causes without a size that are taken off first, and sized ones that are tried beside each of them
 FIRST = 4
 NEXT = 8
-LINEAR = 0.5  # of |r|: a pair that leaves more in the linear look is none
+LINEAR = 0.5  # of |r|: a pair that leaves more in the linear look is none, of rough marches by as much as they are off
 DEPENDENT = 1e-6  # of a column: what another one leaves of it is rounding
 
 
@@ -38,7 +48,8 @@ def find_pairs(
     usable = [c for c in known if not c.cause.linear and c.cause.guess is None]
     quick = is_tree(model.base)
     found: dict[tuple[str, str], Fit] = {}
-    likely = _list_likely_pairs(usable, residual)[: TRIED[quick]]
+    most = LINEAR if model.rough is model else LINEAR + ROUGHLY - HOPELESS
+    likely = _list_likely_pairs(usable, residual, most)[: TRIED[quick]]
     for a, b in (*likely, *(_list_sequential_pairs(model, residual, usable) if quick else [])):
         one = fit(model, residual, join_causes(a, b), ROUNDS[model.base.mechanism.is_rigid], noise)
         if explains(one):
@@ -110,17 +121,17 @@ def _add_words(one: Fit, first: Candidate, second: Candidate) -> Fit:
     return Fit(cause, one.target, one.size, one.residual, one.column)
 
 
-def _list_likely_pairs(usable: list[Candidate], residual: Array) -> list[tuple[Candidate, Candidate]]:
-    """Return the pairs that leave least in the linear look, least first."""
+def _list_likely_pairs(usable: list[Candidate], residual: Array, most: float) -> list[tuple[Candidate, Candidate]]:
+    """Return the pairs that leave least in the linear look, least first, up to ``most`` of |r| [-]."""
     sized = [c for c in usable if c.cause.sized]
-    bases = [_compute_orthonormal_basis(c.columns) for c in sized]
+    bases = [_compute_orthonormal_basis(c.look) for c in sized]
     total = float(residual @ residual)
     found: list[tuple[float, int, Candidate, Candidate]] = []
     for i, (a, q) in enumerate(zip(sized[:-1], bases[:-1], strict=True)):
         rest = residual - q @ (q.T @ residual)
         others = np.hstack(bases[i + 1 :])
         found += _list_pair_remainders(a, sized[i + 1 :], others - q @ (q.T @ others), rest, len(found))
-    return [(a, b) for left, _, a, b in sorted(found, key=lambda one: one[:2]) if left <= LINEAR**2 * total]
+    return [(a, b) for left, _, a, b in sorted(found, key=lambda one: one[:2]) if left <= most**2 * total]
 
 
 def _list_sequential_pairs(model: Model, residual: Array, usable: list[Candidate]) -> list[tuple[Candidate, Candidate]]:
@@ -160,7 +171,7 @@ def _list_pair_remainders(
 
 
 def _compute_rank(one: Candidate) -> int:
-    return int(_compute_orthonormal_basis(one.columns).shape[1])
+    return int(_compute_orthonormal_basis(one.look).shape[1])
 
 
 def _compute_gain(block: Array, rest: Array) -> float:
