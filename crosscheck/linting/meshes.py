@@ -93,7 +93,8 @@ def _check_link(link: LinkStatements, points: Array, size: float) -> Iterator[Fi
 
 def _read_points(part: Element, meshes: Mapping[str, MeshFile]) -> Array | None:
     """Points of a shape in the link's frame (n, 3) [m]; None for one that is not there or not read."""
-    shape = next(iter(part.find("geometry") or ()), None)
+    geometry = part.find("geometry")
+    shape = None if geometry is None else next(iter(geometry), None)
     if shape is None:
         return None
     try:
