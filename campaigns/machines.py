@@ -9,8 +9,8 @@ from dataclasses import replace
 import numpy as np
 from retelling import Dice, random_turn
 
-from crosscheck.equivalence.tree import join_bodies
 from crosscheck.lifting.assembly import list_depth_first
+from crosscheck.lifting.rigid import join_bodies
 from crosscheck.lifting.urdf import lift_urdf
 from flexinv.files.from_urdf import find_robots_folder
 from flexinv.model.mechanism import WORLD, Attachment, Body, Closure, Inertia, Joint, Limits, Link, Mechanism, Placement

@@ -5,6 +5,7 @@ from __future__ import annotations
 import gc
 import importlib
 import os
+import re
 import shlex
 import signal
 import sys
@@ -21,6 +22,7 @@ EXTRAS = {
 }
 # New objects after which Python looks for garbage.  What is imported stays: with the usual 700 a seventh of a start goes to that.
 GARBAGE = 50_000
+FROM_PYTHON = re.compile(r'python_version >= "(\d+)\.(\d+)"')
 
 
 def main() -> None:
@@ -82,7 +84,7 @@ def describe_missing_package(error: ModuleNotFoundError) -> str:
 
 
 def list_requirements(extra: str = "") -> list[str]:
-    """Return the requirements for pip of an extra of this project, of its core without one.
+    """Return the requirements for pip of an extra of this project, of its core without one, on this Python.
 
     Nothing where the project itself is not installed.
     """
@@ -91,4 +93,15 @@ def list_requirements(extra: str = "") -> list[str]:
     except metadata.PackageNotFoundError:
         return []
     parts = [[part.strip() for part in line.partition(";")] for line in lines]
-    return [need for need, _, marker in parts if marker.replace("'", '"') == (f'extra == "{extra}"' if extra else "")]
+    return [need for need, _, marker in parts if _is_marker_met(marker, extra)]
+
+
+def _is_marker_met(marker: str, extra: str) -> bool:
+    """Return True if a requirement with this marker [-] is one of the extra, on this Python.
+
+    The markers of pyproject.toml say "from this Python on", and the installation joins them to the extra's by "and".
+    """
+    conditions = {part.strip(" ()") for part in marker.replace("'", '"').split(" and ") if part.strip()}
+    froms = {one: match for one in conditions if (match := FROM_PYTHON.fullmatch(one))}
+    is_met = all(sys.version_info >= (int(match[1]), int(match[2])) for match in froms.values())
+    return is_met and conditions - froms.keys() == ({f'extra == "{extra}"'} if extra else set())

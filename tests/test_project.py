@@ -15,18 +15,27 @@ from packaging.utils import canonicalize_name
 from packaging.version import Version
 
 PROJECT = "flexinv"
+PYTHONS = ("3.11", "3.12", "3.13")
 
 
-def requirements(root: Path) -> dict[str, list[Requirement]]:
-    """Requirements by extra; "" is the core."""
+def holds(requirement: Requirement, python: str) -> bool:
+    """Whether a requirement is one of this Python."""
+    return requirement.marker is None or requirement.marker.evaluate({"python_version": python})
+
+
+def requirements(root: Path, python: str) -> dict[str, list[Requirement]]:
+    """Requirements of a Python by extra; "" is the core."""
     project = tomllib.loads((root / "pyproject.toml").read_text())["project"]
     groups = {"": project["dependencies"], **project["optional-dependencies"]}
-    return {extra: [Requirement(line) for line in lines] for extra, lines in groups.items()}
+    return {extra: [one for one in map(Requirement, lines) if holds(one, python)] for extra, lines in groups.items()}
 
 
-def pins(text: str) -> dict[str, str]:
+def pins(text: str, python: str) -> dict[str, str]:
+    """Versions by name for a Python: one each."""
     lines = [line for line in text.splitlines() if line and not line.startswith("#")]
-    return {canonicalize_name(name): version for name, version in (line.split("==") for line in lines)}
+    asked = [one for one in map(Requirement, lines) if holds(one, python)]
+    assert len(asked) == len({canonicalize_name(one.name) for one in asked})
+    return {canonicalize_name(one.name): str(one.specifier).removeprefix("==") for one in asked}
 
 
 def unpinned(groups: dict[str, list[Requirement]], pinned: dict[str, str]) -> list[str]:
@@ -39,8 +48,9 @@ def unpinned(groups: dict[str, list[Requirement]], pinned: dict[str, str]) -> li
     ]
 
 
-def test_every_dependency_is_pinned_to_a_version_that_it_allows(root: Path) -> None:
-    assert unpinned(requirements(root), pins((root / "constraints.txt").read_text())) == []
+@pytest.mark.parametrize("python", PYTHONS)
+def test_every_dependency_is_pinned_to_a_version_that_it_allows(root: Path, python: str) -> None:
+    assert unpinned(requirements(root, python), pins((root / "constraints.txt").read_text(), python)) == []
 
 
 def test_a_missing_or_wrong_pin_is_found() -> None:
@@ -51,32 +61,43 @@ def test_a_missing_or_wrong_pin_is_found() -> None:
 
 def not_lowest(groups: dict[str, list[Requirement]], lowest: dict[str, str]) -> list[str]:
     """Requirements whose lower bound is not the version of the list of lower bounds, and names that nothing asks for."""
-    asked = [r for lines in groups.values() for r in lines if r.name != PROJECT]
+    bounds: dict[str, list[Version]] = {}
+    for one in (r for lines in groups.values() for r in lines if r.name != PROJECT):
+        stated = [Version(part.version) for part in one.specifier if part.operator in (">=", "==")]
+        bounds.setdefault(canonicalize_name(one.name), []).extend(stated)
     result = []
-    for r in asked:
-        bounds = [Version(one.version) for one in r.specifier if one.operator in (">=", "==")]
-        own = lowest.get(canonicalize_name(r.name))
-        if own is None or bounds != [Version(own)]:
-            result.append(f"{r}: {own}")
-    return result + sorted(set(lowest) - {canonicalize_name(r.name) for r in asked})
+    for name, versions in bounds.items():
+        own = lowest.get(name)
+        if own is None or not versions or max(versions) != Version(own):
+            result.append(f"{name}>={max(versions, default='')}: {own}")
+    return result + sorted(set(lowest) - set(bounds))
 
 
-def test_lower_bounds_are_the_versions_that_were_tried(root: Path) -> None:
-    lowest = pins((root / "docs" / "release" / "lower-bounds.txt").read_text())
-    assert not_lowest(requirements(root), lowest) == []
-    text = (root / "docs" / "release" / "publish.md").read_text()
-    assert "--constraint docs/release/lower-bounds.txt" in text
+@pytest.mark.parametrize("python", PYTHONS)
+def test_lower_bounds_are_the_versions_that_were_tried(root: Path, python: str) -> None:
+    lowest = pins((root / "docs" / "release" / "lower-bounds.txt").read_text(), python)
+    assert not_lowest(requirements(root, python), lowest) == []
 
 
 def test_a_lower_bound_that_was_not_tried_is_found() -> None:
     groups = {"": [Requirement("numpy>=2.0"), Requirement("scipy>=1.13"), Requirement("numba")]}
     tried = {"numpy": "2.0.0", "scipy": "1.14.0", "click": "8.2.0"}
-    assert not_lowest(groups, tried) == ["scipy>=1.13: 1.14.0", "numba: None", "click"]
+    assert not_lowest(groups, tried) == ["scipy>=1.13: 1.14.0", "numba>=: None", "click"]
+
+
+def test_a_lower_bound_of_a_later_python_is_its_own() -> None:
+    lines = "numpy>=2.0", "numpy>=2.1; python_version >= '3.13'"
+    tried = "numpy==2.0.0; python_version < '3.13'\nnumpy==2.1.0; python_version >= '3.13'"
+    for python, version in (("3.12", "2.0.0"), ("3.13", "2.1.0")):
+        asked = {"": [one for one in map(Requirement, lines) if holds(one, python)]}
+        assert pins(tried, python) == {"numpy": version}
+        assert not_lowest(asked, pins(tried, python)) == []
+        assert not_lowest(asked, {"numpy": "2.0.1"}) != []
 
 
 def test_all_means_every_extra(root: Path) -> None:
     """But what engines of others need: neither `make report` nor `make test` asks for it."""
-    groups = requirements(root)
+    groups = requirements(root, PYTHONS[-1])
     (everything,) = groups.pop("all")
     assert groups.pop("fmu")
     assert everything.name == PROJECT
@@ -104,6 +125,7 @@ def stated(text: str) -> list[tuple[int, int]]:
 def test_pages_classifiers_and_wheels_name_the_same_pythons(root: Path) -> None:
     project = tomllib.loads((root / "pyproject.toml").read_text())["project"]
     named = re.findall(r"Python :: 3\.(\d+)", "\n".join(project["classifiers"]))
+    assert [f"3.{minor}" for minor in named] == list(PYTHONS)
     minors = [int(minor) for minor in named]
     assert minors == list(range(minors[0], minors[-1] + 1))
     assert project["requires-python"] == f">=3.{minors[0]}"
@@ -201,7 +223,7 @@ def test_no_address_is_invented(root: Path) -> None:
 
 
 def test_the_page_on_publishing_names_the_oldest_numpy(root: Path) -> None:
-    (numpy,) = [one for one in requirements(root)[""] if one.name == "numpy"]
+    (numpy,) = [one for one in requirements(root, PYTHONS[0])[""] if one.name == "numpy"]
     assert f"NumPy from {str(numpy.specifier).removeprefix('>=')} are allowed" in (
         root / "docs" / "release" / "publish.md"
     ).read_text().replace("\n", " ")

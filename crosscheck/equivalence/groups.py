@@ -10,9 +10,10 @@ import numpy as np
 from crosscheck.equivalence.alignment.member_alignment import SAME, SEEN
 from crosscheck.equivalence.difference import Difference
 from crosscheck.equivalence.members import MemberPair, list_body_differences
-from crosscheck.equivalence.tree import Member, Tree, join_bodies
-from crosscheck.lifting.rigid import move_inertia
+from crosscheck.equivalence.tree import Member, Tree
+from crosscheck.lifting.rigid import join_bodies, move_inertia
 from flexinv.model.mechanism import Array, Inertia, Placement
+from flexinv.model.parallel_axis import compute_parallel_axis_term
 
 BODY = ("mass", "centre of mass", "inertia tensor")
 TURNED = 10.0  # rounding errors of a tensor that is turned and summed over those of a number
@@ -107,7 +108,7 @@ def _compute_body_remainder(whole: Inertia, part: Inertia) -> Inertia:
     mass = whole.mass - part.mass
     com = (whole.mass * whole.com - part.mass * part.com) / mass
     arms = [(body.mass, body.com - com) for body in (whole, part)]
-    about = [m * (float(d @ d) * np.eye(3) - np.outer(d, d)) for m, d in arms]
+    about = [compute_parallel_axis_term(m, d) for m, d in arms]
     return Inertia.build_unchecked(mass, com, whole.tensor + about[0] - part.tensor - about[1])
 
 

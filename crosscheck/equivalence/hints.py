@@ -7,6 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from flexinv.model.mechanism import Array, Inertia
+from flexinv.model.parallel_axis import compute_parallel_axis_term
 
 NEAR = 2e-3  # relative: printed numbers keep a factor to about three digits
 DEGREE = 180.0 / np.pi
@@ -79,7 +80,7 @@ def _list_tensor_hints(one: Inertia, two: Inertia) -> Iterator[str]:
         (two, 1.0, "B's is about the link's origin"),
         (one, -1.0, "A's is about the link's origin"),
     ):
-        if float(np.abs(b - a - sign * _compute_steiner_term(body)).max()) <= NEAR * scale:
+        if float(np.abs(b - a - sign * compute_parallel_axis_term(body.mass, body.com)).max()) <= NEAR * scale:
             yield f"they differ by m (c^2 1 - c c^T): {words}, not about the centre of mass"
             return
     flipped = np.where(np.eye(3, dtype=bool), a, -a)
@@ -87,9 +88,3 @@ def _list_tensor_hints(one: Inertia, two: Inertia) -> Iterator[str]:
         yield "the products of inertia have the opposite sign"
     elif float(np.abs(np.linalg.eigvalsh(a) - np.linalg.eigvalsh(b)).max()) <= NEAR * scale:
         yield "the principal moments are the same: its axes are turned"
-
-
-def _compute_steiner_term(body: Inertia) -> Array:
-    c = body.com
-    steiner_term: Array = body.mass * (float(c @ c) * np.eye(3) - np.outer(c, c))
-    return steiner_term

@@ -13,7 +13,7 @@ from typing import Any, TypedDict
 
 import numpy as np
 
-from crosscheck.lifting.rigid import apply_placement, move_inertia
+from crosscheck.lifting.rigid import apply_placement, join_bodies, move_inertia
 from flexinv.model.mechanism import WORLD, Array, Body, Inertia, Joint, Limits, Link, Mechanism, Placement
 
 SCALARS = ("revolute", "prismatic", "helical")
@@ -210,23 +210,6 @@ def _list_named_bodies(link: Link, body: Inertia) -> tuple[tuple[str, Inertia], 
     if len(names) < 2 or len(set(names)) < len(names):
         return ((link.name, body),)
     return tuple((part.name, part.inertia) for part in link.bodies)
-
-
-def join_bodies(parts: Iterable[Inertia]) -> Inertia:
-    """Return bodies of one frame as one body [kg, m, kg m^2]; tensors by Steiner's theorem.
-
-    A body without mass keeps its centre where it is alone; its tensor is added as it is.
-    """
-    parts = [part for part in parts if part.mass or part.tensor.any()]
-    if len(parts) == 1:
-        return parts[0]
-    mass = sum(part.mass for part in parts)
-    com = sum((part.mass * part.com for part in parts), np.zeros(3)) / (mass or 1.0)
-    tensor = np.zeros((3, 3))
-    for part in parts:
-        d = part.com - com
-        tensor = tensor + part.tensor + part.mass * (float(d @ d) * np.eye(3) - np.outer(d, d))
-    return Inertia.build_unchecked(float(mass), com, tensor)
 
 
 def join_into_carriers(tree: Tree, still: Iterable[int]) -> tuple[Tree, dict[int, int]]:

@@ -26,6 +26,7 @@ from flexinv.model.links import Body, Inertia
 from flexinv.model.mechanism import Joint, Mechanism
 from flexinv.model.motion import Motion
 from flexinv.model.owned_cache import make_owner_cache
+from flexinv.model.parallel_axis import compute_parallel_axis_term
 from flexinv.rigid.joint_torques import joint_torques
 from flexinv.rigid.torque_regressor import compute_link_parameters, torque_regressor
 from flexinv.typing import Array
@@ -91,7 +92,7 @@ def replace_masses(mechanism: Mechanism, masses: Mapping[str, Array]) -> Mechani
         com = ten[1:4] / ten[0]
         tensor = np.zeros((3, 3))
         tensor[ROWS, COLUMNS] = tensor[COLUMNS, ROWS] = ten[4:]
-        tensor -= mass * (com @ com * np.eye(3) - np.outer(com, com))
+        tensor -= compute_parallel_axis_term(mass, com)
         return (Body(name, Inertia.build_unchecked(float(mass), com, tensor)),)
 
     links = tuple(

@@ -8,9 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-import numpy as np
-
-from crosscheck.lifting.rigid import apply_placement
+from crosscheck.lifting.rigid import apply_placement, join_bodies, move_inertia
 from flexinv.model.mechanism import WORLD, Inertia, Mechanism, Placement
 
 AXES = ("x", "y", "z")
@@ -38,7 +36,7 @@ def list_tree_rows(mechanism: Mechanism) -> Iterator[list[str]]:
     for joint in moving:
         carrier, place = carriers[joint.parent]
         frame = apply_placement(place, joint.placement)
-        body = join_bodies(mechanism, joint.child, carriers)
+        body = join_bodies(list_carried_bodies(mechanism, joint.child, carriers))
         drive = (joint.rotor_inertia, joint.damping, joint.friction, joint.stiffness, joint.rest, float(joint.actuated))
         numbers = [*frame.position, *frame.rotation.ravel(), *joint.axis, *joint.second_axis, *drive]
         numbers += [body.mass, *body.com, *body.tensor.ravel(), *mechanism.gravity, joint.pitch]
@@ -56,21 +54,11 @@ def find_carriers(mechanism: Mechanism) -> dict[str, tuple[str, Placement]]:
     return carriers
 
 
-def join_bodies(mechanism: Mechanism, carrier: str, seats: dict[str, tuple[str, Placement]]) -> Inertia:
-    """Return the bodies that move with a link as one: mass [kg], centre [m], tensor about it [kg m^2]."""
-    parts = []
-    for link in mechanism.links:
-        name, place = seats[link.name]
-        if name == carrier:
-            for body in link.bodies:
-                i = body.inertia
-                parts.append(
-                    (i.mass, place.position + place.rotation @ i.com, place.rotation @ i.tensor @ place.rotation.T)
-                )
-    mass = float(sum(m for m, _, _ in parts))
-    com = sum((m * c for m, c, _ in parts), np.zeros(3)) / (mass or 1.0)
-    tensor = np.zeros((3, 3))
-    for m, c, own in parts:
-        d = c - com
-        tensor += own + m * (float(d @ d) * np.eye(3) - np.outer(d, d))  # Steiner
-    return Inertia.build_unchecked(mass, com, tensor)
+def list_carried_bodies(mechanism: Mechanism, carrier: str, seats: dict[str, tuple[str, Placement]]) -> list[Inertia]:
+    """Return the bodies that move with a link [kg], [m], [kg m^2], in its frame."""
+    return [
+        move_inertia(seats[link.name][1], body.inertia)
+        for link in mechanism.links
+        if seats[link.name][0] == carrier
+        for body in link.bodies
+    ]

@@ -1,12 +1,14 @@
-"""Rigid motions of frames and of what bodies are, in NumPy: composed, inverted, applied to inertias."""
+"""Rigid motions of frames and of what bodies are, in NumPy: composed, inverted, applied to inertias, which are joined."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 
 import numpy as np
 
 from flexinv.model.mechanism import Array, Inertia, Placement
+from flexinv.model.parallel_axis import compute_parallel_axis_term
 
 
 def apply_placement(outer: Placement, inner: Placement) -> Placement:
@@ -29,6 +31,22 @@ def move_inertia(frame: Placement, body: Inertia) -> Inertia:
     """Return a body that is stated in a frame in the frame outside of it [kg, m, kg m^2]."""
     turn = frame.rotation
     return Inertia.build_unchecked(body.mass, frame.position + turn @ body.com, turn @ body.tensor @ turn.T)
+
+
+def join_bodies(parts: Iterable[Inertia]) -> Inertia:
+    """Return bodies of one frame as one body [kg, m, kg m^2]; tensors by Steiner's theorem.
+
+    A body without mass keeps its centre where it is alone; its tensor is added as it is.
+    """
+    parts = [part for part in parts if part.mass or part.tensor.any()]
+    if len(parts) == 1:
+        return parts[0]
+    mass = sum(part.mass for part in parts)
+    com = sum((part.mass * part.com for part in parts), np.zeros(3)) / (mass or 1.0)
+    tensor = np.zeros((3, 3))
+    for part in parts:
+        tensor = tensor + part.tensor + compute_parallel_axis_term(part.mass, part.com - com)
+    return Inertia.build_unchecked(float(mass), com, tensor)
 
 
 def compute_angle(rotation: Array) -> float:

@@ -11,10 +11,10 @@ from typing import Any, TypedDict
 import numpy as np
 
 from crosscheck.equivalence.sources import describe, find_format, is_xml
-from crosscheck.equivalence.tree import join_bodies
 from crosscheck.findings.bodies import LinkStatements, check_bodies
 from crosscheck.findings.finding import Finding, FindingEntry, make_error, make_warning
 from crosscheck.lifting.description import Description
+from crosscheck.lifting.rigid import join_bodies
 from crosscheck.linting.urdf import check_urdf
 from flexinv.errors import InputError
 from flexinv.files.from_urdf import list_xml_repairs, read_xml

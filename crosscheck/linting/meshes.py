@@ -17,6 +17,7 @@ from crosscheck.findings.finding import Finding, make_warning
 from crosscheck.linting.mesh_files import MeshFile
 from flexinv.files.joints import compute_rpy_rotation
 from flexinv.model.mechanism import Array
+from flexinv.model.parallel_axis import compute_parallel_axis_term
 
 WIDE = 20.0  # extent of a mesh over that of the machine from which on it looks like mm
 OUTSIDE = 0.25  # of the diagonal of a link's shapes: how far beyond their box a centre of mass may be
@@ -82,7 +83,7 @@ def _check_link(link: LinkStatements, points: Array, size: float) -> Iterator[Fi
     if largest > BEYOND * body.mass * reach**2:
         given = f"largest moment {largest:.4g} kg m^2, {body.mass:g} kg"
         why = f"no body within its shapes has more than {body.mass * reach**2:.3g} kg m^2"
-        about = body.tensor - body.mass * (body.com @ body.com * np.eye(3) - np.outer(body.com, body.com))
+        about = body.tensor - compute_parallel_axis_term(body.mass, body.com)
         moved = np.linalg.eigvalsh((about + about.T) / 2)
         hint = "the moments about the centre of mass"
         if moved[0] >= 0 and moved[-1] <= body.mass * reach**2:
@@ -92,7 +93,8 @@ def _check_link(link: LinkStatements, points: Array, size: float) -> Iterator[Fi
 
 def _read_points(part: Element, meshes: Mapping[str, MeshFile]) -> Array | None:
     """Points of a shape in the link's frame (n, 3) [m]; None for one that is not there or not read."""
-    shape = next(iter(part.find("geometry") or ()), None)
+    geometry = part.find("geometry")
+    shape = None if geometry is None else next(iter(geometry), None)
     if shape is None:
         return None
     try:

@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from flexinv.errors import InputError
+from flexinv.model.parallel_axis import compute_parallel_axis_term
 from flexinv.model.rules import Rule, copy_read_only, make_array_rule
 from flexinv.typing import Array
 from flexinv.validation import check_finite_array, convert_to_floats
@@ -117,8 +118,10 @@ def describe_impossible_damping(matrix: Array) -> str:
 
 def build_mass_matrix(mass: float, centre: Array, inertia: Array) -> Array:
     """Return M (6, 6) [kg/m], [kg], [kg m] of a mass [kg/m], its centre (2,) y, z [m], the inertia (3, 3) about that [kg m]."""
-    arm = _build_skew(np.array([0.0, *centre]))
-    return np.block([[mass * np.eye(3), -mass * arm], [mass * arm, inertia - mass * arm @ arm]])
+    place = np.array([0.0, *centre])
+    arm = _build_skew(place)
+    about = inertia + compute_parallel_axis_term(mass, place)
+    return np.block([[mass * np.eye(3), -mass * arm], [mass * arm, about]])
 
 
 def split_mass_matrix(matrix: Array, name: str) -> tuple[float, Array, Array]:
@@ -135,8 +138,8 @@ def split_mass_matrix(matrix: Array, name: str) -> tuple[float, Array, Array]:
     if reason:
         raise InputError(f"{name} = {matrix.tolist()}: {reason}; expected {expected}")
     centre = np.array([-matrix[0, 5] - matrix[5, 0], matrix[0, 4] + matrix[4, 0]]) / (2.0 * mass)
-    arm = _build_skew(np.array([0.0, *centre]))
-    inertia = (matrix[3:, 3:] + matrix[3:, 3:].T) / 2.0 + mass * arm @ arm
+    about = (matrix[3:, 3:] + matrix[3:, 3:].T) / 2.0
+    inertia = about - compute_parallel_axis_term(mass, np.array([0.0, *centre]))
     off = np.abs(build_mass_matrix(mass, centre, inertia) - matrix) - ASYMMETRY * np.outer(size, size)
     if off.max() > 0.0:
         row, column = np.unravel_index(int(off.argmax()), off.shape)

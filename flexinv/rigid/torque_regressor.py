@@ -25,6 +25,7 @@ from flexinv.kinematics.nodal_motion import compute_rigid_motion, read_scalar_co
 from flexinv.model.by_value import ByValue
 from flexinv.model.joint_kinds import KINDS
 from flexinv.model.mechanism import Joint, Link, Mechanism
+from flexinv.model.parallel_axis import compute_parallel_axis_term
 from flexinv.rigid.joint_arrays import convert_to_states
 from flexinv.rigid.regressor_kernel import PARAMETERS, fill_regressor
 from flexinv.typing import Array
@@ -93,7 +94,7 @@ def compute_link_parameters(link: Link) -> Array:
         m = body.inertia.mass
         c = body.inertia.com
         tensor = body.inertia.tensor
-        about = tensor + m * (c @ c * np.eye(3) - np.outer(c, c))
+        about = tensor + compute_parallel_axis_term(m, c)
         out += np.concatenate([[m], m * c, about[[0, 0, 1, 0, 1, 2], [0, 1, 1, 2, 2, 2]]])
     return out
 

@@ -22,6 +22,7 @@ from crosscheck.causes.cause import (
 from crosscheck.causes.model import Model
 from crosscheck.causes.subject import Subject
 from flexinv.model.mechanism import Beam, Body, Inertia, Link
+from flexinv.model.parallel_axis import compute_parallel_axis_term
 from flexinv.typing import Array
 
 TURN = "all joints moved quickly, each at a rhythm of its own, so that the body turns about all its axes"
@@ -57,9 +58,8 @@ def _scale_tensor(inertia: Inertia, size: Array) -> Inertia:
 
 def add_parallel_axis_term(inertia: Inertia, part: float) -> Inertia:
     """Return an inertia with a part [-] of the term to the frame's origin added to its tensor:  m (|c|^2 1 - c c^T)."""
-    c = inertia.com
-    steiner = inertia.mass * (c @ c * np.eye(3) - np.outer(c, c))
-    return inertia.replace_unchecked(tensor=inertia.tensor + part * steiner)
+    term = compute_parallel_axis_term(inertia.mass, inertia.com)
+    return inertia.replace_unchecked(tensor=inertia.tensor + part * term)
 
 
 def _make_parallel_axis_change(sign: float) -> Callable[[Inertia, Array], Inertia]:

@@ -13,8 +13,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from crosscheck.equivalence.tree import join_bodies
-from crosscheck.lifting.rigid import apply_placement, move_inertia
+from crosscheck.lifting.rigid import apply_placement, join_bodies, move_inertia
 from flexinv.kinematics.mesh import compute_section_frame
 from flexinv.model.mechanism import WORLD, Attachment, Beam, Body, Inertia, Joint, Link, Mechanism, Placement
 

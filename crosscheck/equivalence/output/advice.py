@@ -17,10 +17,10 @@ from crosscheck.equivalence.difference import Difference
 from crosscheck.equivalence.groups import find_counterpart
 from crosscheck.equivalence.judge import Judgement
 from crosscheck.equivalence.members import LEFT_LIMITS, SIGN, ZERO, format_vector
-from crosscheck.equivalence.tree import Member, Tree, join_bodies
+from crosscheck.equivalence.tree import Member, Tree
 from crosscheck.findings.bodies import LinkStatements, check_bodies
 from crosscheck.lifting.description import Description
-from crosscheck.lifting.rigid import convert_to_quaternion, inverse, move_inertia
+from crosscheck.lifting.rigid import convert_to_quaternion, inverse, join_bodies, move_inertia
 from flexinv.model.mechanism import WORLD, Placement
 
 SIGN_ALONE = f"{SIGN} alone"  # where the limits of both files are the same numbers

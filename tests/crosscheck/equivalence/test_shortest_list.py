@@ -12,8 +12,7 @@ from scipy.spatial.transform import Rotation
 from crosscheck.equivalence.compare import compare
 from crosscheck.equivalence.result import REPAIRED
 from crosscheck.equivalence.sources import describe
-from crosscheck.equivalence.tree import join_bodies
-from crosscheck.lifting.rigid import move_inertia
+from crosscheck.lifting.rigid import join_bodies, move_inertia
 from flexinv.model.mechanism import Inertia, Placement
 
 # A finger at the end of two links; its tensor is round about its joint's axis, and nothing hangs on it.

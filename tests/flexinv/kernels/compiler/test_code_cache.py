@@ -31,6 +31,7 @@ MOVED = b"cflexinv.assemble\nGone\n."  # names a class that is no more
 def fresh(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[[], Any]:
     """A kernel as a new process finds it."""
     (tmp_path / "doubled.py").write_text(MODULE)
+    monkeypatch.setattr(numba.config, "CACHE_DIR", "")  # beside the module, wherever the tests keep theirs
 
     def kernel() -> Any:
         spec = spec_from_file_location("doubled", tmp_path / "doubled.py")
