@@ -9,14 +9,14 @@ import numpy as np
 import pytest
 
 from crosscheck.causes.dictionary import DICTIONARY
+from crosscheck.causes.fault_benches import BENCHES
 from crosscheck.causes.model import Model, make_model, open_tree
 from crosscheck.causes.rows.terms import (
     compute_centrifugal_terms,
     compute_gyroscopic_efforts,
     compute_quadratic_terms,
 )
-from crosscheck.causes.selftest import find_fault_causes, prepare, run_fault
-from crosscheck.causes.fault_benches import BENCHES
+from crosscheck.causes.selftest import ask, find_fault_causes, prepare, run_fault
 from crosscheck.causes.subject import Subject
 from flexinv.files.load_cases import load_cases
 from flexinv.files.load_mechanism import load_mechanism
@@ -24,7 +24,6 @@ from flexinv.model.mechanism import Mechanism
 from flexinv.typing import Array
 
 MODELS = Path(__file__).resolve().parents[3] / "models"
-NOTHING = np.zeros(0)
 ROUNDING = 1e-12  # of the largest effort: some hundred operations
 
 
@@ -73,9 +72,7 @@ def test_damping_and_dry_friction_are_no_quadratic_terms() -> None:
             replace(j, damping=2.0, friction=3.0) if j.nv else j for j in model.base.mechanism.joints
         ),
     )  # fmt: skip
-    free, rubbed = (
-        compute_quadratic_terms(m, model.states, model.states.qd) for m in (model.base.mechanism, rubbing)
-    )
+    free, rubbed = (compute_quadratic_terms(m, model.states, model.states.qd) for m in (model.base.mechanism, rubbing))
     np.testing.assert_allclose(rubbed, free, rtol=0, atol=ROUNDING * np.abs(model.torque).max())
 
 
@@ -85,7 +82,9 @@ def with_tensors(mechanism: Mechanism, tensor: Array | None) -> Mechanism:
         replace(
             link,
             bodies=tuple(
-                replace(b, inertia=b.inertia.replace_unchecked(tensor=0.0 * b.inertia.tensor if tensor is None else tensor))
+                replace(
+                    b, inertia=b.inertia.replace_unchecked(tensor=0.0 * b.inertia.tensor if tensor is None else tensor)
+                )
                 for b in link.bodies
             ),
         )
@@ -132,8 +131,6 @@ def test_each_is_named_alone_beside_a_damper_that_differs() -> None:
         assert fault.outcome == "alone", fault
         damped = DICTIONARY["viscous damping"].change(setting.subject, "knee", np.array([0.05]))
         both = one.cause.change(damped, one.target, np.ones(1))
-        from crosscheck.causes.selftest import ask
-
         naming = find_fault_causes(setting, ask(bench, both), both)
         assert {f.cause.name for f in naming.named} <= {f"{name} + viscous damping", f"viscous damping + {name}"}, name
         assert naming.named, name
