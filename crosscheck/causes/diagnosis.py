@@ -19,6 +19,7 @@ from crosscheck.causes.quantities import collect_quantities
 from crosscheck.causes.quantity_causes import find_other_causes
 from crosscheck.causes.repair import Repair, apply_repair
 from crosscheck.causes.separate import find_separating_motion
+from crosscheck.causes.single_samples import find_single_samples
 from crosscheck.causes.subject import Subject
 from crosscheck.engines import Door, open_adapter
 from crosscheck.engines.base import Adapter
@@ -168,6 +169,9 @@ def find_record_causes(
     )
     bars = compute_noise(model, record, reference)
     limit = find_allowed_difference(model, record, reference)
+    alone = find_single_samples(evidence, record, reference, np.maximum(bars.reshape(model.torque.shape)[0], limit))
+    if alone is not None:
+        return Answer(model, record, reference, alone, True, limit)
     known = None if columns is None else columns.collect_candidates(model, collect_causes())
     naming = find_causes(model, residual, bars, known, evidence, limit)
     shown = naming.found
