@@ -12,7 +12,7 @@ from crosscheck.causes.fit import Fit
 from crosscheck.causes.naming import EFFORTS, NamedCauses
 from crosscheck.causes.subject import Subject
 from crosscheck.measures.record import Record, list_effort_units
-from flexinv.typing import Array
+from flexinv.typing import Array, Indices, Mask
 
 NAME = "single samples"
 FEW = 0.05  # of the samples of a joint: more are no single ones
@@ -33,7 +33,7 @@ class SingleSamples:
 
     name: str
     unit: str
-    rows: Array
+    rows: Indices
     time: Array
     values: Array
     expected: Array
@@ -89,7 +89,7 @@ def find_single_samples(evidence: Evidence, record: Record, reference: Record, a
     return NamedCauses((fit,), None, float(apart.max()), float(allowed.max()), "")
 
 
-def _is_explained_by_few(apart: Array, beyond: Array) -> bool:
+def _is_explained_by_few(apart: Array, beyond: Mask) -> bool:
     """Return True if the samples of one coordinate that differ are few, and all others differ by much less."""
     count = int(beyond.sum())
     if count == 0:
