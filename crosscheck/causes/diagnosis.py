@@ -169,11 +169,13 @@ def find_record_causes(
     )
     bars = compute_noise(model, record, reference)
     limit = find_allowed_difference(model, record, reference)
-    alone = find_single_samples(evidence, record, reference, np.maximum(bars.reshape(model.torque.shape)[0], limit))
-    if alone is not None:
-        return Answer(model, record, reference, alone, True, limit)
     known = None if columns is None else columns.collect_candidates(model, collect_causes())
     naming = find_causes(model, residual, bars, known, evidence, limit)
+    if not naming.named:
+        agreed = np.maximum(bars.reshape(model.torque.shape)[0], limit)
+        alone = find_single_samples(evidence, record, reference, agreed)
+        if alone is not None:
+            return Answer(model, record, reference, alone, True, limit)
     shown = naming.found
     naming = naming if shown else find_other_causes(evidence, naming)
     return Answer(model, record, reference, naming, shown, limit)
