@@ -16,9 +16,9 @@ from numpy.typing import NDArray
 
 from crosscheck import output_folder as owned
 from crosscheck.measures.record import XYZ, Record
-from crosscheck.report import drawing
 from crosscheck.report.encoding import convert_to_base64
 from crosscheck.verdicts.results import CaseRow, SkeletonLink
+from flexinv.display import drawing
 from flexinv.typing import Array
 
 FRAMES = 150  # some five seconds of 30 frames; the page draws positions between them
@@ -113,7 +113,7 @@ def draw_still(skeleton: Sequence[SkeletonLink], records: Mapping[str, Record]) 
     lines = [np.stack(link, axis=1) for link in points]  # (sample, point, xyz) of every link
     parts = list(zip(lines, (bool(part["bends"]) for part in skeleton), strict=True))
     instants = [[(line[k], bends) for line, bends in parts] for k in drawing.list_drawn_samples(len(lines[0]))]
-    return drawing.draw_svg(instants, "the mechanism in motion")
+    return Markup(drawing.draw_svg(instants, "the mechanism in motion"))  # numbers, and words of ours
 
 
 def read_tips(record: Record, names: Sequence[str], rows: NDArray[np.intp]) -> Array | None:

@@ -9,14 +9,15 @@ from typing import Any
 
 import numpy as np
 
-from crosscheck.report import drawing
 from crosscheck.verdicts.plan import Task
-from flexinv.analysis.overview import compute_link_mass, describe_mobility, resolve_start_configuration
+from flexinv.analysis.overview import describe_mobility, resolve_start_configuration
 from flexinv.analysis.solution import Solution
+from flexinv.analysis.solution_card import list_instants
 from flexinv.analysis.solve import solve
+from flexinv.display import drawing
 from flexinv.errors import FlexinvError
 from flexinv.linearized.natural_modes import natural_modes
-from flexinv.model.joint_kinds import SECTION
+from flexinv.model.link_mass import compute_link_mass
 from flexinv.typing import Array
 
 SHOWN = 4  # frequencies
@@ -119,7 +120,7 @@ def _draw_samples(axes: Any, solution: Solution, samples: Sequence[int], shown: 
     last = len(solution.time) - 1
     for k in samples:
         shade = 0.2 + 0.8 * k / max(last, 1) if len(samples) > 1 else 1.0
-        line = _join_lines(list_strokes(solution, k))
+        line = _join_lines(list_instants(solution, [k])[0])
         axes.plot(*line.T[list(shown)], color="#1f5fa8", alpha=shade, linewidth=1.6, marker=".", markersize=3)
     for name, axis in zip("xyz", shown, strict=False):
         getattr(axes, f"set_{name}label")(f"{'xyz'[axis]} [m]")
@@ -137,26 +138,12 @@ def apply_common_limits(views: list[Any]) -> None:
 
 
 def small(one: ModelSummary) -> str:
-    """Return the small drawing (`crosscheck.report.drawing`) of the motion, as SVG."""
+    """Return the small drawing (`flexinv.display.drawing`) of the motion, as SVG."""
     solution = one.solution
-    instants = [list_strokes(solution, k) for k in drawing.list_drawn_samples(len(solution.time))]
-    return str(drawing.draw_svg(instants, f"{solution.mesh.mechanism.name} in motion"))
+    instants = list_instants(solution, drawing.list_drawn_samples(len(solution.time)))
+    return drawing.draw_svg(instants, f"{solution.mesh.mechanism.name} in motion")
 
 
 def _join_lines(lines: list[drawing.Stroke]) -> Array:
     """Return lines as one, (points, 3) [m] with a gap of NaN after each: one line is drawn many times as fast as many."""
     return np.concatenate([np.vstack([points, np.full(3, np.nan)]) for points, _ in lines])
-
-
-def list_strokes(solution: Solution, k: int) -> list[drawing.Stroke]:
-    """Return the lines to draw of sample ``k``: (2, 3) [m] from every node to its parent, and on to the tips."""
-    mesh = solution.mesh
-    x = solution.nodes.x[k]
-    lines = [
-        (np.stack([x[p] if p >= 0 else np.zeros(3), x[n]]), bool(mesh.kind[n] == SECTION))
-        for n, p in enumerate(mesh.parent)
-    ]
-    for joint in mesh.mechanism.joints:
-        if mesh.mechanism.link_of[joint.child].beam is None:
-            lines.append((np.stack([x[mesh.joint_node[joint.name]], solution.tip[joint.child][k]]), False))
-    return [(line, bent) for line, bent in lines if np.ptp(line, axis=0).any()]

@@ -12,7 +12,8 @@ from flexinv.constraints.loop_starts import find_closed_anywhere, list_closed_ne
 from flexinv.files.load_cases import Case
 from flexinv.kinematics.mesh import build
 from flexinv.linearized.modal_damping import apply_stated_ratio
-from flexinv.model.mechanism import CLOSURES, Link, Mechanism, Section
+from flexinv.model.link_mass import compute_link_mass
+from flexinv.model.mechanism import CLOSURES, Mechanism, Section
 from flexinv.model.motion import resolve_start_coordinates
 from flexinv.model.section_matrices import COMPONENTS, UPPER, scale_to_unit_strengths
 from flexinv.typing import Array
@@ -28,17 +29,6 @@ def resolve_start_configuration(mechanism: Mechanism, case: Case | None) -> Arra
         for name, place in resolve_start_coordinates(mechanism, set(case.start), case.start)[0].items():
             q[mechanism.q_slices[name]] = place
     return q
-
-
-def compute_link_mass(link: Link) -> float:
-    """Return the mass of a link with all that it carries [kg]."""
-    bodies = sum(body.inertia.mass for body in link.bodies)
-    if link.beam is None:
-        return bodies
-    section = link.beam.section
-    stations = np.concatenate([[0.0], link.beam.section.stations, [1.0]])
-    density = np.interp(stations, section.stations, section.mass_per_length)  # linear between, constant beyond
-    return bodies + link.beam.length * float(np.trapezoid(density, stations))
 
 
 def describe_mobility(mechanism: Mechanism, case: Case | None) -> str:

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from flexinv.constraints.reactions import Impact
+from flexinv.display.card import Card, Shown
 from flexinv.errors import ConvergenceError
 from flexinv.inverse.balance import Balance
 from flexinv.inverse.inverse_dynamics import Factors, NodalForces, compute_torque_factors
@@ -62,8 +63,8 @@ class LoopForces(ByValue):
     impacts: tuple[Impact, ...] = ()
 
 
-@dataclass(frozen=True, eq=False)
-class Solution(ByValue):
+@dataclass(frozen=True, eq=False, repr=False)
+class Solution(Shown, ByValue):
     """Joint torques, the motion they belong to, and their balances.
 
     time : (samples,) [s]; q : (samples, nq), qd, qdd : (samples, nv) [rad or m, s]
@@ -106,6 +107,11 @@ class Solution(ByValue):
     notes: tuple[str, ...] = field(default_factory=tuple)
     loops: LoopForces | None = None
     stable: bool | None = None
+
+    def _make_card(self) -> Card:
+        from flexinv.analysis.solution_card import make_solution_card
+
+        return make_solution_card(self)
 
     @property
     def torque(self) -> Array:

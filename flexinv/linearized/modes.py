@@ -27,6 +27,7 @@ from numpy.typing import ArrayLike, NDArray
 from flexinv.constraints.continuation import find_closed_near
 from flexinv.constraints.loop_starts import find_closed_at
 from flexinv.constraints.open_loops import GIVE_Q, replace_advice
+from flexinv.display.card import Card, Shown
 from flexinv.dynamics.solver import Solver
 from flexinv.errors import InputError, ModelWarning
 from flexinv.kinematics.mesh import Mesh, build
@@ -81,8 +82,8 @@ class Shapes(ByValue):
         return tuple(self.mesh.mechanism.links[int(self.mesh.link[node])].name for node in most)
 
 
-@dataclass(frozen=True, eq=False)
-class Modes(Shapes):
+@dataclass(frozen=True, eq=False, repr=False)
+class Modes(Shown, Shapes):
     """Small motions about a rest position, in the order of their frequencies.
 
     squared : (modes,) omega^2 [1/s^2]; zero for a rigid motion, negative where the rest position is unstable (divergence);
@@ -96,6 +97,11 @@ class Modes(Shapes):
     squared: NDArray[Any]
     friction: Array
     rounding: Array
+
+    def _make_card(self) -> Card:
+        from flexinv.linearized.modes_card import make_modes_card
+
+        return make_modes_card(self)
 
     @property
     def root(self) -> Complex:

@@ -25,6 +25,7 @@ import scipy  # its parts are loaded when they are asked for
 from numpy.typing import ArrayLike
 
 from flexinv.constraints.allocation import REDUNDANT
+from flexinv.display.card import Card, Shown
 from flexinv.dynamics.generalized_alpha import DYNAMIC, STATICS
 from flexinv.dynamics.initial_state import compute_joint_motion
 from flexinv.dynamics.linearization import Matrices, compute_matrices
@@ -353,8 +354,8 @@ def _compute_matrices(found: Matrices, solver: Solver, turning: SteadyRotation) 
 # ----------------------------------------------------------------------------------------------- modes
 
 
-@dataclass(frozen=True, eq=False)
-class SteadyModes(Shapes):
+@dataclass(frozen=True, eq=False, repr=False)
+class SteadyModes(Shown, Shapes):
     """Small motions Re(shape exp(root t)) about a steady motion, seen in the axes that turn along, slowest first.
 
     root : (modes,) [1/s], of a pair the one with positive imaginary part; rounding : (modes,) what rounding leaves of it [1/s]
@@ -365,6 +366,11 @@ class SteadyModes(Shapes):
     rates: dict[str, float]
     root: Complex
     rounding: Array
+
+    def _make_card(self) -> Card:
+        from flexinv.linearized.modes_card import make_steady_modes_card
+
+        return make_steady_modes_card(self)
 
     @property
     def frequency(self) -> Array:

@@ -18,6 +18,7 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from flexinv.display.card import Card, Shown
 from flexinv.errors import InputError
 from flexinv.model import rules
 from flexinv.model.attachments import CLOSURES, GEARED, IMPACTS, Closure, Force, Spring
@@ -75,8 +76,8 @@ class ModalDamping(Frozen):
         return stated if self.seconds is None else f"retardation time {self.seconds:.5g} s from {stated}"
 
 
-@dataclass(frozen=True, eq=False)
-class Mechanism(Frozen):
+@dataclass(frozen=True, eq=False, repr=False)
+class Mechanism(Shown, Frozen):
     """A tree of links and joints under gravity; ``joints`` is ordered depth-first, parents before children.
 
     closures : what ties links of the tree into loops; springs, forces : what else acts on them
@@ -116,6 +117,11 @@ class Mechanism(Frozen):
         "notes": rules.make_list_rule(rules.check_text),
         "modal_damping": rules.make_optional_rule(rules.make_kind_rule(ModalDamping)),
     }
+
+    def _make_card(self) -> Card:
+        from flexinv.model.mechanism_card import make_mechanism_card
+
+        return make_mechanism_card(self)
 
     def _check(self, where: str) -> None:
         """Raise InputError unless links and joints are a tree, named once each, parents first, and attachments are on them."""

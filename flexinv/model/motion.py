@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from flexinv import validation as arguments
+from flexinv.display.card import Card, Shown
 from flexinv.errors import InputError
 from flexinv.model.by_value import ByValue
 from flexinv.model.joint_kinds import KINDS
@@ -39,8 +40,8 @@ ByJoint = Mapping[str, ArrayLike] | None
 Columns = tuple[tuple[str, ...] | None, Array, tuple[int, ...] | None]  # names of joints, numbers, and how many of each
 
 
-@dataclass(frozen=True, eq=False)
-class Motion(ByValue):
+@dataclass(frozen=True, eq=False, repr=False)
+class Motion(Shown, ByValue):
     """Prescribed motion of joints; make one with ``point_to_point``, ``from_samples`` or ``merge``.
 
     duration : [s], with the rests before and after the move
@@ -54,6 +55,11 @@ class Motion(ByValue):
         if not isinstance(self.tracks, tuple) or not all(isinstance(track, Track) for track in self.tracks):
             arguments.refuse("tracks", self.tracks, "a tuple, each a Track", "Motion.point_to_point(...)")
         arguments.check_seconds("duration", self.duration, "a time, 0 or more [s]", zero=True)
+
+    def _make_card(self) -> Card:
+        from flexinv.model.motion_card import make_motion_card
+
+        return make_motion_card(self)
 
     def __hash__(self) -> int:
         """Return the hash of its duration [s] and of the names of its joints."""

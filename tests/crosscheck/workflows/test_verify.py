@@ -15,7 +15,7 @@ from rigid_trees import urdf
 
 from crosscheck.cli import main
 from crosscheck.engines import ENGINES
-from crosscheck.report.drawing import find_motion_plane
+from flexinv.display.drawing import find_motion_plane
 from crosscheck.verdicts.compare import Comparison
 from crosscheck.verdicts.plan import discover
 from crosscheck.workflows.model_summary import apply_common_limits, picture, portrait

@@ -13,7 +13,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from flexinv.analysis.overview import compute_link_mass
+from flexinv.model.link_mass import compute_link_mass
 from flexinv.analysis.solve import solve
 from flexinv.cli.commands import main
 from flexinv.files.load_cases import load_cases

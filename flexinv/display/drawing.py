@@ -1,6 +1,6 @@
 """Drawing of a mechanism in motion, small, as SVG: a few instants over each other, the last one dark, links that bend in blue.
 
-The first page of a report and the list of mechanisms in the documentation show it.
+Mechanisms and solutions show it in notebooks, a report on its first page, the documentation in its list of mechanisms.
 """
 
 from __future__ import annotations
@@ -8,8 +8,8 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 
 import numpy as np
-from markupsafe import Markup, escape
 
+from flexinv.display.words import escape_text
 from flexinv.typing import Array
 
 Stroke = tuple[Array, bool]  # points (points, 3) [m] of a link, and whether it bends
@@ -33,7 +33,7 @@ def list_drawn_samples(count: int) -> list[int]:
     return [int(k) for k in np.unique(np.linspace(0, count - 1, FRAMES).round())]
 
 
-def draw_svg(instants: Sequence[Sequence[Stroke]], what: str) -> Markup:
+def draw_svg(instants: Sequence[Sequence[Stroke]], what: str) -> str:
     """Return the drawing as an SVG element; ``what`` is read out where it is not seen.
 
     instants : what stands where, in the order of time
@@ -46,9 +46,9 @@ def draw_svg(instants: Sequence[Sequence[Stroke]], what: str) -> Markup:
         shade = FAINTEST + (1 - FAINTEST) * (k / (len(instants) - 1)) ** 2 if len(instants) > 1 else 1.0
         lines = "".join(_draw_line(place(convert_to_view(line, axes)), bends) for line, bends in strokes)
         parts.append(f'<g opacity="{shade:.2g}">{lines}</g>')
-    head = f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {WIDTH:g} {HEIGHT:g}" role="img" aria-label="{escape(what)}"'
+    head = f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {WIDTH:g} {HEIGHT:g}" role="img" aria-label="{escape_text(what)}"'
     pen = 'fill="none" stroke-width="1.6" stroke-linecap="round" stroke-linejoin="round"'
-    return Markup(f"{head} {pen}>{''.join(parts)}</svg>")  # numbers of ours, and what was escaped
+    return f"{head} {pen}>{''.join(parts)}</svg>"
 
 
 def find_motion_plane(x: Array) -> tuple[int, int] | None:
@@ -75,8 +75,8 @@ def make_drawing_map(x: Array) -> Callable[[Array], Array]:
     low = x.min(axis=0)
     high = x.max(axis=0)
     room = np.array([WIDTH, HEIGHT]) - 2 * MARGIN
-    size = np.maximum(high - low, np.finfo(float).tiny)
-    scale = float((room / size).min()) if (high - low).any() else 1.0
+    size = high - low
+    scale = float((room[size > 0.0] / size[size > 0.0]).min()) if size.any() else 1.0
     middle = (low + high) / 2
 
     def map_points(points: Array) -> Array:

@@ -1,0 +1,105 @@
+"""Curves over time, small, as SVG: one axis with its unit, the least and the largest number, and the names of the curves."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from flexinv.display.words import cut_text, escape_text, format_number
+from flexinv.typing import Array
+
+Curve = tuple[str, Array, Array]  # name, times (samples,) [s] and values (samples,) [any unit]
+# [px] of the drawing and of what stands beside the curves
+WIDE = 340.0
+HIGH = 180.0
+LEFT = 62.0
+RIGHT = 8.0
+TOP = 20.0
+BOTTOM = 18.0
+NAME_LENGTH = 12  # characters
+POINTS = 160  # slots in each of which the least and the largest value are drawn: no peak is left out
+# 3 : 1 at least on white and on dark pages, as `drawing.RIGID`
+COLOURS = ("#2a78d0", "#c2571a", "#1f8a5b", "#b0457f", "#8a7a1a", "#7a6ad0")
+
+
+def draw_curves(curves: Sequence[Curve], unit: str, what: str) -> str:
+    """Return the first curves [unit] over time [s] as an SVG element, as many as there are colours; ``what`` is read out."""
+    drawn = curves[: len(COLOURS)]
+    times = np.concatenate([time[[0, -1]] for _, time, _ in drawn])
+    numbers = np.concatenate([values[np.isfinite(values)] for _, _, values in drawn])
+    low, high = (float(numbers.min()), float(numbers.max())) if len(numbers) else (0.0, 0.0)
+    start = float(times.min())
+    end = float(times.max())
+    across = (WIDE - LEFT - RIGHT) / ((end - start) or 1.0)
+    upward = (HIGH - TOP - BOTTOM) / ((high - low) or 1.0)
+    middle = 0.5 * (HIGH - TOP - BOTTOM) if high == low else 0.0  # of curves that stay where they are
+    parts = []
+    for colour, (_, time, values) in zip(COLOURS, drawn, strict=False):
+        kept = list_drawn_points(values)
+        x = LEFT + across * (time[kept] - start)
+        y = HIGH - BOTTOM - middle - upward * (values[kept] - low)
+        parts.append(f'<path d="{write_path(x, y)}" stroke="{colour}"/>')
+    names = [cut_text(name, NAME_LENGTH) for name, _, _ in drawn]
+    label = f'aria-label="{escape_text(what)}"'
+    head = f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {WIDE:g} {HIGH:g}" role="img" {label} font-size="10">'
+    pen = '<g fill="none" stroke-width="1.4" stroke-linejoin="round">'
+    words = _write_axes((start, end), (low, high), unit) + _write_names(names)
+    return f"{head}{_draw_frame()}{pen}{''.join(parts)}</g>{words}</svg>"
+
+
+def list_drawn_points(values: Array) -> Array:
+    """Return the numbers of the points that are drawn [-]: in each of `POINTS` slots the least and the largest value."""
+    count = len(values)
+    if count <= 2 * POINTS:
+        return np.arange(count)
+    edges = np.linspace(0, count, POINTS + 1).astype(int)
+    found = {0, count - 1}
+    for first, last in zip(edges[:-1], edges[1:], strict=True):
+        part = np.nan_to_num(values[first:last], nan=0.0)
+        found |= {int(first + part.argmin()), int(first + part.argmax())}
+    return np.array(sorted(found))
+
+
+def write_path(x: Array, y: Array) -> str:
+    """Return the commands of a path through points [px]; where a number is missing the line is broken."""
+    commands = []
+    broken = True
+    for here, above in zip(x.tolist(), y.tolist(), strict=True):
+        if np.isfinite(above):
+            commands.append(f"{'M' if broken else 'L'}{here:.1f} {above:.1f}")
+        broken = not np.isfinite(above)
+    return "".join(commands)
+
+
+def _draw_frame() -> str:
+    lower = HIGH - BOTTOM
+    return f'<path d="M{LEFT:g} {TOP:g}V{lower:g}H{WIDE - RIGHT:g}" fill="none" stroke="#808080" stroke-width="1"/>'
+
+
+def _write_axes(span: tuple[float, float], reach: tuple[float, float], unit: str) -> str:
+    """Numbers at the ends of both axes with their units."""
+    texts = [
+        (LEFT - 4, TOP + 8, "end", format_number(reach[1])),
+        (LEFT - 4, HIGH - BOTTOM, "end", format_number(reach[0])),
+        (LEFT - 4, 0.5 * (TOP + HIGH - BOTTOM) + 4, "end", f"[{unit}]"),
+        (LEFT, HIGH - 4, "start", f"{format_number(span[0])} s"),
+        (WIDE - RIGHT, HIGH - 4, "end", f"{format_number(span[1])} s"),
+    ]
+    return "".join(
+        f'<text x="{x:g}" y="{y:g}" text-anchor="{side}" fill="currentColor">{escape_text(text)}</text>'
+        for x, y, side, text in texts
+    )
+
+
+def _write_names(names: Sequence[str]) -> str:
+    """Names of the curves in a row above them, each with a dash of its colour."""
+    room = (WIDE - RIGHT) / max(4, len(names))
+    longest = int(room / 6.0) - 2
+    parts = []
+    for k, (colour, name) in enumerate(zip(COLOURS, names, strict=False)):
+        x = k * room
+        parts.append(f'<path d="M{x:.1f} 8h8" stroke="{colour}" stroke-width="2"/>')
+        text = escape_text(cut_text(name, max(4, longest)))
+        parts.append(f'<text x="{x + 11:.1f}" y="12" fill="currentColor">{text}</text>')
+    return "".join(parts)

@@ -1,0 +1,34 @@
+"""Words and numbers as texts of a terminal and of a page: one line, printable, escaped."""
+
+from __future__ import annotations
+
+from html import escape
+
+DIGITS = 4
+CUT = "..."
+
+
+def make_printable(text: str) -> str:
+    """Return a text in one line, a mark for each character that a terminal or XML does not print."""
+    return "".join(char if char.isprintable() else "\ufffd" for char in " ".join(str(text).split()))
+
+
+def cut_text(text: str, width: int) -> str:
+    """Return a text in one line of at most ``width`` characters [-]; what is cut off is marked."""
+    line = make_printable(text)
+    return line if len(line) <= width else line[: width - len(CUT)] + CUT
+
+
+def escape_text(text: str) -> str:
+    """Return a text as it stands between tags or quotes of XML."""
+    return escape(make_printable(text))
+
+
+def format_number(value: float) -> str:
+    """Return a number [any unit] with four digits."""
+    return f"{float(value):.{DIGITS}g}"
+
+
+def format_count(number: int, word: str) -> str:
+    """Return a number [-] of things, such as "1 joint" or "3 joints"."""
+    return f"{number} {word}" if number == 1 else f"{number} {word}s"
