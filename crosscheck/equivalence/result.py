@@ -9,6 +9,7 @@ from crosscheck.equivalence.difference import FAMILIES, Difference, DifferenceEn
 from crosscheck.equivalence.judge import Judgement
 from crosscheck.equivalence.proof import LOST, UNPROVEN, Proof
 from crosscheck.measures.certificate import Check
+from flexinv.display.card import Card, Shown
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -84,8 +85,8 @@ class ComparisonEntry(TypedDict):
     dropped: dict[str, list[str]]
 
 
-@dataclass(frozen=True)
-class Comparison:
+@dataclass(frozen=True, repr=False)
+class Comparison(Shown):
     """Two descriptions, compared.
 
     first, second : what they are called; matched : how joints were matched, in words
@@ -113,6 +114,11 @@ class Comparison:
     unproven: bool = False
     ignored: tuple[str, ...] = ()
     featured: bool = False
+
+    def _make_card(self) -> Card:
+        from crosscheck.equivalence.card import make_comparison_card
+
+        return make_comparison_card(self)
 
     @property
     def differences(self) -> tuple[Difference, ...]:

@@ -26,6 +26,7 @@ from crosscheck.identification.parameters import build_space
 from crosscheck.identification.readings import Machine, Run, make_run
 from crosscheck.identification.settings import IdentifyTable, read_settings
 from crosscheck.identification.table import Row, describe_unidentified, list_parameter_rows
+from flexinv.display.card import Card, Shown
 from flexinv.errors import InputError
 from flexinv.files.load_mechanism import load_mechanism
 from flexinv.model.mechanism import Mechanism
@@ -33,8 +34,8 @@ from flexinv.validation import check_path as path_of
 from flexinv.validation import refuse
 
 
-@dataclass(frozen=True)
-class Identification:
+@dataclass(frozen=True, repr=False)
+class Identification(Shown):
     """A machine identified from logs.
 
     margin : what bands of predictions are made of; parameters : with intervals, in the unit of each
@@ -52,6 +53,11 @@ class Identification:
     shown: list[tuple[Run, Prediction]]
     held: list[tuple[Run, Prediction]]
     words: list[str]
+
+    def _make_card(self) -> Card:
+        from crosscheck.identification.card import make_identification_card
+
+        return make_identification_card(self)
 
     def predict(self, log: Log) -> Prediction:
         """Return the readings of a log with 90 % bands [units of the channels]; no effort of it is looked at."""

@@ -30,6 +30,18 @@ for k in shown:
 axes[1].set(aspect="equal", xlabel="x [m]", ylabel="y [m]", title="the linkage in motion")
 
 # %%
+# The drawing above is made by hand. A mechanism, a motion, a solution and modes also show themselves: at the end of a cell
+# as a table with pictures, in a terminal as some ten lines.
+
+solution
+
+# %%
+# ``solution.plot()`` gives the curves as a figure of matplotlib, ``solution.animate()`` a moving picture;
+# ``.save("four_bar.html")`` keeps it.
+
+solution.animate()
+
+# %%
 # Every solution carries its balance of power: what the drive gives is what the linkage gains.
 
 drive = solution.torque * solution.qd[:, : solution.torque.shape[1]]  # [W]

@@ -30,7 +30,7 @@ second.write_text(changed)
 
 result = crosscheck.compare(first, second)
 assert not result.equal
-result.frame()
+result
 
 # %%
 # The robot against itself is equal.

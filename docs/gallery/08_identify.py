@@ -14,8 +14,7 @@ from crosscheck.identification.logs.log import read_log
 
 log = "models/kuka_kr300/run_A.csv.gz"
 found = crosscheck.identify("models/kuka_kr300", [f"{log}@0:6.9"], hold_out=[f"{log}@6.9:8.2"])
-for row in found.judged:
-    print(row)
+found
 
 # %%
 # The first three axes on the part that identified nothing. Grey: measured; blue: predicted, with 90 % bands.

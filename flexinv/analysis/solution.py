@@ -21,10 +21,13 @@ from flexinv.model.by_value import ByValue
 from flexinv.model.joint_kinds import KINDS
 from flexinv.model.mechanism import Link, Mechanism
 from flexinv.typing import Array
-from flexinv.validation import resolve_index
+from flexinv.validation import check_seconds, resolve_index
 
 if TYPE_CHECKING:
     import pandas as pd
+
+    from flexinv.display.animation import Animation
+    from flexinv.display.figures import Figure
 
 # What the steps of a march may lose or make of the energy exchanged: torques are off by as much.  Cases of models/: < 0.001.
 MOST_LOST = 0.01
@@ -258,6 +261,28 @@ class Solution(Shown, ByValue):
                 for name, unit, column in zip(RESULTANTS, 3 * ("N",) + 3 * ("N m",), own.T, strict=True):
                     columns[f"{name} {link} at {station} [{unit}]"] = column
         return _build_frame(columns, self.time)
+
+    def plot(self) -> Figure:
+        """Return a matplotlib Figure: efforts of the actuators [N m], [N], error bars where there are some, deflections [m].
+
+        Raises InputError where matplotlib is not installed.
+        """
+        from flexinv.analysis.solution_figures import draw_solution
+        from flexinv.display.figures import check_matplotlib
+
+        check_matplotlib("solution.plot()")
+        return draw_solution(self, self.mechanism.name)
+
+    def animate(self, seconds: float | None = None) -> Animation:
+        """Return the mechanism in motion as a moving picture, which a notebook shows and ``save`` writes (.html, .svg).
+
+        seconds : that it takes [s]; None: as long as the motion, 3 s at least and 20 s at most
+        Raises InputError for a time that is none, and for a solution that has one sample.
+        """
+        from flexinv.analysis.solution_figures import animate_solution
+
+        taken = None if seconds is None else check_seconds("seconds", seconds, "a time above 0 [s], or None")
+        return animate_solution(self, taken)
 
     def whole_frame(self) -> pd.DataFrame:
         """Return `frame` and `tip_frame` over time [s] side by side, and the error bars where there are some [N m], [N], [m]."""

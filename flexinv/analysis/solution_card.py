@@ -13,11 +13,7 @@ from flexinv.display.drawing import Stroke, draw_svg, list_drawn_samples
 from flexinv.display.words import format_count, format_number
 from flexinv.kinematics.strokes import collect_strokes
 
-COLUMNS = ("coordinate", "unit of effort", "peak effort", "rms effort", "peak rate", "unit of rate")
-FRAMES = 60  # of a moving picture
-# [s] that a moving picture takes, whatever the motion does
-SHORTEST = 3.0
-LONGEST = 20.0
+COLUMNS = ("coordinate", "peak effort", "rms effort", "peak rate")
 
 
 def make_solution_card(solution: Solution) -> Card:
@@ -39,9 +35,9 @@ def _list_effort_rows(solution: Solution) -> Iterator[tuple[str, ...]]:
         if m.actuated[k] or not m.actuated.any():
             effort = solution.torque_all[:, k]
             rate = "m/s" if units[k] == "N" else "rad/s"
-            size = (np.abs(effort).max(), np.sqrt((effort**2).mean()), np.abs(solution.qd[:, k]).max())
-            peak, rms, fastest = map(format_number, size)
-            yield name, units[k], peak, rms, fastest, rate
+            peak = f"{format_number(np.abs(effort).max())} {units[k]}"
+            rms = f"{format_number(np.sqrt((effort**2).mean()))} {units[k]}"
+            yield name, peak, rms, f"{format_number(np.abs(solution.qd[:, k]).max())} {rate}"
 
 
 def _describe_result(solution: Solution) -> Iterator[str]:
@@ -78,7 +74,7 @@ def _draw_solution(solution: Solution) -> tuple[Picture, ...]:
     instants = list_instants(solution, list_drawn_samples(len(solution.time)))
     pictures = []
     if any(instants):
-        later = ", darker is later" if len(instants) > 1 else ""
+        later = ", stronger is later" if len(instants) > 1 else ""
         pictures.append(Picture(draw_svg(instants, f"{m.name} in motion"), f"the mechanism{later}"))
     if len(solution.time) < 2:
         return tuple(pictures)

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import importlib.util
 import sys
 import warnings
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import click
 import numpy as np
@@ -17,6 +15,7 @@ from flexinv.analysis import overview
 from flexinv.analysis.find_limits import LimitUse, find_limits
 from flexinv.analysis.motor_side import motor_side
 from flexinv.analysis.solution import Solution
+from flexinv.analysis.solution_figures import draw_solution
 from flexinv.analysis.solve import solve as solve_motion
 from flexinv.cli.output import (
     ACCURACY,
@@ -32,6 +31,7 @@ from flexinv.cli.simulate import follow_task, simulate_file
 from flexinv.cli.torques import write_torque_file
 from flexinv.cli.warm import warm
 from flexinv.constraints.open_loops import replace_advice
+from flexinv.display.figures import check_matplotlib
 from flexinv.errors import FlexinvError, InputError, ModelWarning
 from flexinv.files.load_cases import Case, load_cases
 from flexinv.files.load_mechanism import load_mechanism
@@ -46,9 +46,6 @@ from flexinv.model.mechanism import Mechanism
 from flexinv.planar.detection import NotPlanar, find_plane
 from flexinv.rigid.torque_regressor import base_parameters, sample_states, torque_regressor
 from flexinv.validation import find_nearest_word
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 PLOTS = (".png", ".svg", ".pdf")
 
@@ -75,7 +72,7 @@ def app() -> None:
     "--out", type=FILE, help="Write time, joint motion, torques, tips, deflections and error bars, units in the header, at the "
     "case's sample_s: .csv, .parquet, .json or .npz.",
 )  # fmt: skip
-@click.option("--plot", type=FILE, help="Draw the torques (.png, .svg or .pdf).")
+@click.option("--plot", type=FILE, help="Draw the torques, and the deflections where links bend (.png, .svg or .pdf).")
 @OVERWRITE
 @click.option(
     "--step", type=float,
@@ -117,7 +114,7 @@ def solve(
     if out is not None:
         write(solution.whole_frame().iloc[::written], out)
     if plot is not None:
-        draw(solution, f"{mechanism.name}, {case.name}").savefig(plot, dpi=150)
+        draw_solution(solution, f"{mechanism.name}, {case.name}").savefig(plot, dpi=150)
         click.echo(f"drew {plot}")
 
 
@@ -134,8 +131,7 @@ def _check_plot(plot: Path | None) -> None:
         return
     if plot.suffix not in PLOTS:
         raise InputError(f"--plot {plot}: expected a name that ends in {', '.join(PLOTS)}")
-    if importlib.util.find_spec("matplotlib") is None:
-        raise InputError("--plot needs matplotlib: write pip install 'flexinv[plot]'")
+    check_matplotlib("--plot")
 
 
 def _write_summary(solution: Solution) -> None:
@@ -323,23 +319,6 @@ def choose(cases: dict[str, Case], name: str | None, model: Path) -> Case:
         advice = f"write --case {like}" if like else f"write one of {', '.join(cases)}"
         raise InputError(f"--case {name}: {model} has no such case; {advice}")
     return cases[name]
-
-
-def draw(solution: Solution, title: str) -> Figure:
-    """Draw the effort of every actuator [N m] or [N] over time [s], with error bars where they were computed."""
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(8, 4.5), layout="constrained")
-    axes = figure.add_subplot()
-    for k, label in enumerate(solution.torque_names):
-        (line,) = axes.plot(solution.time, solution.torque[:, k], label=label, linewidth=1.2)
-        if solution.torque_error is not None:
-            low, high = (solution.torque[:, k] + sign * solution.torque_error[:, k] for sign in (-1, 1))
-            axes.fill_between(solution.time, low, high, color=line.get_color(), alpha=0.25)
-    axes.set(title=title, xlabel="time [s]", ylabel="effort of the actuator [N m], [N]")
-    axes.grid(alpha=0.3)
-    axes.legend(ncols=max(1, min(6, len(solution.torque_names))), fontsize="small")
-    return figure
 
 
 def main(arguments: list[str] | None = None) -> None:

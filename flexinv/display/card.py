@@ -82,7 +82,7 @@ def render_page(card: Card) -> str:
     if card.rows:
         head = "".join(f'<th style="{CELL}">{escape_text(name)}</th>' for name in card.columns)
         rows = "".join(f"<tr>{''.join(map(_render_cell, row))}</tr>" for row in card.rows)
-        table = f'<table style="border-collapse:collapse"><thead><tr>{head}</tr></thead><tbody>{rows}</tbody></table>'
+        table = f'<table style="border-collapse:collapse;font-size:inherit"><thead><tr>{head}</tr></thead><tbody>{rows}</tbody></table>'
         parts.append(f'<div style="overflow-x:auto;margin-top:8px">{table}</div>')
     if card.count > len(card.rows):
         parts.append(f"<div>... and {card.count - len(card.rows)} more</div>")

@@ -6,18 +6,20 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from flexinv.display.words import cut_text, escape_text, format_number
+from flexinv.display.words import cut_front, escape_text, format_number
 from flexinv.typing import Array
 
 Curve = tuple[str, Array, Array]  # name, times (samples,) [s] and values (samples,) [any unit]
 # [px] of the drawing and of what stands beside the curves
 WIDE = 340.0
-HIGH = 180.0
+HIGH = 190.0
 LEFT = 62.0
 RIGHT = 8.0
-TOP = 20.0
+TOP = 34.0
 BOTTOM = 18.0
-NAME_LENGTH = 12  # characters
+IN_A_ROW = 3  # names above the curves
+ROW_HEIGHT = 13.0
+NAME_LENGTH = 17  # characters
 POINTS = 160  # slots in each of which the least and the largest value are drawn: no peak is left out
 # 3 : 1 at least on white and on dark pages, as `drawing.RIGID`
 COLOURS = ("#2a78d0", "#c2571a", "#1f8a5b", "#b0457f", "#8a7a1a", "#7a6ad0")
@@ -40,11 +42,10 @@ def draw_curves(curves: Sequence[Curve], unit: str, what: str) -> str:
         x = LEFT + across * (time[kept] - start)
         y = HIGH - BOTTOM - middle - upward * (values[kept] - low)
         parts.append(f'<path d="{write_path(x, y)}" stroke="{colour}"/>')
-    names = [cut_text(name, NAME_LENGTH) for name, _, _ in drawn]
     label = f'aria-label="{escape_text(what)}"'
     head = f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {WIDE:g} {HIGH:g}" role="img" {label} font-size="10">'
     pen = '<g fill="none" stroke-width="1.4" stroke-linejoin="round">'
-    words = _write_axes((start, end), (low, high), unit) + _write_names(names)
+    words = _write_axes((start, end), (low, high), unit) + _write_names([name for name, _, _ in drawn])
     return f"{head}{_draw_frame()}{pen}{''.join(parts)}</g>{words}</svg>"
 
 
@@ -93,13 +94,12 @@ def _write_axes(span: tuple[float, float], reach: tuple[float, float], unit: str
 
 
 def _write_names(names: Sequence[str]) -> str:
-    """Names of the curves in a row above them, each with a dash of its colour."""
-    room = (WIDE - RIGHT) / max(4, len(names))
-    longest = int(room / 6.0) - 2
+    """Names of the curves in rows above them, each with a dash of its colour."""
     parts = []
     for k, (colour, name) in enumerate(zip(COLOURS, names, strict=False)):
-        x = k * room
-        parts.append(f'<path d="M{x:.1f} 8h8" stroke="{colour}" stroke-width="2"/>')
-        text = escape_text(cut_text(name, max(4, longest)))
-        parts.append(f'<text x="{x + 11:.1f}" y="12" fill="currentColor">{text}</text>')
+        x = WIDE / IN_A_ROW * (k % IN_A_ROW)
+        y = ROW_HEIGHT * (k // IN_A_ROW)
+        text = escape_text(cut_front(name, NAME_LENGTH))
+        parts.append(f'<path d="M{x:.1f} {y + 7:g}h8" stroke="{colour}" stroke-width="2"/>')
+        parts.append(f'<text x="{x + 11:.1f}" y="{y + 11:g}" fill="currentColor">{text}</text>')
     return "".join(parts)

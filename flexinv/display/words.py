@@ -19,6 +19,12 @@ def cut_text(text: str, width: int) -> str:
     return line if len(line) <= width else line[: width - len(CUT)] + CUT
 
 
+def cut_front(text: str, width: int) -> str:
+    """Return the end of a text in one line, at most ``width`` characters [-]: names of one robot often begin alike."""
+    line = make_printable(text)
+    return line if len(line) <= width else CUT + line[len(line) - width + len(CUT) :]
+
+
 def escape_text(text: str) -> str:
     """Return a text as it stands between tags or quotes of XML."""
     return escape(make_printable(text))

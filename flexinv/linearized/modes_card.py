@@ -66,8 +66,11 @@ def _draw_shapes(modes: Shapes, frequencies: Array) -> tuple[Picture, ...]:
 
 def list_shape_strokes(modes: Shapes, number: int) -> Sequence[Sequence[Stroke]]:
     """Return the lines (2, 3) [m] of the mechanism as it stands, and displaced by a shape, enlarged to `SWING` of its size."""
-    move = np.real(modes.displacement[number])
-    turn = np.real(modes.rotation[number])
+    shape = modes.displacement[number]
+    phase = shape.flat[np.abs(shape).argmax()]
+    turned = np.conj(phase) / (np.abs(phase) or 1.0)  # to the instant at which what moves most is farthest away
+    move = np.real(turned * shape)
+    turn = np.real(turned * modes.rotation[number])
     largest = np.linalg.norm(move, axis=1).max()
     size = np.linalg.norm(np.ptp(np.vstack([modes.position, np.zeros(3)]), axis=0))
     scale = SWING * size / largest if largest > 0.0 else 0.0

@@ -12,7 +12,7 @@ from flexinv.model.link_mass import compute_link_mass
 from flexinv.model.mechanism import Mechanism
 from flexinv.model.outline import list_outline
 
-COLUMNS = ("joint", "kind", "on", "carries", "drive", "mass of what it carries [kg]")
+COLUMNS = ("joint", "kind", "on", "carries", "drive", "its mass [kg]")
 
 
 def make_mechanism_card(mechanism: Mechanism) -> Card:

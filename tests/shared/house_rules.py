@@ -291,8 +291,8 @@ def _misplaced(module: str, name: str, inside_function: bool) -> str:
         return "imports are written in full"
     if here[0] == "flexinv" and there[0] == "crosscheck":
         return "flexinv stands alone"
-    if here[0] == "flexinv" and there[0] in GRAPHICS and not (_is_command_line(here) and inside_function):
-        return "only the command line draws, and loads what draws when it does"
+    if here[0] == "flexinv" and there[0] in GRAPHICS and not (_draws(here) and inside_function):
+        return "only the command line and flexinv/display draw, and load what draws when they do"
     if _is_command_line(there) and not (_is_command_line(here) or here[-1] == "__main__"):
         return "a command line is imported by nobody"
     own = next((engine for engine in ENGINES if _is_adapter(module, engine)), None)
@@ -312,6 +312,10 @@ def _is_adapter(module: str, engine: str) -> bool:
 
 def _is_command_line(parts: list[str]) -> bool:
     return parts[0] in ("flexinv", "crosscheck") and parts[1:2] == ["cli"]
+
+
+def _draws(parts: list[str]) -> bool:
+    return _is_command_line(parts) or parts[:2] == ["flexinv", "display"]
 
 
 def _module_of(name: str, modules: dict[str, str]) -> str | None:

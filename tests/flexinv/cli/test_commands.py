@@ -317,7 +317,7 @@ def test_a_plot_without_matplotlib_is_refused_before_the_work(
     model: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Nothing is solved, and nothing else that was asked for is written."""
-    monkeypatch.setattr("flexinv.cli.commands.importlib.util.find_spec", lambda name: None)
+    monkeypatch.setattr("flexinv.display.figures.importlib.util.find_spec", lambda name: None)
     words = [
         "solve",
         str(model),

@@ -1,0 +1,67 @@
+"""Figures and moving pictures of a solution: efforts and deflections over time, the mechanism in motion."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from flexinv.analysis.solution import Solution, list_effort_units
+from flexinv.analysis.solution_card import list_instants
+from flexinv.display.animation import Animation, draw_animation
+from flexinv.display.figures import Band, Panel, draw_panels
+from flexinv.errors import InputError
+from flexinv.typing import Array
+
+if TYPE_CHECKING:
+    from flexinv.display.figures import Figure
+
+# Seconds that a moving picture takes where nothing is said, whatever the motion does.
+SHORTEST = 3.0
+LONGEST = 20.0
+FEWEST_FRAMES = 60
+MOST_FRAMES = 200
+
+
+def draw_solution(solution: Solution, title: str) -> Figure:
+    """Return a matplotlib Figure: efforts of the actuators [N m], [N] over time [s], and deflections [m] where links bend."""
+    m = solution.mechanism
+    driven = m.actuated if m.actuated.any() else ~m.actuated
+    units = list_effort_units(m)
+    panels = []
+    for unit, word in (("N m", "torque"), ("N", "force")):
+        numbers = [k for k in range(m.nv) if driven[k] and units[k] == unit]
+        bands = [Band(m.velocity_names[k], solution.torque_all[:, k], _find_error(solution, k)) for k in numbers]
+        if bands:
+            panels.append(Panel(f"{word} [{unit}]", solution.time, bands))
+    bent = [
+        Band(f"{link} {axis}", values[:, k])
+        for link, values in solution.deflection.items()
+        for k, axis in enumerate("xyz")
+        if values[:, k].any()
+    ]
+    if bent:
+        panels.append(Panel("deflection of the tip [m]", solution.time, bent))
+    return draw_panels(panels, title)
+
+
+def _find_error(solution: Solution, k: int) -> Array | None:
+    if solution.torque_error is None or not solution.mechanism.actuated[k]:
+        return None
+    return solution.torque_error[:, int(solution.mechanism.actuated[:k].sum())]
+
+
+def animate_solution(solution: Solution, seconds: float | None = None) -> Animation:
+    """Return the mechanism in motion as a moving picture that takes ``seconds`` [s]; None: as long as the motion, 3 to 20 s."""
+    time = solution.time
+    if len(time) < 2:
+        raise InputError("animate: a solution of one sample does not move; expected two samples or more")
+    start = float(time[0])
+    end = float(time[-1])
+    taken = float(np.clip(end - start, SHORTEST, LONGEST)) if seconds is None else seconds
+    count = int(np.clip(round(10 * taken), FEWEST_FRAMES, MOST_FRAMES))
+    samples = np.rint(np.interp(np.linspace(start, end, count), time, np.arange(len(time)))).astype(int)
+    frames = list_instants(solution, samples.tolist())
+    if not frames[0]:
+        raise InputError(f"animate: '{solution.mechanism.name}' has no line to draw: all its nodes and tips are in one point")
+    return draw_animation(frames, (start, end), taken, solution.mechanism.name)

@@ -1,0 +1,117 @@
+"""Moving pictures of mechanisms, as SVG that moves by itself: no script, nothing from elsewhere, one file.
+
+The lines are those of `drawing`, seen in the same way; browsers move them from one instant to the next.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from flexinv.display.drawing import (
+    BENDS,
+    HEIGHT,
+    MARGIN,
+    RIGID,
+    WIDTH,
+    Stroke,
+    convert_to_view,
+    find_motion_plane,
+    make_drawing_map,
+)
+from flexinv.display.words import escape_text, format_number
+from flexinv.errors import InputError
+from flexinv.typing import Array
+from flexinv.validation import check_path
+
+BAR = 12.0  # [px] below the picture, for the time
+SHEETS = (".svg", ".html")
+PAGE = (
+    '<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8"/><meta name="color-scheme" content="light dark"/>'
+    '<meta name="viewport" content="width=device-width"/><title>{title}</title></head>'
+    '<body style="font-family:sans-serif;margin:16px">{body}</body></html>\n'
+)
+
+
+@dataclass(frozen=True, repr=False)
+class Animation:
+    """A moving picture, which a notebook shows; ``save`` writes it.
+
+    svg : the picture; title : of what; words : below it; seconds : that it takes [s]
+    """
+
+    svg: str
+    title: str
+    words: str
+    seconds: float
+
+    def __repr__(self) -> str:
+        """Return what it shows, in a line."""
+        return f"Animation of {self.title!r}, {self.words}: a notebook shows it, save('motion.html') writes it"
+
+    def _repr_html_(self) -> str:
+        """Return the picture with the words below it."""
+        words = f'<figcaption style="font-size:90%">{escape_text(self.words)}</figcaption>'
+        return f'<figure style="margin:8px 0;width:560px;max-width:100%">{self.svg}{words}</figure>'
+
+    def save(self, path: str | Path) -> Path:
+        """Write it as a picture (.svg) or as a page (.html), and return the file.  Raises InputError for other names."""
+        file = Path(check_path("path", path, "a file name that ends in .svg or .html"))
+        if file.suffix.lower() not in SHEETS:
+            raise InputError(f"animation: path {file}, expected a name that ends in {' or '.join(SHEETS)}")
+        page = PAGE.format(title=escape_text(self.title), body=self._repr_html_())
+        file.write_text(page if file.suffix.lower() == ".html" else self.svg, encoding="utf-8")
+        return file
+
+
+def draw_animation(frames: Sequence[Sequence[Stroke]], span: tuple[float, float], seconds: float, title: str) -> Animation:
+    """Return the moving picture of equally spaced frames, as many lines in each, of a ``span`` of time [s] in ``seconds`` [s].
+
+    frames : lines (points, 3) [m] in the world, and whether they bend
+    """
+    everything = np.concatenate([np.reshape(line, (-1, 3)) for strokes in frames for line, _ in strokes])
+    axes = find_motion_plane(everything)
+    place = make_drawing_map(convert_to_view(everything, axes))
+    parts = []
+    for bends, colour in ((False, RIGID), (True, BENDS)):
+        shapes = [
+            "".join(write_line(place(convert_to_view(line, axes))) for line, own in strokes if own is bends)
+            for strokes in frames
+        ]
+        if shapes[0]:
+            moved = f'<animate attributeName="d" dur="{seconds:g}s" repeatCount="indefinite" values="{";".join(shapes)}"/>'
+            parts.append(f'<path d="{shapes[0]}" stroke="{colour}">{moved}</path>')
+    high = HEIGHT + BAR
+    head = f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {WIDTH:g} {high:g}" role="img" aria-label="{escape_text(title)}">'
+    pen = '<g fill="none" stroke-width="1.2" stroke-linecap="round" stroke-linejoin="round">'
+    length = span[1] - span[0]
+    pace = length / seconds
+    if pace == 1.0:
+        words = "as fast as it happens"
+    else:
+        words = f"{format_number(max(pace, 1 / pace))} times {'slower' if pace < 1 else 'faster'} than it happens"
+    svg = f"{head}{pen}{''.join(parts)}</g>{_draw_time(span, seconds)}</svg>"
+    return Animation(svg, title, f"{format_number(length)} s, {words}", seconds)
+
+
+def write_line(points: Array) -> str:
+    """Return the commands of a path through points (points, 2) [px]."""
+    return "M" + "L".join(f"{x:.1f} {y:.1f}" for x, y in points.tolist())
+
+
+def _draw_time(span: tuple[float, float], seconds: float) -> str:
+    """A line with a dot that moves along it, and the times at its ends."""
+    y = HEIGHT + 2.0
+    left = MARGIN
+    right = WIDTH - MARGIN
+    dot = f'<animate attributeName="cx" dur="{seconds:g}s" repeatCount="indefinite" values="{left:g};{right:g}"/>'
+    ends = ((left, "start", span[0]), (right, "end", span[1]))
+    texts = "".join(
+        f'<text x="{x:g}" y="{y + 8:g}" font-size="6" text-anchor="{side}" fill="currentColor">{format_number(time)} s</text>'
+        for x, side, time in ends
+    )
+    line = f'<path d="M{left:g} {y:g}H{right:g}" stroke="#808080" stroke-width="0.6"/>'
+    return f'{line}<circle cx="{left:g}" cy="{y:g}" r="1.8" fill="{BENDS}">{dot}</circle>{texts}'
