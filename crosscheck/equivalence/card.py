@@ -12,7 +12,6 @@ from flexinv.display.card import Card, Picture, make_rows
 from flexinv.display.words import format_number
 
 DIFFERENCE_COLUMNS = ("cause", "place", "in A", "in B", "differ by", "of the effort's range [%]")
-MOST_WORDS = 3  # lines of what to write
 
 
 def make_comparison_card(comparison: Comparison) -> Card:
@@ -40,10 +39,7 @@ def _describe_comparison(comparison: Comparison) -> Iterator[str]:
     after = format_number(100.0 * comparison.judged.after)
     if comparison.differences:
         yield f"efforts differ by {before} % of their range, by {after} % once the differences are put right"
-    lines = [f"{place}: {line}" for place, several in comparison.advice for line in several]
-    yield from lines[:MOST_WORDS]
-    if len(lines) > MOST_WORDS:
-        yield f"... and {len(lines) - MOST_WORDS} more lines to write: advice"
+    yield from (f"{place}: {line}" for place, several in comparison.advice for line in several)
 
 
 def _draw_shares(differences: tuple[Difference, ...]) -> tuple[Picture, ...]:

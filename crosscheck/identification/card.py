@@ -43,7 +43,9 @@ def _describe_share(judged: list[ChannelJudgement]) -> str:
     share = format_number(100.0 * worst.explained)
     inside = format_number(100.0 * min(one.coverage for one in judged))
     channels = format_count(len(judged), "channel")
-    return f"{channels}, {share} % explained at least ({worst.channel}), {inside} % of samples inside 90 % bands at least"
+    return (
+        f"{channels}, {share} % explained at least ({worst.channel}), {inside} % of samples inside 90 % bands at least"
+    )
 
 
 def _draw_reading(found: Identification) -> tuple[Picture, ...]:

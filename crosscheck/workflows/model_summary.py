@@ -12,8 +12,8 @@ import numpy as np
 from crosscheck.verdicts.plan import Task
 from flexinv.analysis.overview import describe_mobility, resolve_start_configuration
 from flexinv.analysis.solution import Solution
-from flexinv.analysis.solution_card import list_instants
 from flexinv.analysis.solve import solve
+from flexinv.analysis.views.solution_card import list_instants
 from flexinv.display import drawing
 from flexinv.errors import FlexinvError
 from flexinv.linearized.natural_modes import natural_modes

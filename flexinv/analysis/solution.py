@@ -112,7 +112,7 @@ class Solution(Shown, ByValue):
     stable: bool | None = None
 
     def _make_card(self) -> Card:
-        from flexinv.analysis.solution_card import make_solution_card
+        from flexinv.analysis.views.solution_card import make_solution_card
 
         return make_solution_card(self)
 
@@ -267,7 +267,7 @@ class Solution(Shown, ByValue):
 
         Raises InputError where matplotlib is not installed.
         """
-        from flexinv.analysis.solution_figures import draw_solution
+        from flexinv.analysis.views.solution_figures import draw_solution
         from flexinv.display.figures import check_matplotlib
 
         check_matplotlib("solution.plot()")
@@ -279,10 +279,10 @@ class Solution(Shown, ByValue):
         seconds : that it takes [s]; None: as long as the motion, 3 s at least and 20 s at most
         Raises InputError for a time that is none, and for a solution that has one sample.
         """
-        from flexinv.analysis.solution_figures import animate_solution
+        from flexinv.analysis.views.solution_figures import draw_moving_solution
 
         taken = None if seconds is None else check_seconds("seconds", seconds, "a time above 0 [s], or None")
-        return animate_solution(self, taken)
+        return draw_moving_solution(self, taken)
 
     def whole_frame(self) -> pd.DataFrame:
         """Return `frame` and `tip_frame` over time [s] side by side, and the error bars where there are some [N m], [N], [m]."""

@@ -15,8 +15,8 @@ from flexinv.analysis import overview
 from flexinv.analysis.find_limits import LimitUse, find_limits
 from flexinv.analysis.motor_side import motor_side
 from flexinv.analysis.solution import Solution
-from flexinv.analysis.solution_figures import draw_solution
 from flexinv.analysis.solve import solve as solve_motion
+from flexinv.analysis.views.solution_figures import draw_solution
 from flexinv.cli.output import (
     ACCURACY,
     FILE,

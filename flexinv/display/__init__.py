@@ -1,1 +1,1 @@
-"""How results show themselves: lines of text, and cards of HTML and SVG for notebooks; figures and moving pictures."""
+"""Display of results: lines of text, cards of HTML and SVG for notebooks, figures and moving pictures."""

@@ -21,8 +21,9 @@ from flexinv.display.drawing import (
     convert_to_view,
     find_motion_plane,
     make_drawing_map,
+    open_svg,
 )
-from flexinv.display.words import escape_text, format_number
+from flexinv.display.words import convert_to_xml, format_number
 from flexinv.errors import InputError
 from flexinv.typing import Array
 from flexinv.validation import check_path
@@ -49,12 +50,12 @@ class Animation:
     seconds: float
 
     def __repr__(self) -> str:
-        """Return what it shows, in a line."""
+        """Return a line about it."""
         return f"Animation of {self.title!r}, {self.words}: a notebook shows it, save('motion.html') writes it"
 
     def _repr_html_(self) -> str:
         """Return the picture with the words below it."""
-        words = f'<figcaption style="font-size:90%">{escape_text(self.words)}</figcaption>'
+        words = f'<figcaption style="font-size:90%">{convert_to_xml(self.words)}</figcaption>'
         return f'<figure style="margin:8px 0;width:560px;max-width:100%">{self.svg}{words}</figure>'
 
     def save(self, path: str | Path) -> Path:
@@ -62,12 +63,14 @@ class Animation:
         file = Path(check_path("path", path, "a file name that ends in .svg or .html"))
         if file.suffix.lower() not in SHEETS:
             raise InputError(f"animation: path {file}, expected a name that ends in {' or '.join(SHEETS)}")
-        page = PAGE.format(title=escape_text(self.title), body=self._repr_html_())
+        page = PAGE.format(title=convert_to_xml(self.title), body=self._repr_html_())
         file.write_text(page if file.suffix.lower() == ".html" else self.svg, encoding="utf-8")
         return file
 
 
-def draw_animation(frames: Sequence[Sequence[Stroke]], span: tuple[float, float], seconds: float, title: str) -> Animation:
+def draw_animation(
+    frames: Sequence[Sequence[Stroke]], span: tuple[float, float], seconds: float, title: str
+) -> Animation:
     """Return the moving picture of equally spaced frames, as many lines in each, of a ``span`` of time [s] in ``seconds`` [s].
 
     frames : lines (points, 3) [m] in the world, and whether they bend
@@ -82,10 +85,11 @@ def draw_animation(frames: Sequence[Sequence[Stroke]], span: tuple[float, float]
             for strokes in frames
         ]
         if shapes[0]:
-            moved = f'<animate attributeName="d" dur="{seconds:g}s" repeatCount="indefinite" values="{";".join(shapes)}"/>'
+            moved = (
+                f'<animate attributeName="d" dur="{seconds:g}s" repeatCount="indefinite" values="{";".join(shapes)}"/>'
+            )
             parts.append(f'<path d="{shapes[0]}" stroke="{colour}">{moved}</path>')
-    high = HEIGHT + BAR
-    head = f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {WIDTH:g} {high:g}" role="img" aria-label="{escape_text(title)}">'
+    head = open_svg(WIDTH, HEIGHT + BAR, title)
     pen = '<g fill="none" stroke-width="1.2" stroke-linecap="round" stroke-linejoin="round">'
     length = span[1] - span[0]
     pace = length / seconds
@@ -93,12 +97,12 @@ def draw_animation(frames: Sequence[Sequence[Stroke]], span: tuple[float, float]
         words = "as fast as it happens"
     else:
         words = f"{format_number(max(pace, 1 / pace))} times {'slower' if pace < 1 else 'faster'} than it happens"
-    svg = f"{head}{pen}{''.join(parts)}</g>{_draw_time(span, seconds)}</svg>"
+    svg = f"{head}>{pen}{''.join(parts)}</g>{_draw_time(span, seconds)}</svg>"
     return Animation(svg, title, f"{format_number(length)} s, {words}", seconds)
 
 
 def write_line(points: Array) -> str:
-    """Return the commands of a path through points (points, 2) [px]."""
+    """Return the commands of a path through points (points, 2), pixels [-]."""
     return "M" + "L".join(f"{x:.1f} {y:.1f}" for x, y in points.tolist())
 
 

@@ -7,7 +7,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from flexinv.display.curves import COLOURS
-from flexinv.display.words import cut_text, escape_text, format_number
+from flexinv.display.drawing import open_svg
+from flexinv.display.words import convert_to_xml, format_number, take_start
 
 # [px] of the drawing
 BARS_WIDTH = 420.0
@@ -27,11 +28,10 @@ def draw_bars(bars: Sequence[tuple[str, float]], unit: str, what: str) -> str:
     for k, (name, size) in enumerate(drawn):
         y = k * BAR_HEIGHT
         width = room * max(size, 0.0) / longest
-        words = escape_text(cut_text(name, LONGEST_NAME))
-        number = escape_text(f"{format_number(size)} {unit}".removesuffix(" -"))
+        words = convert_to_xml(take_start(name, LONGEST_NAME))
+        number = convert_to_xml(f"{format_number(size)} {unit}".removesuffix(" -"))
         parts.append(f'<text x="0" y="{y + 11:g}">{words}</text>')
         parts.append(f'<rect x="{NAMES_WIDTH:g}" y="{y + 3:g}" width="{width:.1f}" height="10" fill="{COLOURS[0]}"/>')
         parts.append(f'<text x="{NAMES_WIDTH + width + 4:.1f}" y="{y + 11:g}">{number}</text>')
     high = max(1, len(drawn)) * BAR_HEIGHT
-    head = f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {BARS_WIDTH:g} {high:g}" role="img"'
-    return f'{head} aria-label="{escape_text(what)}" font-size="10" fill="currentColor">{"".join(parts)}</svg>'
+    return f'{open_svg(BARS_WIDTH, high, what)} font-size="10" fill="currentColor">{"".join(parts)}</svg>'

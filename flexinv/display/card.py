@@ -10,13 +10,13 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from itertools import islice
 
-
-from flexinv.display.words import CUT, cut_text, escape_text, make_printable
+from flexinv.display.words import CUT, convert_to_xml, make_printable, take_start
 
 LINES = 15  # of a text at most
 COLUMNS = 120
 WIDEST = 44  # characters of a cell in a text
-FACTS = 5  # lines beside the table in a text
+FACTS = 5  # lines beside the table in a text, and
+PAGE_FACTS = 8  # on a page
 ROWS = 6  # of the table in a text; what is more is counted
 PAGE_ROWS = 12  # of the table on a page
 LONGEST = 400  # characters of a fact, and
@@ -37,7 +37,7 @@ class Picture:
 
 @dataclass(frozen=True)
 class Card:
-    """What a result says of itself: a title, facts, the first rows of a table of ``count`` rows, and pictures.
+    """A result in short: a title, facts, the first rows of a table of ``count`` rows, and pictures.
 
     draw : makes the pictures, when a page wants them
     """
@@ -57,44 +57,54 @@ def make_rows(rows: Iterable[tuple[str, ...]]) -> tuple[tuple[str, ...], ...]:
 
 def render_text(card: Card) -> str:
     """Return a card as text of at most `LINES` lines of `COLUMNS` characters [-]."""
-    lines = [make_printable(card.title), *(BESIDE + make_printable(fact) for fact in card.facts[:FACTS])]
+    lines = [make_printable(card.title), *(BESIDE + make_printable(fact) for fact in _list_facts(card, FACTS))]
     if card.rows:
-        lines += (BESIDE + line for line in _align_columns(card))
+        lines += (BESIDE + line for line in _format_columns(card))
     if card.count > len(card.rows[:ROWS]):
         lines.append(f"{BESIDE}... and {card.count - len(card.rows[:ROWS])} more")
     return "\n".join(line.rstrip() if len(line) <= COLUMNS else line[: COLUMNS - len(CUT)] + CUT for line in lines)
 
 
-def _align_columns(card: Card) -> list[str]:
+def _list_facts(card: Card, most: int) -> list[str]:
+    """The first facts, and how many more there are."""
+    more = len(card.facts) - most
+    return [*card.facts[:most], *([f"... and {more} more remark{'s' * (more > 1)}"] if more > 0 else [])]
+
+
+def _format_columns(card: Card) -> list[str]:
     """Rows with their cells below each other."""
-    table = [[cut_text(cell, WIDEST) for cell in row] for row in (card.columns, *card.rows[:ROWS])]
+    table = [[take_start(cell, WIDEST) for cell in row] for row in (card.columns, *card.rows[:ROWS])]
     widths = [max(map(len, column)) for column in zip(*table, strict=True)]
     return [BESIDE.join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)) for row in table]
 
 
 def render_page(card: Card) -> str:
     """Return a card as HTML, a fragment of well-formed XML."""
-    parts = [f"<div><b>{escape_text(cut_text(card.title, LONGEST))}</b></div>"]
-    parts += [f"<div>{escape_text(cut_text(fact, LONGEST))}</div>" for fact in card.facts]
+    parts = [f"<div><b>{convert_to_xml(take_start(card.title, LONGEST))}</b></div>"]
+    parts += [f"<div>{convert_to_xml(take_start(fact, LONGEST))}</div>" for fact in _list_facts(card, PAGE_FACTS)]
     pictures = "".join(map(_render_picture, card.draw()))
     if pictures:
         parts.append(f'<div style="display:flex;flex-wrap:wrap;gap:16px;align-items:flex-end">{pictures}</div>')
     if card.rows:
-        head = "".join(f'<th style="{CELL}">{escape_text(name)}</th>' for name in card.columns)
-        rows = "".join(f"<tr>{''.join(map(_render_cell, row))}</tr>" for row in card.rows)
-        table = f'<table style="border-collapse:collapse;font-size:inherit"><thead><tr>{head}</tr></thead><tbody>{rows}</tbody></table>'
-        parts.append(f'<div style="overflow-x:auto;margin-top:8px">{table}</div>')
+        parts.append(f'<div style="overflow-x:auto;margin-top:8px">{_render_table(card)}</div>')
     if card.count > len(card.rows):
         parts.append(f"<div>... and {card.count - len(card.rows)} more</div>")
     return f'<div style="max-width:900px;line-height:1.5">{"".join(parts)}</div>'
 
 
+def _render_table(card: Card) -> str:
+    head = "".join(f'<th style="{CELL}">{convert_to_xml(name)}</th>' for name in card.columns)
+    rows = "".join(f"<tr>{''.join(map(_render_cell, row))}</tr>" for row in card.rows)
+    style = "border-collapse:collapse;font-size:inherit"
+    return f'<table style="{style}"><thead><tr>{head}</tr></thead><tbody>{rows}</tbody></table>'
+
+
 def _render_cell(cell: str) -> str:
-    return f'<td style="{CELL}">{escape_text(cut_text(cell, LONGEST_CELL))}</td>'
+    return f'<td style="{CELL}">{convert_to_xml(take_start(cell, LONGEST_CELL))}</td>'
 
 
 def _render_picture(picture: Picture) -> str:
-    words = f'<figcaption style="font-size:90%">{escape_text(picture.words)}</figcaption>'
+    words = f'<figcaption style="font-size:90%">{convert_to_xml(picture.words)}</figcaption>'
     return f'<figure style="margin:8px 0;width:{picture.width}px;max-width:100%">{picture.svg}{words}</figure>'
 
 
@@ -105,7 +115,7 @@ class Shown:
     """
 
     def _make_card(self) -> Card:
-        """Return what is shown of it."""
+        """Return the card of it."""
         raise NotImplementedError
 
     def __repr__(self) -> str:
@@ -113,13 +123,11 @@ class Shown:
         try:
             return render_text(self._make_card())
         except Exception as error:
-            return cut_text(f"<{type(self).__name__} that cannot be described: {error}>", COLUMNS)
+            return take_start(f"<{type(self).__name__} that cannot be described: {error}>", COLUMNS)
 
     def _repr_html_(self) -> str:
         """Return the card of notebooks: pictures, facts, and the first rows of a table, with units."""
         try:
             return render_page(self._make_card())
         except Exception:
-            return f"<div>{escape_text(repr(self))}</div>"
-
-
+            return f"<div>{convert_to_xml(repr(self))}</div>"

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import pairwise
 
 import numpy as np
 
-from flexinv.display.words import cut_front, escape_text, format_number
+from flexinv.display.drawing import open_svg
+from flexinv.display.words import convert_to_xml, format_number, take_end
 from flexinv.typing import Array
 
 Curve = tuple[str, Array, Array]  # name, times (samples,) [s] and values (samples,) [any unit]
@@ -34,16 +36,16 @@ def draw_curves(curves: Sequence[Curve], unit: str, what: str) -> str:
     start = float(times.min())
     end = float(times.max())
     across = (WIDE - LEFT - RIGHT) / ((end - start) or 1.0)
-    upward = (HIGH - TOP - BOTTOM) / ((high - low) or 1.0)
-    middle = 0.5 * (HIGH - TOP - BOTTOM) if high == low else 0.0  # of curves that stay where they are
+    room = HIGH - TOP - BOTTOM
+    half = 0.5 * high - 0.5 * low  # no difference of two numbers is larger than a number can be
+    middle = 0.5 * room if half == 0.0 else 0.0  # of curves that stay where they are
     parts = []
     for colour, (_, time, values) in zip(COLOURS, drawn, strict=False):
         kept = list_drawn_points(values)
         x = LEFT + across * (time[kept] - start)
-        y = HIGH - BOTTOM - middle - upward * (values[kept] - low)
+        y = HIGH - BOTTOM - middle - room * (0.5 * values[kept] - 0.5 * low) / (half or 1.0)
         parts.append(f'<path d="{write_path(x, y)}" stroke="{colour}"/>')
-    label = f'aria-label="{escape_text(what)}"'
-    head = f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {WIDE:g} {HIGH:g}" role="img" {label} font-size="10">'
+    head = f'{open_svg(WIDE, HIGH, what)} font-size="10">'
     pen = '<g fill="none" stroke-width="1.4" stroke-linejoin="round">'
     words = _write_axes((start, end), (low, high), unit) + _write_names([name for name, _, _ in drawn])
     return f"{head}{_draw_frame()}{pen}{''.join(parts)}</g>{words}</svg>"
@@ -56,14 +58,14 @@ def list_drawn_points(values: Array) -> Array:
         return np.arange(count)
     edges = np.linspace(0, count, POINTS + 1).astype(int)
     found = {0, count - 1}
-    for first, last in zip(edges[:-1], edges[1:], strict=True):
+    for first, last in pairwise(edges.tolist()):
         part = np.nan_to_num(values[first:last], nan=0.0)
         found |= {int(first + part.argmin()), int(first + part.argmax())}
     return np.array(sorted(found))
 
 
 def write_path(x: Array, y: Array) -> str:
-    """Return the commands of a path through points [px]; where a number is missing the line is broken."""
+    """Return the commands of a path through points, pixels [-]; where a number is missing the line is broken."""
     commands = []
     broken = True
     for here, above in zip(x.tolist(), y.tolist(), strict=True):
@@ -88,7 +90,7 @@ def _write_axes(span: tuple[float, float], reach: tuple[float, float], unit: str
         (WIDE - RIGHT, HIGH - 4, "end", f"{format_number(span[1])} s"),
     ]
     return "".join(
-        f'<text x="{x:g}" y="{y:g}" text-anchor="{side}" fill="currentColor">{escape_text(text)}</text>'
+        f'<text x="{x:g}" y="{y:g}" text-anchor="{side}" fill="currentColor">{convert_to_xml(text)}</text>'
         for x, y, side, text in texts
     )
 
@@ -99,7 +101,7 @@ def _write_names(names: Sequence[str]) -> str:
     for k, (colour, name) in enumerate(zip(COLOURS, names, strict=False)):
         x = WIDE / IN_A_ROW * (k % IN_A_ROW)
         y = ROW_HEIGHT * (k // IN_A_ROW)
-        text = escape_text(cut_front(name, NAME_LENGTH))
+        text = convert_to_xml(take_end(name, NAME_LENGTH))
         parts.append(f'<path d="M{x:.1f} {y + 7:g}h8" stroke="{colour}" stroke-width="2"/>')
         parts.append(f'<text x="{x + 11:.1f}" y="{y + 11:g}" fill="currentColor">{text}</text>')
     return "".join(parts)

@@ -9,7 +9,7 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from flexinv.display.words import escape_text
+from flexinv.display.words import convert_to_xml
 from flexinv.typing import Array
 
 Stroke = tuple[Array, bool]  # points (points, 3) [m] of a link, and whether it bends
@@ -46,9 +46,15 @@ def draw_svg(instants: Sequence[Sequence[Stroke]], what: str) -> str:
         shade = FAINTEST + (1 - FAINTEST) * (k / (len(instants) - 1)) ** 2 if len(instants) > 1 else 1.0
         lines = "".join(_draw_line(place(convert_to_view(line, axes)), bends) for line, bends in strokes)
         parts.append(f'<g opacity="{shade:.2g}">{lines}</g>')
-    head = f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {WIDTH:g} {HEIGHT:g}" role="img" aria-label="{escape_text(what)}"'
+    head = open_svg(WIDTH, HEIGHT, what)
     pen = 'fill="none" stroke-width="1.6" stroke-linecap="round" stroke-linejoin="round"'
     return f"{head} {pen}>{''.join(parts)}</svg>"
+
+
+def open_svg(width: float, height: float, what: str) -> str:
+    """Return the begin of an SVG element of that size, pixels [-], still without its closing bracket; ``what`` is read out."""
+    size = f'viewBox="0 0 {width:g} {height:g}" role="img"'
+    return f'<svg xmlns="http://www.w3.org/2000/svg" {size} aria-label="{convert_to_xml(what)}"'
 
 
 def find_motion_plane(x: Array) -> tuple[int, int] | None:

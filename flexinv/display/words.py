@@ -13,19 +13,19 @@ def make_printable(text: str) -> str:
     return "".join(char if char.isprintable() else "\ufffd" for char in " ".join(str(text).split()))
 
 
-def cut_text(text: str, width: int) -> str:
+def take_start(text: str, width: int) -> str:
     """Return a text in one line of at most ``width`` characters [-]; what is cut off is marked."""
     line = make_printable(text)
     return line if len(line) <= width else line[: width - len(CUT)] + CUT
 
 
-def cut_front(text: str, width: int) -> str:
+def take_end(text: str, width: int) -> str:
     """Return the end of a text in one line, at most ``width`` characters [-]: names of one robot often begin alike."""
     line = make_printable(text)
     return line if len(line) <= width else CUT + line[len(line) - width + len(CUT) :]
 
 
-def escape_text(text: str) -> str:
+def convert_to_xml(text: str) -> str:
     """Return a text as it stands between tags or quotes of XML."""
     return escape(make_printable(text))
 

@@ -292,7 +292,7 @@ def _misplaced(module: str, name: str, inside_function: bool) -> str:
     if here[0] == "flexinv" and there[0] == "crosscheck":
         return "flexinv stands alone"
     if here[0] == "flexinv" and there[0] in GRAPHICS and not (_draws(here) and inside_function):
-        return "only the command line and flexinv/display draw, and load what draws when they do"
+        return "only the command line draws, and flexinv/display, and loads what draws when it does"
     if _is_command_line(there) and not (_is_command_line(here) or here[-1] == "__main__"):
         return "a command line is imported by nobody"
     own = next((engine for engine in ENGINES if _is_adapter(module, engine)), None)

@@ -20,13 +20,13 @@ KEPT: dict[str, str] = {
         resultants tangent
     """,
     "methods that other libraries prescribe": """
-        _compile_bytecode _optimize_final_module _optimize_functions compile define_pipelines finalize generic_resolve
+        _compile_bytecode _optimize_final_module _optimize_functions _repr_html_ compile define_pipelines finalize generic_resolve
         get_call_template get_pointer_to_function on_broken_pipe repr_instance unify
     """,
     "public names": """
-        all arc assert_same base_parameters distance factors follow frame from_samples from_urdf identify internal_frame
+        all animate arc assert_same base_parameters distance factors follow frame from_samples from_urdf identify internal_frame
         joint_torques joints line linear_model lint load_cases load_mechanism merge meshed motor_side natural_modes nodal of
-        point_to_point points refined simulate stacked start statics steady_modes step summary tip_frame torque_derivatives
+        plot point_to_point points refined simulate stacked start statics steady_modes step summary tip_frame torque_derivatives
         torque_regressor torques turning verdict whole_frame with_body with_mesh wrench_frame
     """,
     "standard terms of mathematics and systems": """

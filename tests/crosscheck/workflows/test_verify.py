@@ -15,7 +15,6 @@ from rigid_trees import urdf
 
 from crosscheck.cli import main
 from crosscheck.engines import ENGINES
-from flexinv.display.drawing import find_motion_plane
 from crosscheck.verdicts.compare import Comparison
 from crosscheck.verdicts.plan import discover
 from crosscheck.workflows.model_summary import apply_common_limits, picture, portrait
@@ -28,6 +27,7 @@ from crosscheck.workflows.proposals import (
     write,
 )
 from crosscheck.workflows.scaffold import TEMPLATES, write_from_template, write_from_urdf
+from flexinv.display.drawing import find_motion_plane
 from flexinv.errors import InputError
 from flexinv.files.load_cases import load_cases
 from flexinv.files.load_mechanism import load_mechanism

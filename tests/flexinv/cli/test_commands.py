@@ -13,11 +13,11 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from flexinv.model.link_mass import compute_link_mass
 from flexinv.analysis.solve import solve
 from flexinv.cli.commands import main
 from flexinv.files.load_cases import load_cases
 from flexinv.files.load_mechanism import load_mechanism
+from flexinv.model.link_mass import compute_link_mass
 from flexinv.model.mechanism import Beam, Body, Inertia, Link, Section
 
 MECHANISM = """

@@ -21,7 +21,7 @@ def lines(svg: str) -> list[np.ndarray]:
 
 
 def test_lengths_keep_their_ratio_up_is_up_and_all_is_inside() -> None:
-    rod, mast = lines((drawing.draw_svg([[(ROD, False), (MAST, True)]], "an L")))
+    rod, mast = lines(drawing.draw_svg([[(ROD, False), (MAST, True)]], "an L"))
     # numbers are printed to 0.1 px: a length of two of them is off by 0.15 px at most
     assert np.ptp(rod[:, 0]) == pytest.approx(2 * np.ptp(mast[:, 1]), abs=0.3)
     assert mast[1, 1] < mast[0, 1]  # pixels count downwards
@@ -31,7 +31,7 @@ def test_lengths_keep_their_ratio_up_is_up_and_all_is_inside() -> None:
 
 
 def test_later_instants_are_darker_and_links_that_bend_have_their_own_colour() -> None:
-    text = (drawing.draw_svg([[(ROD, False)], [(MAST, True)]], "two"))
+    text = drawing.draw_svg([[(ROD, False)], [(MAST, True)]], "two")
     shades = [float(shade) for shade in re.findall(r'opacity="([0-9.]+)"', text)]
     assert shades == [drawing.FAINTEST, 1.0]
     assert re.findall(r'stroke="(#\w+)"', text) == [drawing.RIGID, drawing.BENDS]
@@ -50,7 +50,7 @@ def test_a_mechanism_in_space_is_seen_from_the_side_and_from_above() -> None:
 
 
 def test_one_point_alone_is_drawn_and_its_name_is_only_text() -> None:
-    text = (drawing.draw_svg([[(np.zeros((1, 3)), False)]], '"><script>'))
+    text = drawing.draw_svg([[(np.zeros((1, 3)), False)]], '"><script>')
     assert "<script" not in text
     assert lines(text)[0] == pytest.approx(np.array([[drawing.WIDTH / 2, drawing.HEIGHT / 2]]))
 

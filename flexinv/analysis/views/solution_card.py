@@ -52,7 +52,8 @@ def _describe_result(solution: Solution) -> Iterator[str]:
         yield f"{name} bends by {format_number(np.linalg.norm(values, axis=1).max())} m at its tip"
     if solution.torque_error is not None and solution.torque_error.size:
         worst = int(solution.torque_error.max(axis=0).argmax())
-        units = [unit for unit, own in zip(list_effort_units(solution.mechanism), solution.mechanism.actuated, strict=True) if own]
+        driven = solution.mechanism.actuated.tolist()
+        units = [unit for unit, own in zip(list_effort_units(solution.mechanism), driven, strict=True) if own]
         largest = format_number(solution.torque_error.max())
         yield f"error bar of an effort: {largest} {units[worst]} at most ({solution.torque_names[worst]})"
     if solution.stable is not None:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from flexinv.analysis.solution import Solution, list_effort_units
-from flexinv.analysis.solution_card import list_instants
+from flexinv.analysis.views.solution_card import list_instants
 from flexinv.display.animation import Animation, draw_animation
 from flexinv.display.figures import Band, Panel, draw_panels
 from flexinv.errors import InputError
@@ -51,7 +51,7 @@ def _find_error(solution: Solution, k: int) -> Array | None:
     return solution.torque_error[:, int(solution.mechanism.actuated[:k].sum())]
 
 
-def animate_solution(solution: Solution, seconds: float | None = None) -> Animation:
+def draw_moving_solution(solution: Solution, seconds: float | None = None) -> Animation:
     """Return the mechanism in motion as a moving picture that takes ``seconds`` [s]; None: as long as the motion, 3 to 20 s."""
     time = solution.time
     if len(time) < 2:
@@ -63,5 +63,7 @@ def animate_solution(solution: Solution, seconds: float | None = None) -> Animat
     samples = np.rint(np.interp(np.linspace(start, end, count), time, np.arange(len(time)))).astype(int)
     frames = list_instants(solution, samples.tolist())
     if not frames[0]:
-        raise InputError(f"animate: '{solution.mechanism.name}' has no line to draw: all its nodes and tips are in one point")
+        raise InputError(
+            f"animate: '{solution.mechanism.name}' has no line to draw: all its nodes and tips are in one point"
+        )
     return draw_animation(frames, (start, end), taken, solution.mechanism.name)

@@ -1,0 +1,1 @@
+"""Views of a solution: its card, its figures, its moving picture."""
