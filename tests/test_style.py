@@ -64,8 +64,11 @@ KERNEL = "compiled code apart from the code that calls it: a change of the calle
 EQUATIONS = "equations of their own, at the head of the file"
 COMPARED = "a step of the comparison, in a file of its own name"
 ASKED = "what an engine's own model answers, apart from what is lifted from it"
+CARD = "how a result is shown, apart from the result"
 # Modules that one other imports and that fit into it, and why they stay apart.
 ALONE = {
+    "crosscheck.equivalence.card": CARD,
+    "crosscheck.identification.card": CARD,
     "crosscheck.studies.robot_sweep": "states and torques of many robots, which the benchmarks take, too",
     "crosscheck.causes.quantity_causes": "what no effort shows, a question of its own",
     "crosscheck.causes.single_samples": "what no fit over all samples shows, a question of its own",

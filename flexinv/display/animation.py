@@ -12,10 +12,10 @@ from pathlib import Path
 import numpy as np
 
 from flexinv.display.drawing import (
-    BENDS,
+    BENDS_COLOUR,
+    DRAWING_MARGIN,
     HEIGHT,
-    MARGIN,
-    RIGID,
+    RIGID_COLOUR,
     WIDTH,
     Stroke,
     convert_to_view,
@@ -79,7 +79,7 @@ def draw_animation(
     axes = find_motion_plane(everything)
     place = make_drawing_map(convert_to_view(everything, axes))
     parts = []
-    for bends, colour in ((False, RIGID), (True, BENDS)):
+    for bends, colour in ((False, RIGID_COLOUR), (True, BENDS_COLOUR)):
         shapes = [
             "".join(write_line(place(convert_to_view(line, axes))) for line, own in strokes if own is bends)
             for strokes in frames
@@ -109,8 +109,8 @@ def write_line(points: Array) -> str:
 def _draw_time(span: tuple[float, float], seconds: float) -> str:
     """A line with a dot that moves along it, and the times at its ends."""
     y = HEIGHT + 2.0
-    left = MARGIN
-    right = WIDTH - MARGIN
+    left = DRAWING_MARGIN
+    right = WIDTH - DRAWING_MARGIN
     dot = f'<animate attributeName="cx" dur="{seconds:g}s" repeatCount="indefinite" values="{left:g};{right:g}"/>'
     ends = ((left, "start", span[0]), (right, "end", span[1]))
     texts = "".join(
@@ -118,4 +118,4 @@ def _draw_time(span: tuple[float, float], seconds: float) -> str:
         for x, side, time in ends
     )
     line = f'<path d="M{left:g} {y:g}H{right:g}" stroke="#808080" stroke-width="0.6"/>'
-    return f'{line}<circle cx="{left:g}" cy="{y:g}" r="1.8" fill="{BENDS}">{dot}</circle>{texts}'
+    return f'{line}<circle cx="{left:g}" cy="{y:g}" r="1.8" fill="{BENDS_COLOUR}">{dot}</circle>{texts}'

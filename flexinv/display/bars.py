@@ -16,7 +16,7 @@ BAR_HEIGHT = 16.0
 NAMES_WIDTH = 190.0
 NUMBERS_WIDTH = 80.0
 MOST_BARS = 8
-LONGEST_NAME = 34  # characters
+BAR_NAME_LENGTH = 34  # characters
 
 
 def draw_bars(bars: Sequence[tuple[str, float]], unit: str, what: str) -> str:
@@ -28,7 +28,7 @@ def draw_bars(bars: Sequence[tuple[str, float]], unit: str, what: str) -> str:
     for k, (name, size) in enumerate(drawn):
         y = k * BAR_HEIGHT
         width = room * max(size, 0.0) / longest
-        words = convert_to_xml(take_start(name, LONGEST_NAME))
+        words = convert_to_xml(take_start(name, BAR_NAME_LENGTH))
         number = convert_to_xml(f"{format_number(size)} {unit}".removesuffix(" -"))
         parts.append(f'<text x="0" y="{y + 11:g}">{words}</text>')
         parts.append(f'<rect x="{NAMES_WIDTH:g}" y="{y + 3:g}" width="{width:.1f}" height="10" fill="{COLOURS[0]}"/>')

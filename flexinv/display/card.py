@@ -12,14 +12,14 @@ from itertools import islice
 
 from flexinv.display.words import CUT, convert_to_xml, make_printable, take_start
 
-LINES = 15  # of a text at most
-COLUMNS = 120
+TEXT_LINES = 15  # of a text at most
+TEXT_COLUMNS = 120
 WIDEST = 44  # characters of a cell in a text
-FACTS = 5  # lines beside the table in a text, and
+TEXT_FACTS = 5  # lines beside the table in a text, and
 PAGE_FACTS = 8  # on a page
-ROWS = 6  # of the table in a text; what is more is counted
+TEXT_ROWS = 6  # of the table in a text; what is more is counted
 PAGE_ROWS = 12  # of the table on a page
-LONGEST = 400  # characters of a fact, and
+LONGEST_FACT = 400  # characters of a fact, and
 LONGEST_CELL = 80  # of a cell on a page
 BESIDE = "  "  # between columns
 RULE = "1px solid rgba(128,128,128,0.4)"
@@ -56,13 +56,15 @@ def make_rows(rows: Iterable[tuple[str, ...]]) -> tuple[tuple[str, ...], ...]:
 
 
 def render_text(card: Card) -> str:
-    """Return a card as text of at most `LINES` lines of `COLUMNS` characters [-]."""
-    lines = [make_printable(card.title), *(BESIDE + make_printable(fact) for fact in _list_facts(card, FACTS))]
+    """Return a card as text of at most `TEXT_LINES` lines of `TEXT_COLUMNS` characters [-]."""
+    lines = [make_printable(card.title), *(BESIDE + make_printable(fact) for fact in _list_facts(card, TEXT_FACTS))]
     if card.rows:
         lines += (BESIDE + line for line in _format_columns(card))
-    if card.count > len(card.rows[:ROWS]):
-        lines.append(f"{BESIDE}... and {card.count - len(card.rows[:ROWS])} more")
-    return "\n".join(line.rstrip() if len(line) <= COLUMNS else line[: COLUMNS - len(CUT)] + CUT for line in lines)
+    if card.count > len(card.rows[:TEXT_ROWS]):
+        lines.append(f"{BESIDE}... and {card.count - len(card.rows[:TEXT_ROWS])} more")
+    return "\n".join(
+        line.rstrip() if len(line) <= TEXT_COLUMNS else line[: TEXT_COLUMNS - len(CUT)] + CUT for line in lines
+    )
 
 
 def _list_facts(card: Card, most: int) -> list[str]:
@@ -73,15 +75,15 @@ def _list_facts(card: Card, most: int) -> list[str]:
 
 def _format_columns(card: Card) -> list[str]:
     """Rows with their cells below each other."""
-    table = [[take_start(cell, WIDEST) for cell in row] for row in (card.columns, *card.rows[:ROWS])]
+    table = [[take_start(cell, WIDEST) for cell in row] for row in (card.columns, *card.rows[:TEXT_ROWS])]
     widths = [max(map(len, column)) for column in zip(*table, strict=True)]
     return [BESIDE.join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)) for row in table]
 
 
 def render_page(card: Card) -> str:
     """Return a card as HTML, a fragment of well-formed XML."""
-    parts = [f"<div><b>{convert_to_xml(take_start(card.title, LONGEST))}</b></div>"]
-    parts += [f"<div>{convert_to_xml(take_start(fact, LONGEST))}</div>" for fact in _list_facts(card, PAGE_FACTS)]
+    parts = [f"<div><b>{convert_to_xml(take_start(card.title, LONGEST_FACT))}</b></div>"]
+    parts += [f"<div>{convert_to_xml(take_start(fact, LONGEST_FACT))}</div>" for fact in _list_facts(card, PAGE_FACTS)]
     pictures = "".join(map(_render_picture, card.draw()))
     if pictures:
         parts.append(f'<div style="display:flex;flex-wrap:wrap;gap:16px;align-items:flex-end">{pictures}</div>')
@@ -123,7 +125,7 @@ class Shown:
         try:
             return render_text(self._make_card())
         except Exception as error:
-            return take_start(f"<{type(self).__name__} that cannot be described: {error}>", COLUMNS)
+            return take_start(f"<{type(self).__name__} that cannot be described: {error}>", TEXT_COLUMNS)
 
     def _repr_html_(self) -> str:
         """Return the card of notebooks: pictures, facts, and the first rows of a table, with units."""

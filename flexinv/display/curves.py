@@ -11,23 +11,23 @@ from flexinv.display.drawing import open_svg
 from flexinv.display.words import convert_to_xml, format_number, take_end
 from flexinv.typing import Array
 
-Curve = tuple[str, Array, Array]  # name, times (samples,) [s] and values (samples,) [any unit]
+NamedCurve = tuple[str, Array, Array]  # name, times (samples,) [s] and values (samples,) [any unit]
 # [px] of the drawing and of what stands beside the curves
-WIDE = 340.0
-HIGH = 190.0
-LEFT = 62.0
-RIGHT = 8.0
-TOP = 34.0
-BOTTOM = 18.0
+CURVES_WIDTH = 340.0
+CURVES_HEIGHT = 190.0
+LEFT_ROOM = 62.0
+RIGHT_ROOM = 8.0
+TOP_ROOM = 34.0
+BOTTOM_ROOM = 18.0
 IN_A_ROW = 3  # names above the curves
 ROW_HEIGHT = 13.0
 NAME_LENGTH = 17  # characters
 POINTS = 160  # slots in each of which the least and the largest value are drawn: no peak is left out
-# 3 : 1 at least on white and on dark pages, as `drawing.RIGID`
+# 3 : 1 at least on white and on dark pages, as `drawing.RIGID_COLOUR`
 COLOURS = ("#2a78d0", "#c2571a", "#1f8a5b", "#b0457f", "#8a7a1a", "#7a6ad0")
 
 
-def draw_curves(curves: Sequence[Curve], unit: str, what: str) -> str:
+def draw_curves(curves: Sequence[NamedCurve], unit: str, what: str) -> str:
     """Return the first curves [unit] over time [s] as an SVG element, as many as there are colours; ``what`` is read out."""
     drawn = curves[: len(COLOURS)]
     times = np.concatenate([time[[0, -1]] for _, time, _ in drawn])
@@ -35,17 +35,17 @@ def draw_curves(curves: Sequence[Curve], unit: str, what: str) -> str:
     low, high = (float(numbers.min()), float(numbers.max())) if len(numbers) else (0.0, 0.0)
     start = float(times.min())
     end = float(times.max())
-    across = (WIDE - LEFT - RIGHT) / ((end - start) or 1.0)
-    room = HIGH - TOP - BOTTOM
+    across = (CURVES_WIDTH - LEFT_ROOM - RIGHT_ROOM) / ((end - start) or 1.0)
+    room = CURVES_HEIGHT - TOP_ROOM - BOTTOM_ROOM
     half = 0.5 * high - 0.5 * low  # no difference of two numbers is larger than a number can be
     middle = 0.5 * room if half == 0.0 else 0.0  # of curves that stay where they are
     parts = []
     for colour, (_, time, values) in zip(COLOURS, drawn, strict=False):
         kept = list_drawn_points(values)
-        x = LEFT + across * (time[kept] - start)
-        y = HIGH - BOTTOM - middle - room * (0.5 * values[kept] - 0.5 * low) / (half or 1.0)
+        x = LEFT_ROOM + across * (time[kept] - start)
+        y = CURVES_HEIGHT - BOTTOM_ROOM - middle - room * ((0.5 * values[kept] - 0.5 * low) / (half or 1.0))
         parts.append(f'<path d="{write_path(x, y)}" stroke="{colour}"/>')
-    head = f'{open_svg(WIDE, HIGH, what)} font-size="10">'
+    head = f'{open_svg(CURVES_WIDTH, CURVES_HEIGHT, what)} font-size="10">'
     pen = '<g fill="none" stroke-width="1.4" stroke-linejoin="round">'
     words = _write_axes((start, end), (low, high), unit) + _write_names([name for name, _, _ in drawn])
     return f"{head}{_draw_frame()}{pen}{''.join(parts)}</g>{words}</svg>"
@@ -76,18 +76,19 @@ def write_path(x: Array, y: Array) -> str:
 
 
 def _draw_frame() -> str:
-    lower = HIGH - BOTTOM
-    return f'<path d="M{LEFT:g} {TOP:g}V{lower:g}H{WIDE - RIGHT:g}" fill="none" stroke="#808080" stroke-width="1"/>'
+    lower = CURVES_HEIGHT - BOTTOM_ROOM
+    axes = f"M{LEFT_ROOM:g} {TOP_ROOM:g}V{lower:g}H{CURVES_WIDTH - RIGHT_ROOM:g}"
+    return f'<path d="{axes}" fill="none" stroke="#808080" stroke-width="1"/>'
 
 
 def _write_axes(span: tuple[float, float], reach: tuple[float, float], unit: str) -> str:
     """Numbers at the ends of both axes with their units."""
     texts = [
-        (LEFT - 4, TOP + 8, "end", format_number(reach[1])),
-        (LEFT - 4, HIGH - BOTTOM, "end", format_number(reach[0])),
-        (LEFT - 4, 0.5 * (TOP + HIGH - BOTTOM) + 4, "end", f"[{unit}]"),
-        (LEFT, HIGH - 4, "start", f"{format_number(span[0])} s"),
-        (WIDE - RIGHT, HIGH - 4, "end", f"{format_number(span[1])} s"),
+        (LEFT_ROOM - 4, TOP_ROOM + 8, "end", format_number(reach[1])),
+        (LEFT_ROOM - 4, CURVES_HEIGHT - BOTTOM_ROOM, "end", format_number(reach[0])),
+        (LEFT_ROOM - 4, 0.5 * (TOP_ROOM + CURVES_HEIGHT - BOTTOM_ROOM) + 4, "end", f"[{unit}]"),
+        (LEFT_ROOM, CURVES_HEIGHT - 4, "start", f"{format_number(span[0])} s"),
+        (CURVES_WIDTH - RIGHT_ROOM, CURVES_HEIGHT - 4, "end", f"{format_number(span[1])} s"),
     ]
     return "".join(
         f'<text x="{x:g}" y="{y:g}" text-anchor="{side}" fill="currentColor">{convert_to_xml(text)}</text>'
@@ -99,7 +100,7 @@ def _write_names(names: Sequence[str]) -> str:
     """Names of the curves in rows above them, each with a dash of its colour."""
     parts = []
     for k, (colour, name) in enumerate(zip(COLOURS, names, strict=False)):
-        x = WIDE / IN_A_ROW * (k % IN_A_ROW)
+        x = CURVES_WIDTH / IN_A_ROW * (k % IN_A_ROW)
         y = ROW_HEIGHT * (k // IN_A_ROW)
         text = convert_to_xml(take_end(name, NAME_LENGTH))
         parts.append(f'<path d="M{x:.1f} {y + 7:g}h8" stroke="{colour}" stroke-width="2"/>')

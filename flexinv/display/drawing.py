@@ -14,18 +14,18 @@ from flexinv.typing import Array
 
 Stroke = tuple[Array, bool]  # points (points, 3) [m] of a link, and whether it bends
 FRAMES = 6  # instants in a drawing
-FLAT = 1e-6  # of the size: a mechanism that leaves its plane by less is drawn as a plane one
+FLAT_SPREAD = 1e-6  # of the size: a mechanism that leaves its plane by less is drawn as a plane one
 # [px] of the drawing
 WIDTH = 160.0
 HEIGHT = 120.0
-MARGIN = 8.0
+DRAWING_MARGIN = 8.0
 FAINTEST = 0.15  # of the first instant; 1 is the last one's
 # from where a mechanism in space is seen
 AZIMUTH = np.radians(-60.0)
 ELEVATION = np.radians(25.0)
 # 3 : 1 at least on white and on the dark page, as graphics need it (WCAG 1.4.11)
-RIGID = "#646c76"
-BENDS = "#2a78d0"
+RIGID_COLOUR = "#646c76"
+BENDS_COLOUR = "#2a78d0"
 
 
 def list_drawn_samples(count: int) -> list[int]:
@@ -61,7 +61,7 @@ def find_motion_plane(x: Array) -> tuple[int, int] | None:
     """Return the two world axes in which all points (..., 3) [m] move, or None in space."""
     spread = np.ptp(x.reshape(-1, 3), axis=0)
     thin = int(np.argmin(spread))
-    if spread[thin] > FLAT * spread.max():
+    if spread[thin] > FLAT_SPREAD * spread.max():
         return None
     return tuple(k for k in range(3) if k != thin)  # type: ignore[return-value]
 
@@ -80,7 +80,7 @@ def make_drawing_map(x: Array) -> Callable[[Array], Array]:
     """Return the map of points (points, 2) [m] into the drawing [px], by one scale in both directions."""
     low = x.min(axis=0)
     high = x.max(axis=0)
-    room = np.array([WIDTH, HEIGHT]) - 2 * MARGIN
+    room = np.array([WIDTH, HEIGHT]) - 2 * DRAWING_MARGIN
     size = high - low
     scale = float((room[size > 0.0] / size[size > 0.0]).min()) if size.any() else 1.0
     middle = (low + high) / 2
@@ -93,4 +93,4 @@ def make_drawing_map(x: Array) -> Callable[[Array], Array]:
 
 def _draw_line(points: Array, bends: bool) -> str:
     path = "L".join(f"{x:.1f} {y:.1f}" for x, y in points)
-    return f'<path d="M{path}" stroke="{BENDS if bends else RIGID}"/>'
+    return f'<path d="M{path}" stroke="{BENDS_COLOUR if bends else RIGID_COLOUR}"/>'

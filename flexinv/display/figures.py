@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 PANEL_SIZE = (8.0, 4.5)  # [inch] of one panel
 NEXT_HEIGHT = 2.8  # [inch] of each further one
-MOST_COLUMNS = 6  # of a legend
+MOST_LEGEND_COLUMNS = 6  # of a legend
 LEGEND_LENGTH = 100  # characters side by side
 
 
@@ -66,7 +66,7 @@ def draw_panels(panels: Sequence[Panel], title: str) -> Figure:
         axes.grid(alpha=0.3)
         if panel.bands:
             widest = max(len(band.name) for band in panel.bands)
-            columns = int(np.clip(LEGEND_LENGTH // (widest + 6), 1, min(MOST_COLUMNS, len(panel.bands))))
+            columns = int(np.clip(LEGEND_LENGTH // (widest + 6), 1, min(MOST_LEGEND_COLUMNS, len(panel.bands))))
             above = {"loc": "lower left", "bbox_to_anchor": (0.0, 1.0), "borderaxespad": 0.0, "frameon": False}
             axes.legend(ncols=columns, fontsize="small", **above)
     figure.suptitle(title)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from html import escape
 
-DIGITS = 4
+SHOWN_DIGITS = 4
 CUT = "..."
 
 
@@ -32,7 +32,7 @@ def convert_to_xml(text: str) -> str:
 
 def format_number(value: float) -> str:
     """Return a number [any unit] with four digits."""
-    return f"{float(value):.{DIGITS}g}"
+    return f"{float(value):.{SHOWN_DIGITS}g}"
 
 
 def format_count(number: int, word: str) -> str:

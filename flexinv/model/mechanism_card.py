@@ -22,7 +22,7 @@ from flexinv.typing import Array
 
 JOINT_COLUMNS = ("joint", "kind", "on", "carries", "drive", "its mass [kg]")
 BEAM_POINTS = 13  # along a beam that is curved
-Frame = tuple[Array, Array]  # position (3,) [m] and rotation (3, 3) in the world
+PlacedFrame = tuple[Array, Array]  # position (3,) [m] and rotation (3, 3) in the world
 
 
 def make_mechanism_card(mechanism: Mechanism) -> Card:
@@ -86,7 +86,7 @@ def list_outline(mechanism: Mechanism) -> list[Stroke]:
 
     From joint to joint, on to the mass centres and tips of rigid links, and along beams.
     """
-    frames: dict[str, Frame] = {WORLD: (np.zeros(3), np.eye(3))}
+    frames: dict[str, PlacedFrame] = {WORLD: (np.zeros(3), np.eye(3))}
     strokes: list[Stroke] = []
     for joint in mechanism.joints:
         parent = mechanism.link_of.get(joint.parent)
@@ -99,7 +99,7 @@ def list_outline(mechanism: Mechanism) -> list[Stroke]:
     return [stroke for stroke in strokes if np.ptp(stroke[0], axis=0).any()]
 
 
-def _list_link_lines(link: Link, frame: Frame) -> list[Stroke]:
+def _list_link_lines(link: Link, frame: PlacedFrame) -> list[Stroke]:
     """Lines from a link's frame to its mass centres and its tip, or along its beam."""
     lines: list[Stroke] = []
     if link.beam is None:
@@ -114,12 +114,12 @@ def _list_link_lines(link: Link, frame: Frame) -> list[Stroke]:
     return lines
 
 
-def _compute_placed_frame(frame: Frame, placement: Placement) -> Frame:
+def _compute_placed_frame(frame: PlacedFrame, placement: Placement) -> PlacedFrame:
     """The frame that is placed in another one."""
     return frame[0] + frame[1] @ placement.position, frame[1] @ placement.rotation
 
 
-def _find_section(frame: Frame, beam: Beam, station: float) -> Frame:
+def _find_section(frame: PlacedFrame, beam: Beam, station: float) -> PlacedFrame:
     """The frame of a beam's section at a fraction of its length, stress-free.
 
     x' = R e_1, R' = R skew(kappa) with constant kappa: the exponential of a matrix (4, 4).

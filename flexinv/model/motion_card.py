@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from flexinv.display.card import Card, Picture, make_rows
-from flexinv.display.curves import Curve, draw_curves
+from flexinv.display.curves import NamedCurve, draw_curves
 from flexinv.display.words import format_count, format_number
 from flexinv.model.motion import Motion
 from flexinv.model.track import Track, evaluate_progress, find_law
@@ -64,7 +64,7 @@ def _describe_tracks(motion: Motion) -> Iterator[str]:
             yield f"spline of degree {track.sampling.degree} through {format_count(count, 'sample')}: {names}"
 
 
-def _list_curves(track: Track, duration: float) -> Iterator[Curve]:
+def _list_curves(track: Track, duration: float) -> Iterator[NamedCurve]:
     """Yield the coordinates over time: those of a law as it has them, samples as they are.
 
     Rotations in space, of which a law knows the start and the end alone, are left out.

@@ -13,7 +13,7 @@ from flexinv.display.drawing import Stroke, draw_svg, list_drawn_samples
 from flexinv.display.words import format_count, format_number
 from flexinv.kinematics.strokes import collect_strokes
 
-COLUMNS = ("coordinate", "peak effort", "rms effort", "peak rate")
+EFFORT_COLUMNS = ("coordinate", "peak effort", "rms effort", "peak rate")
 
 
 def make_solution_card(solution: Solution) -> Card:
@@ -24,7 +24,9 @@ def make_solution_card(solution: Solution) -> Card:
     title = f"Solution of '{m.name}': {format_count(count, 'sample')}, {span}"
     rows = make_rows(_list_effort_rows(solution))
     driven = int(m.actuated.sum()) or m.nv
-    return Card(title, tuple(_describe_result(solution)), COLUMNS, rows, driven, lambda: _draw_solution(solution))
+    return Card(
+        title, tuple(_describe_result(solution)), EFFORT_COLUMNS, rows, driven, lambda: _draw_solution(solution)
+    )
 
 
 def _list_effort_rows(solution: Solution) -> Iterator[tuple[str, ...]]:

@@ -17,8 +17,8 @@ if TYPE_CHECKING:
     from flexinv.display.figures import Figure
 
 # Seconds that a moving picture takes where nothing is said, whatever the motion does.
-SHORTEST = 3.0
-LONGEST = 20.0
+SHORTEST_SHOW = 3.0
+LONGEST_SHOW = 20.0
 FEWEST_FRAMES = 60
 MOST_FRAMES = 200
 
@@ -58,7 +58,7 @@ def draw_moving_solution(solution: Solution, seconds: float | None = None) -> An
         raise InputError("animate: a solution of one sample does not move; expected two samples or more")
     start = float(time[0])
     end = float(time[-1])
-    taken = float(np.clip(end - start, SHORTEST, LONGEST)) if seconds is None else seconds
+    taken = float(np.clip(end - start, SHORTEST_SHOW, LONGEST_SHOW)) if seconds is None else seconds
     count = int(np.clip(round(10 * taken), FEWEST_FRAMES, MOST_FRAMES))
     samples = np.rint(np.interp(np.linspace(start, end, count), time, np.arange(len(time)))).astype(int)
     frames = list_instants(solution, samples.tolist())

@@ -34,7 +34,7 @@ def test_later_instants_are_darker_and_links_that_bend_have_their_own_colour() -
     text = drawing.draw_svg([[(ROD, False)], [(MAST, True)]], "two")
     shades = [float(shade) for shade in re.findall(r'opacity="([0-9.]+)"', text)]
     assert shades == [drawing.FAINTEST, 1.0]
-    assert re.findall(r'stroke="(#\w+)"', text) == [drawing.RIGID, drawing.BENDS]
+    assert re.findall(r'stroke="(#\w+)"', text) == [drawing.RIGID_COLOUR, drawing.BENDS_COLOUR]
 
 
 def test_a_mechanism_in_space_is_seen_from_the_side_and_from_above() -> None:

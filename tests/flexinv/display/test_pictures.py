@@ -49,7 +49,7 @@ def test_curves_of_any_numbers_are_inside(values: np.ndarray) -> None:
     ET.fromstring(text)
     assert "nan" not in text.replace("nan N m", "")
     numbers = [float(n) for d in re.findall(r'd="(M[^"]*)"', text) for n in re.findall(r"-?[0-9.]+", d)]
-    assert all(0.0 <= n <= curves.WIDE for n in numbers)
+    assert all(0.0 <= n <= curves.CURVES_WIDTH for n in numbers)
 
 
 def test_both_axes_say_their_numbers_and_units() -> None:
@@ -65,7 +65,7 @@ def find_luminance(colour: str) -> float:
     return float(linear @ [0.2126, 0.7152, 0.0722])
 
 
-@pytest.mark.parametrize("colour", [*curves.COLOURS, drawing.RIGID, drawing.BENDS, "#808080"])
+@pytest.mark.parametrize("colour", [*curves.COLOURS, drawing.RIGID_COLOUR, drawing.BENDS_COLOUR, "#808080"])
 @pytest.mark.parametrize("page", ["#ffffff", "#131416", "#111111"])
 def test_lines_are_seen_on_white_and_on_dark_pages(colour: str, page: str) -> None:
     light, dark = sorted((find_luminance(colour), find_luminance(page)), reverse=True)

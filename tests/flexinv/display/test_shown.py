@@ -45,8 +45,8 @@ def check_shown(result: Any) -> ET.Element:
     assert text == str(result)
     assert "cannot be described" not in text
     lines = text.split("\n")
-    assert len(lines) <= cards.LINES
-    assert max(map(len, lines)) <= cards.COLUMNS
+    assert len(lines) <= cards.TEXT_LINES
+    assert max(map(len, lines)) <= cards.TEXT_COLUMNS
     assert all(line.isprintable() for line in lines)
     assert "array(" not in text
     page = result._repr_html_()
@@ -206,7 +206,7 @@ def test_half_made_records_say_so_and_do_not_raise(name: str) -> None:
     """A traceback or a debugger shows a record whose fields are not there yet."""
     made = object.__new__(getattr(flexinv, name))
     assert repr(made).startswith(f"<{name} that cannot be described")
-    assert len(repr(made)) <= cards.COLUMNS
+    assert len(repr(made)) <= cards.TEXT_COLUMNS
     ET.fromstring(made._repr_html_())
 
 
