@@ -138,10 +138,10 @@ def apply_common_limits(views: list[Any]) -> None:
 
 
 def small(one: ModelSummary) -> str:
-    """Return the small drawing (`flexinv.display.drawing`) of the motion, as SVG."""
+    """Return the small drawing (`flexinv.display.drawing`) of the motion, as a file of SVG."""
     solution = one.solution
     instants = list_instants(solution, drawing.list_drawn_samples(len(solution.time)))
-    return drawing.draw_svg(instants, f"{solution.mesh.mechanism.name} in motion")
+    return drawing.convert_to_file(drawing.draw_svg(instants, f"{solution.mesh.mechanism.name} in motion"))
 
 
 def _join_lines(lines: list[drawing.Stroke]) -> Array:

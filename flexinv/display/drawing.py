@@ -57,6 +57,11 @@ def open_svg(width: float, height: float, what: str) -> str:
     return f'<svg xmlns="http://www.w3.org/2000/svg" {size} aria-label="{convert_to_xml(what)}"'
 
 
+def convert_to_file(svg: str) -> str:
+    """Return a drawing of `draw_svg` as a file of its own: with the size that it has, [-] pixels, where nothing gives it one."""
+    return svg.replace("<svg ", f'<svg width="{WIDTH:g}" height="{HEIGHT:g}" ', 1)
+
+
 def find_motion_plane(x: Array) -> tuple[int, int] | None:
     """Return the two world axes in which all points (..., 3) [m] move, or None in space."""
     spread = np.ptp(x.reshape(-1, 3), axis=0)

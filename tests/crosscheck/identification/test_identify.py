@@ -9,6 +9,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from click.testing import CliRunner
+from shown_rules import SVG, check_shown
 
 import crosscheck
 from crosscheck.cli import Main
@@ -265,6 +266,17 @@ def test_a_parameter_that_nothing_shows_keeps_its_prior_in_words(folder: Path, t
     row = next(r for r in identification.parameters if r.parameter == "gravity tilt x")
     assert not row.identifiable
     assert any(words.startswith("world: gravity tilt x") for words in identification.words)
+
+
+def test_an_identification_shows_parameters_with_intervals_and_a_reading(found: Identification) -> None:
+    tree = check_shown(found)
+    row = next(row for row in found.parameters if row.identifiable)
+    line = next(line for line in repr(found).splitlines() if line.strip().startswith(f"{row.parameter} "))
+    assert f"{row.value:.4g} {row.unit}" in line
+    assert f"{row.low:.4g} to {row.high:.4g} {row.unit}" in line
+    assert "held out" in repr(found)
+    (picture,) = tree.iter(f"{SVG}svg")
+    assert [one.text for one in picture.iter(f"{SVG}text")][-2:] == ["measured", "told"]
 
 
 def test_what_was_identified_loads_like_any_mechanism(folder: Path, found: Identification, tmp_path: Path) -> None:

@@ -6,9 +6,11 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import chromium
+import numpy as np
 import pytest
 
 import flexinv
+from flexinv.display.drawing import convert_to_file, draw_svg
 
 pytestmark = [
     pytest.mark.browser,
@@ -83,3 +85,20 @@ def test_a_picture_that_is_cut_is_found(page: chromium.Browser, tmp_path: Path) 
     wrong.write_text('<svg viewBox="0 0 100 100" width="200"><path d="M50 50L150 50" stroke="red"/></svg>')
     page.open(f"file://{wrong}")
     assert page.evaluate(PICTURES)[0][3]
+
+
+@pytest.mark.parametrize("width", [1400, 500])
+def test_a_drawing_in_the_column_of_a_table_has_its_size(page: chromium.Browser, tmp_path: Path, width: int) -> None:
+    """The list of mechanisms shows it so: an image no wider than its column, whose width is that of what stands in it."""
+    drawn = draw_svg([[(np.eye(3), False)]], "a triangle")
+    sizes = []
+    for name, svg in (("file", convert_to_file(drawn)), ("part", drawn)):
+        (tmp_path / f"{name}.svg").write_text(svg)
+        row = f'<tr><td><img src="{name}.svg"></td><td>{90 * "word "}</td></tr>'
+        file = tmp_path / f"{name}.html"
+        style = "<style>img { max-width: 100%; height: auto; }</style>"
+        file.write_text(f"<!DOCTYPE html>{style}<table>{row}</table>")
+        page.open(f"file://{file}", width)
+        sizes.append(page.evaluate("(b => [b.width, b.height])(document.images[0].getBoundingClientRect())"))
+    assert min(sizes[0]) >= 60
+    assert sizes[1] == [0, 0]  # without a size of its own it was not there at all

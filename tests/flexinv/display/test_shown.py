@@ -14,6 +14,7 @@ from xml.etree import ElementTree as ET
 
 import numpy as np
 import pytest
+from shown_rules import SVG, check_shown
 
 import flexinv
 from flexinv.display import card as cards
@@ -26,7 +27,6 @@ from flexinv.model.mechanism_card import list_outline
 
 MODELS = sorted(path.parent.name for path in (Path(__file__).resolve().parents[3] / "models").glob("*/mechanism.toml"))
 HOSTILE = "<script>alert('1')</script> & \"\x00\n\ud800\u2028" + 300 * "x"
-SVG = "{http://www.w3.org/2000/svg}"
 
 
 def load(root: Path, name: str) -> Mechanism:
@@ -37,39 +37,6 @@ def load(root: Path, name: str) -> Mechanism:
         if "example_robot_data" in str(error) or "example-robot-data" in str(error):
             pytest.skip(str(error))
         raise
-
-
-def check_shown(result: Any) -> ET.Element:
-    """Hold both forms of a result against their rules, and return its page as a tree."""
-    text = repr(result)
-    assert text == str(result)
-    assert "cannot be described" not in text
-    lines = text.split("\n")
-    assert len(lines) <= cards.TEXT_LINES
-    assert max(map(len, lines)) <= cards.TEXT_COLUMNS
-    assert all(line.isprintable() for line in lines)
-    assert "array(" not in text
-    page = result._repr_html_()
-    assert len(page) < 60_000  # a notebook holds it once for every time that it is shown
-    tree = ET.fromstring(page)
-    for one in tree.iter():
-        assert one.tag.removeprefix(SVG) not in {
-            "script",
-            "style",
-            "link",
-            "iframe",
-            "object",
-            "image",
-            "img",
-            "a",
-            "use",
-        }
-        for key, value in one.attrib.items():
-            assert not key.lower().startswith("on")
-            assert "href" not in key
-            assert "url(" not in value
-    assert set(re.findall(r"https?://[^\"']+", page)) <= {SVG.strip("{}")}
-    return tree
 
 
 @pytest.mark.parametrize("name", MODELS)
