@@ -184,6 +184,17 @@ def test_pages_fit_are_quiet_have_contrast_and_are_reached_by_keyboard(
 
 
 @pytest.mark.browser
+@pytest.mark.parametrize("width", [1400, 500])
+def test_the_list_of_mechanisms_shows_its_pictures(page: chromium.Browser, site: Path, width: int) -> None:
+    page.open(address(site / "mechanisms" / "index.html"), width)
+    shown = page.evaluate(
+        "Array.from(document.querySelectorAll('td img'), one => [one.src, one.clientWidth, one.clientHeight])"
+    )
+    assert len(shown) == len(list((ROOT / "models").glob("*/mechanism.toml")))
+    assert [one for one in shown if one[1] < 100 or one[2] < 75] == []
+
+
+@pytest.mark.browser
 def test_a_view_in_space_loads_its_script_when_it_is_opened(page: chromium.Browser, site: Path) -> None:
     scripts = [file for file in site.rglob("*.js") if "plotly" in file.name]
     assert len(scripts) == 1  # one for all views

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from itertools import pairwise
 
 import numpy as np
+from numpy.typing import NDArray
 
 from flexinv.display.drawing import open_svg
 from flexinv.display.words import convert_to_xml, format_number, take_end
@@ -51,7 +52,7 @@ def draw_curves(curves: Sequence[NamedCurve], unit: str, what: str) -> str:
     return f"{head}{_draw_frame()}{pen}{''.join(parts)}</g>{words}</svg>"
 
 
-def list_drawn_points(values: Array) -> Array:
+def list_drawn_points(values: Array) -> NDArray[np.intp]:
     """Return the numbers of the points that are drawn [-]: in each of `POINTS` slots the least and the largest value."""
     count = len(values)
     if count <= 2 * POINTS:

@@ -67,8 +67,14 @@ def draw_panels(panels: Sequence[Panel], title: str) -> Figure:
         if panel.bands:
             widest = max(len(band.name) for band in panel.bands)
             columns = int(np.clip(LEGEND_LENGTH // (widest + 6), 1, min(MOST_LEGEND_COLUMNS, len(panel.bands))))
-            above = {"loc": "lower left", "bbox_to_anchor": (0.0, 1.0), "borderaxespad": 0.0, "frameon": False}
-            axes.legend(ncols=columns, fontsize="small", **above)
+            axes.legend(
+                ncols=columns,
+                fontsize="small",
+                frameon=False,
+                loc="lower left",
+                bbox_to_anchor=(0.0, 1.0),
+                borderaxespad=0.0,
+            )
     figure.suptitle(title)
     return figure
 
