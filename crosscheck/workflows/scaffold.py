@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 import shutil
+import tempfile
 import warnings
 from pathlib import Path
 
@@ -22,6 +23,8 @@ NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]{0,63}")
 SWING = 30.0
 SLIDE = 0.1
 PART = 0.2
+ROBOT = "robot.urdf"
+ROBOT_FILES = (ROBOT, "mechanism.toml", "cases.toml")
 URDF = """title = {title}
 source = {source}
 
@@ -77,22 +80,9 @@ def write_from_urdf(models: Path, name: str, file: Path, base: str = "fixed") ->
     Raises InputError where the URDF cannot be read; nothing is left behind then.
     """
     folder = _resolve_new_folder(models, name)
-    read_robot(file)  # a file, of a size that is read: nothing is copied without end
     folder.mkdir(parents=True)
     try:
-        shutil.copyfile(file, folder / "robot.urdf")
-        words = {
-            "title": _format_toml(name.replace("_", " ").capitalize()),
-            "source": _format_toml(f"URDF file {file.name}"),
-        }
-        mechanism = _read(folder, URDF.format(**words, base=base, mimic=""))
-        if any("mimic" in note for note in mechanism.notes):
-            _read(
-                folder,
-                URDF.format(**words, base=base, mimic='mimic = "independent"            # coordinates of their own'),
-            )
-        joints = "\n".join(_format_motion(joint) for joint in mechanism.joints if joint.nv)
-        (folder / "cases.toml").write_text(CASES.format(joints=joints), encoding="utf-8")
+        _write_files(folder, file, format_title(name), f"URDF file {file.name}", base)
     except (InputError, OSError):
         shutil.rmtree(folder)
         raise
@@ -104,6 +94,40 @@ def _read(folder: Path, text: str) -> Mechanism:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", ModelWarning)  # `crosscheck verify` shows what was changed
         return load_mechanism(folder)
+
+
+def format_title(name: str) -> str:
+    """Return the title of a mechanism [-]."""
+    return name.replace("_", " ").capitalize()
+
+
+def write_robot(file: str, folder: Path, title: str, source: str, base: str = "fixed") -> None:
+    """Write the three files of a mechanism around a copy of a URDF into a folder, in the place of older ones.
+
+    Raises InputError where the URDF cannot be read; nothing is written then.
+    """
+    with tempfile.TemporaryDirectory() as scratch:
+        place = Path(scratch)
+        try:
+            _write_files(place, Path(file), title, source, base)
+        except InputError as problem:
+            raise InputError(str(problem).replace(str(place / ROBOT), file)) from problem
+        folder.mkdir(parents=True, exist_ok=True)
+        for name in ROBOT_FILES:
+            shutil.copyfile(place / name, folder / name)
+
+
+def _write_files(folder: Path, file: Path, title: str, source: str, base: str) -> None:
+    """Write robot.urdf, mechanism.toml and cases.toml."""
+    read_robot(file)  # a file, of a size that is read: nothing is copied without end
+    shutil.copyfile(file, folder / ROBOT)
+    words = {"title": _format_toml(title), "source": _format_toml(source)}
+    mechanism = _read(folder, URDF.format(**words, base=base, mimic=""))
+    if any("mimic" in note for note in mechanism.notes):
+        mimic = 'mimic = "independent"            # coordinates of their own'
+        _read(folder, URDF.format(**words, base=base, mimic=mimic))
+    joints = "\n".join(_format_motion(joint) for joint in mechanism.joints if joint.nv)
+    (folder / "cases.toml").write_text(CASES.format(joints=joints), encoding="utf-8")
 
 
 def _resolve_new_folder(models: Path, name: str) -> Path:
