@@ -1,39 +1,24 @@
-"""Findings in bodies: tensors that no body has, masses and sizes that look like other units, defaults, left and right."""
+"""Findings in bodies: tensors that no body has, masses and sizes that look like other units, defaults."""
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
 
 import numpy as np
 
 from crosscheck.findings.finding import Finding, make_error, make_warning
+from crosscheck.findings.statements import LinkStatements, describe_moments
 from flexinv.model.links import describe_impossible_inertia
-from flexinv.model.mechanism import Array, Inertia
+from flexinv.model.mechanism import Array
 
 # [kg]: heavier or lighter links look like grams or tonnes
 HEAVY = 1000.0
 LIGHT = 1e-6
 FAR = 10.0  # [m]: a centre of mass that far from its joint looks like mm
 WIDE = 10.0  # radius of gyration over the size of the machine from which on a tensor looks like g mm^2, or like a typing error
-SIDE = 0.02  # relative: how much left and right may differ
 NOISE = 1e-12  # [m^2]: moments over the mass, the square of a micrometre, are a program's rounding
 DEFAULTS = (1.0, 0.1, 0.01, 1e-3)  # [kg m^2]
 COPIES = 3  # links with one tensor and different masses
-# Words for sides: a name with the first has a partner with the second.
-SIDES = (("left", "right"), ("Left", "Right"), ("LEFT", "RIGHT"), ("l", "r"), ("L", "R"), ("FL", "FR"), ("RL", "RR"),
-         ("HL", "HR"), ("LF", "RF"), ("LH", "RH"), ("lf", "rf"), ("lh", "rh"), ("fl", "fr"), ("hl", "hr"))  # fmt: skip
-
-
-@dataclass(frozen=True)
-class LinkStatements:
-    """Statements of a file on one link: inertia along its axes; moves: a joint with a freedom carries it; written: it has one."""
-
-    name: str
-    inertia: Inertia
-    moves: bool
-    written: bool = True
 
 
 def check_bodies(links: Mapping[str, LinkStatements], size: float) -> Iterator[Finding]:
@@ -42,7 +27,6 @@ def check_bodies(links: Mapping[str, LinkStatements], size: float) -> Iterator[F
         if link.written:
             yield from _check_body(link, size)
     yield from _check_default_tensors(links)
-    yield from _check_sides(links)
 
 
 def _check_body(link: LinkStatements, size: float) -> Iterator[Finding]:
@@ -62,21 +46,16 @@ def _check_body(link: LinkStatements, size: float) -> Iterator[Finding]:
         advice = (
             "the tensor about the centre of mass: principal moments p1 + p2 >= p3; some readers replace such a tensor"
         )
-        yield make_error("tensor", place, _describe_moments(body), f"no body has it: {reason}", advice)
+        yield make_error("tensor", place, describe_moments(body), f"no body has it: {reason}", advice)
     if body.mass == 0 and body.tensor.any():
         why = "a body without mass has no inertia; MuJoCo drops it, Drake makes it 1 kg"
-        yield make_error("tensor without mass", place, _describe_moments(body), why, "a mass, or a tensor of zeros")
+        yield make_error("tensor without mass", place, describe_moments(body), why, "a mass, or a tensor of zeros")
     if body.mass > 0 and none:
         why = "a mass without moments of inertia is a point: forward dynamics of a joint through it has no inertia"
         yield make_warning(
             "mass without tensor", place, f"{body.mass:g} kg", why, "the moments of the shape about its centre of mass"
         )
     yield from _check_units(link, size)
-
-
-def _describe_moments(body: Inertia) -> str:
-    moments = np.linalg.eigvalsh((body.tensor + body.tensor.T) / 2)
-    return "principal moments " + " ".join(f"{p:.4g}" for p in moments) + " kg m^2"
 
 
 def _check_units(link: LinkStatements, size: float) -> Iterator[Finding]:
@@ -103,7 +82,7 @@ def _check_units(link: LinkStatements, size: float) -> Iterator[Finding]:
         radius = float(np.sqrt(max(np.trace(body.tensor), 0.0) / 2 / body.mass))
         if size and radius > WIDE * size and _find_placeholder(body.tensor) is None:
             why = f"its radius of gyration is {radius:.3g} m, the machine extends {size:.3g} m: looks like g mm^2"
-            yield make_warning("tensor", place, _describe_moments(body), why, "kg m^2, about the centre of mass")
+            yield make_warning("tensor", place, describe_moments(body), why, "kg m^2, about the centre of mass")
 
 
 def _check_default_tensors(links: Mapping[str, LinkStatements]) -> Iterator[Finding]:
@@ -133,50 +112,3 @@ def _find_placeholder(tensor: Array) -> float | None:
     moment = float(f"{tensor[0, 0]:.9g}")  # a turned unit tensor is one to rounding
     equal = bool(np.abs(tensor - moment * np.eye(3)).max() <= 1e-9 * abs(moment))
     return moment if equal and moment in DEFAULTS else None
-
-
-def _check_sides(links: Mapping[str, LinkStatements]) -> Iterator[Finding]:
-    for name, link in links.items():
-        for other in _list_partner_names(name):
-            if other in links and link.written and links[other].written:
-                yield from _compare_sides(link, links[other])
-                break
-
-
-def _list_partner_names(name: str) -> Iterator[str]:
-    words = re.split(r"([_\-. /]|(?<=[a-z])(?=[A-Z0-9]))", name)
-    for left, right in SIDES:
-        if left in words:
-            yield "".join(right if word == left else word for word in words)
-        elif len(left) > 2 and left in name:
-            yield name.replace(left, right)
-
-
-def _compare_sides(left: LinkStatements, right: LinkStatements) -> Iterator[Finding]:
-    a = left.inertia
-    b = right.inertia
-    place = f"links {left.name}, {right.name}"
-    if abs(a.mass - b.mass) > SIDE * max(a.mass, b.mass):
-        yield make_warning(
-            "left and right",
-            place,
-            f"{a.mass:g} and {b.mass:g} kg",
-            "their masses differ",
-            "one mass for both, if they are alike",
-        )
-        return
-    moments = [np.linalg.eigvalsh((body.tensor + body.tensor.T) / 2) for body in (a, b)]
-    if np.abs(moments[0] - moments[1]).max() > SIDE * max(np.abs(moments[0]).max(), np.abs(moments[1]).max()):
-        yield make_warning(
-            "left and right",
-            place,
-            f"{_describe_moments(a)}; {_describe_moments(b)}",
-            "their moments differ",
-            "mirrored tensors, if they are alike",
-        )
-    far = [float(np.linalg.norm(body.com)) for body in (a, b)]
-    if abs(far[0] - far[1]) > 5 * SIDE * max(*far, 0.01):
-        yield make_warning(
-            "left and right", place, f"centres {far[0]:.4g} and {far[1]:.4g} m from their frames",
-            "their centres of mass are no mirror images", "mirrored centres, if they are alike",
-        )  # fmt: skip

@@ -11,8 +11,10 @@ from typing import Any, TypedDict
 import numpy as np
 
 from crosscheck.equivalence.sources import describe, find_format, is_xml
-from crosscheck.findings.bodies import LinkStatements, check_bodies
+from crosscheck.findings.bodies import check_bodies
 from crosscheck.findings.finding import Finding, FindingEntry, make_error, make_warning
+from crosscheck.findings.sides import check_sides
+from crosscheck.findings.statements import LinkStatements, Mounting
 from crosscheck.lifting.description import Description
 from crosscheck.lifting.rigid import join_bodies
 from crosscheck.linting.urdf import check_urdf
@@ -149,7 +151,11 @@ def check_machine(description: Description) -> Iterator[Finding]:
         body = join_bodies([part.inertia for part in link.bodies])
         links[link.name] = LinkStatements(link.name, body, link.name in moving, bool(link.bodies))
     lengths = sorted(float(np.linalg.norm(joint.placement.position)) for joint in mechanism.joints)
+    mountings = [
+        Mounting(joint.parent, joint.child, joint.placement) for joint in mechanism.joints if joint.station is None
+    ]
     yield from check_bodies(links, float(sum(lengths[-6:])) or 1.0)
+    yield from check_sides(links, mountings)
     for joint in mechanism.joints:
         yield from _check_limits(joint)
     yield from _check_left_out(description)

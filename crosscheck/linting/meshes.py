@@ -12,8 +12,8 @@ from xml.etree.ElementTree import Element
 
 import numpy as np
 
-from crosscheck.findings.bodies import LinkStatements
 from crosscheck.findings.finding import Finding, make_warning
+from crosscheck.findings.statements import LinkStatements
 from crosscheck.linting.mesh_files import MeshFile
 from flexinv.files.joints import compute_rpy_rotation
 from flexinv.model.mechanism import Array

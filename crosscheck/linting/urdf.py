@@ -10,13 +10,15 @@ from xml.etree.ElementTree import Element
 
 import numpy as np
 
-from crosscheck.findings.bodies import LinkStatements, check_bodies
+from crosscheck.findings.bodies import check_bodies
 from crosscheck.findings.finding import Finding, make_error, make_warning
+from crosscheck.findings.sides import check_sides
+from crosscheck.findings.statements import LinkStatements, Mounting
 from crosscheck.linting.mesh_files import find_mesh_file, list_mesh_findings, read_meshes
 from crosscheck.linting.meshes import check_meshes
 from crosscheck.linting.shapes import check_shapes
 from flexinv.files.joints import compute_rpy_rotation
-from flexinv.model.mechanism import Array, Inertia
+from flexinv.model.mechanism import Array, Inertia, Placement
 
 INERTIAS = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
 MOVING = ("revolute", "continuous", "prismatic", "floating", "planar")
@@ -35,6 +37,7 @@ def check_urdf(robot: Element, path: Path, meshes: bool = True) -> Iterator[Find
     links, problems = _read_links(robot)
     yield from problems
     yield from check_bodies(links, _compute_machine_size(robot))
+    yield from check_sides(links, _read_mountings(robot))
     yield from _check_massless_links(robot, links)
     yield from check_shapes(robot)
     for joint in robot.findall("joint"):
@@ -137,6 +140,17 @@ def _read_inertia(inertial: Element) -> Inertia | None:
     return Inertia.build_unchecked(
         float(mass[0]), com, turn @ np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]) @ turn.T
     )
+
+
+def _read_mountings(robot: Element) -> Iterator[Mounting]:
+    """Yield how joints carry links; those whose places are no numbers are left out."""
+    for joint in robot.findall("joint"):
+        parent = joint.find("parent")
+        child = joint.find("child")
+        xyz, rpy = (read_values(joint.find("origin"), key, (0.0, 0.0, 0.0)) for key in ("xyz", "rpy"))
+        if parent is not None and child is not None and xyz is not None and rpy is not None:
+            place = Placement(xyz, compute_rpy_rotation(rpy))
+            yield Mounting(parent.get("link", ""), child.get("link", ""), place)
 
 
 def _compute_machine_size(robot: Element) -> float:

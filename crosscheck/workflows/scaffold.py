@@ -13,6 +13,7 @@ import numpy as np
 from flexinv.errors import InputError, ModelWarning
 from flexinv.files.from_urdf import read_robot
 from flexinv.files.load_mechanism import load_mechanism
+from flexinv.files.toml_tables import make_input_error
 from flexinv.model.mechanism import Joint, Mechanism
 
 FOLDER = Path(__file__).resolve().parents[1] / "starters"
@@ -126,6 +127,13 @@ def _write_files(folder: Path, file: Path, title: str, source: str, base: str) -
     if any("mimic" in note for note in mechanism.notes):
         mimic = 'mimic = "independent"            # coordinates of their own'
         _read(folder, URDF.format(**words, base=base, mimic=mimic))
+    if not any(joint.nv for joint in mechanism.joints):
+        raise make_input_error(
+            str(file),
+            "no joint that moves, on a fixed base",
+            "something that moves",
+            "--free-base, which lets its root move",
+        )
     joints = "\n".join(_format_motion(joint) for joint in mechanism.joints if joint.nv)
     (folder / "cases.toml").write_text(CASES.format(joints=joints), encoding="utf-8")
 

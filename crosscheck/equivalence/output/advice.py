@@ -18,7 +18,9 @@ from crosscheck.equivalence.groups import find_counterpart
 from crosscheck.equivalence.judge import Judgement
 from crosscheck.equivalence.members import LEFT_LIMITS, SIGN, ZERO, format_vector
 from crosscheck.equivalence.tree import Member, Tree
-from crosscheck.findings.bodies import LinkStatements, check_bodies
+from crosscheck.findings.bodies import check_bodies
+from crosscheck.findings.sides import check_sides
+from crosscheck.findings.statements import LinkStatements, Mounting
 from crosscheck.lifting.description import Description
 from crosscheck.lifting.rigid import convert_to_quaternion, inverse, join_bodies, move_inertia
 from flexinv.model.mechanism import WORLD, Placement
@@ -117,7 +119,7 @@ TENSOR = {
 BEAMS = [cause for cause, words in TOML.items() if words.startswith("[sections")]
 # An entry of a tensor in the format's words: name, number.
 ENTRY = {"urdf": '{}="{}"', "mjcf": "{1}", "sdf": "<{0}>{1}</{0}>", "toml": "{0} = {1}"}
-# By cause what `check_bodies` says of it.
+# By cause what `check_bodies` and `check_sides` say of it.
 CHECKS = {
     "mass": {"mass", "left and right"},
     "centre of mass": {"com", "left and right"},
@@ -230,7 +232,10 @@ def _collect_odd_numbers(description: Description) -> dict[str, list[tuple[str, 
     }
     lengths = sorted(float(np.linalg.norm(joint.placement.position)) for joint in mechanism.joints)
     found: dict[str, list[tuple[str, str]]] = {}
-    for one in check_bodies(links, float(sum(lengths[-6:])) or 1.0):
+    mountings = [
+        Mounting(joint.parent, joint.child, joint.placement) for joint in mechanism.joints if joint.station is None
+    ]
+    for one in (*check_bodies(links, float(sum(lengths[-6:])) or 1.0), *check_sides(links, mountings)):
         for name in one.place.partition(" ")[2].split(", "):
             found.setdefault(name, []).append((one.check, f"{one.given}: {one.why}"))
     return found

@@ -125,6 +125,18 @@ def test_a_file_that_cannot_be_read_leaves_nothing_behind(tmp_path: Path) -> Non
     assert not (tmp_path / "models" / "a").exists()
 
 
+def test_a_robot_that_cannot_move_is_told_so(tmp_path: Path) -> None:
+    """A drone on a fixed base: `crosscheck run` would have nothing to do, and say so of every night."""
+    body = '<inertial><mass value="1"/><inertia ixx="0.1" iyy="0.1" izz="0.1" ixy="0" ixz="0" iyz="0"/></inertial>'
+    (tmp_path / "robots").mkdir()
+    (tmp_path / "robots" / "drone.urdf").write_text(f'<robot name="d"><link name="b">{body}</link></robot>')
+    (robot,) = zoo.write_from_folder(tmp_path / "robots", tmp_path / "models")
+    assert robot.kind == "unread"
+    assert "no joint that moves, on a fixed base" in robot.words
+    (robot,) = zoo.write_from_folder(tmp_path / "robots", tmp_path / "models", base="free")
+    assert robot.kind == "written"
+
+
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
