@@ -21,7 +21,7 @@ class LinkStatements:
 
 @dataclass(frozen=True)
 class Mounting:
-    """What a joint says of the link that it carries: the child's frame in the parent's, where the joint is at zero [m]."""
+    """State of a link's mounting by a joint: the child's frame in the parent's, where the joint is at zero [m]."""
 
     parent: str
     child: str

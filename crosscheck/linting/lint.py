@@ -17,6 +17,7 @@ from crosscheck.findings.sides import check_sides
 from crosscheck.findings.statements import LinkStatements, Mounting
 from crosscheck.lifting.description import Description
 from crosscheck.lifting.rigid import join_bodies
+from crosscheck.linting.numbers import check_broken_lines
 from crosscheck.linting.urdf import check_urdf
 from flexinv.errors import InputError
 from flexinv.files.from_urdf import list_xml_repairs, read_xml
@@ -77,13 +78,15 @@ def lint(source: Any, strict: bool = False, meshes: bool = True) -> LintReport:
     meshes = check_flag("meshes", meshes)
     path = Path(source) if isinstance(source, str | Path) else None
     if path is not None and os.path.isfile(path) and is_xml(path) and find_format(path) == "urdf":
-        found = [*_check_xml(path), *check_urdf(read_xml(path), path, meshes)]
+        robot = read_xml(path)  # a regular file, of a size that is read
+        written = path.read_text(encoding="utf-8", errors="replace")
+        found = [*_check_xml(path), *check_broken_lines(written), *check_urdf(robot, path, meshes)]
         if not any(one.level == "error" for one in found):
             found += _check_readable(path)
         return LintReport(path.name, _join_findings(found), strict)
     description = describe(source)
-    written = _check_xml(path) if path is not None and os.path.isfile(path) and is_xml(path) else []
-    return LintReport(description.label, _join_findings([*written, *check_machine(description)]), strict)
+    repaired = _check_xml(path) if path is not None and os.path.isfile(path) and is_xml(path) else []
+    return LintReport(description.label, _join_findings([*repaired, *check_machine(description)]), strict)
 
 
 def check_sources(

@@ -19,7 +19,7 @@ from defusedxml.common import DefusedXmlException
 from crosscheck.findings.finding import Finding, make_error, make_warning
 from flexinv.files.bounded_xml import XmlBoundExceeded, parse_bounded
 from flexinv.files.regular_files import MISSING, describe_kind, read_regular
-from flexinv.model.mechanism import Array
+from flexinv.typing import Array, Indices
 
 LARGEST = 64 << 20  # [byte] of a mesh file that is read
 READ = (".stl", ".obj", ".ply", ".off")
@@ -35,14 +35,16 @@ COUNTED = re.compile(rb"^element +\w+ +(\d+)", re.MULTILINE)  # of PLY
 class MeshFile:
     """A mesh file as it is.
 
-    points : (n, 3) in the unit of the file, None where it was not read; problem : what is wrong with it, "" where nothing is
-    doubt : what some readers refuse, "" where nothing is; unread : why it was not looked into, "" where it was
+    points : (n, 3) in the unit of the file, None where it was not read; faces : (m, 3) numbers of points, the triangles
+    problem : what is wrong with it, "" where nothing is; doubt : what some readers refuse, "" where nothing is
+    unread : why it was not looked into, "" where it was
     """
 
     points: Array | None = None
     problem: str = ""
     doubt: str = ""
     unread: str = ""
+    faces: Indices | None = None
 
 
 def find_mesh_file(name: str, path: Path) -> Path | None:
@@ -117,7 +119,7 @@ def _read_mesh(file: Path) -> MeshFile:
             else:
                 loaded = trimesh.load(file, force="mesh", process=False)
         points = np.asarray(loaded.vertices, dtype=float)
-        faces = np.asarray(loaded.faces)
+        faces = np.asarray(loaded.faces, dtype=np.int64)
     except IndexError as problem:
         return MeshFile(problem=f"a face names a corner that is not there ({problem})"[:200])
     except Exception as problem:  # a parser of strangers' bytes raises whatever their damage leads to
@@ -128,7 +130,7 @@ def _read_mesh(file: Path) -> MeshFile:
         return MeshFile(problem=f"a face names a corner that is not there, of {len(points)}")
     if bad := int((~np.isfinite(points).all(axis=1)).sum()):
         return MeshFile(problem=f"{bad} of {len(points)} corners are no finite numbers")
-    return MeshFile(points)
+    return MeshFile(points, faces=faces)
 
 
 def _check_stl(file: Path, size: int) -> MeshFile:

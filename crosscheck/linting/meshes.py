@@ -1,4 +1,4 @@
-"""Findings in the shapes of links: units, centres of mass outside, moments that nothing within them has.
+"""Findings in the shapes of links: units, centres of mass outside, moments that nothing within them has, densities.
 
 About its centre of mass no body has more than  m r_max^2,  r_max the distance of the farthest point of its shapes.  Meshes are
 looked at where they are read (`mesh_files`); a link is judged if all of its shapes are read, and if they can hold its
@@ -15,6 +15,7 @@ import numpy as np
 from crosscheck.findings.finding import Finding, make_warning
 from crosscheck.findings.statements import LinkStatements
 from crosscheck.linting.mesh_files import MeshFile
+from crosscheck.linting.volumes import compute_volume
 from flexinv.files.joints import compute_rpy_rotation
 from flexinv.model.mechanism import Array
 from flexinv.model.parallel_axis import compute_parallel_axis_term
@@ -22,7 +23,11 @@ from flexinv.model.parallel_axis import compute_parallel_axis_term
 WIDE = 20.0  # extent of a mesh over that of the machine from which on it looks like mm
 OUTSIDE = 0.25  # of the diagonal of a link's shapes: how far beyond their box a centre of mass may be
 BEYOND = 1.5  # largest moment over m r_max^2
-DENSEST = 23e3  # [kg/m^3]: osmium; shapes in which a link would be denser are marks
+# [kg/m^3]: nothing is denser than osmium, 22587 (CRC Handbook of Chemistry and Physics), whatever it fills of its box; no link of
+# a machine is lighter than the air in its place, 1.225 (ISO 2533, at sea level).
+DENSEST = 23e3
+LIGHTEST = 1.2
+MARK = 0.02  # of the machine: shapes that are smaller and cannot hold the mass of their link are marks of a frame
 LIGHT = 1e-4  # of the machine's mass: lighter links are sensors and marks, whose numbers nothing feels
 ROUND = np.linspace(0.0, 2 * np.pi, 16, endpoint=False)
 
@@ -36,7 +41,10 @@ def check_meshes(
         link = links.get(element.get("name", ""))
         points = _collect_link_points(element, meshes)
         if link is not None and points is not None and link.inertia.mass >= LIGHT * total:
-            yield from _check_link(link, points, size)
+            volumes = [
+                compute_volume(part, meshes) for kind in ("visual", "collision") for part in element.findall(kind)
+            ]
+            yield from _check_link(link, points, max((one for one in volumes if one), default=0.0), size)
 
 
 def _collect_link_points(element: Element, meshes: Mapping[str, MeshFile]) -> Array | None:
@@ -58,7 +66,7 @@ def _collect_points(parts: list[Element], meshes: Mapping[str, MeshFile]) -> Arr
     return np.vstack(there) if there and len(there) == len(parts) else None
 
 
-def _check_link(link: LinkStatements, points: Array, size: float) -> Iterator[Finding]:
+def _check_link(link: LinkStatements, points: Array, volume: float, size: float) -> Iterator[Finding]:
     place = f"link {link.name}"
     body = link.inertia
     low = points.min(axis=0)
@@ -70,8 +78,19 @@ def _check_link(link: LinkStatements, points: Array, size: float) -> Iterator[Fi
         return
     if not link.written or not body.mass > 0 or not diagonal:
         return
-    if body.mass > DENSEST * float(np.prod(high - low)):
-        return  # a mark, not the body
+    box = float(np.prod(high - low))
+    if body.mass > DENSEST * box:
+        if diagonal >= MARK * size and box > 0:  # else a mark, not the body
+            given = (
+                f"{body.mass:g} kg in a box of {box:.3g} m^3 around its shapes: {body.mass / box:.3g} kg/m^3 or more"
+            )
+            why = f"no material has more than {DENSEST:g} kg/m^3 (osmium): the mass in g, or shapes of another link"
+            yield make_warning("density", place, given, why, "the mass in kg, or the shapes of the link")
+        return
+    if body.mass < LIGHTEST * volume:
+        given = f"{body.mass:g} kg, a shape of {volume:.3g} m^3: {body.mass / volume:.3g} kg/m^3"
+        why = f"the air in its place weighs more, {LIGHTEST:g} kg/m^3: a placeholder, or a mass in tonnes"
+        yield make_warning("density", place, given, why, "the mass in kg, or the shapes of the link")
     beyond = float(np.linalg.norm(np.maximum(0.0, np.maximum(low - body.com, body.com - high))))
     if beyond > OUTSIDE * diagonal:
         given = f"{' '.join(f'{x:.4g}' for x in body.com)} m"

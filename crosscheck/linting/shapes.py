@@ -5,7 +5,7 @@
     Pinocchio 4.1.0, Drake 1.51.1    nothing
 
 Measured with each on a link that is fixed to a moving one: a cylinder of 3 cm length and 5 cm radius, that collides, that is
-seen, both.  An <inertial> with a mass of zero and a tensor of zeros is nothing in all of them.
+seen, both; boxes, spheres, capsules and meshes, too.  An <inertial> with a mass of zero and a tensor of zeros is nothing in all.
 """
 
 from __future__ import annotations
@@ -13,16 +13,16 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from xml.etree.ElementTree import Element
 
-import numpy as np
-
 from crosscheck.findings.finding import Finding, make_warning
+from crosscheck.linting.mesh_files import MeshFile
+from crosscheck.linting.volumes import compute_volume
 
 WATER = 1000.0  # [kg/m^3]: what MuJoCo takes for a shape without mass
 MADE_UP = "PyBullet and DART take 1 kg"
 
 
-def check_shapes(robot: Element) -> Iterator[Finding]:
-    """Yield links that move, have shapes, and no <inertial> [kg]."""
+def check_shapes(robot: Element, meshes: Mapping[str, MeshFile]) -> Iterator[Finding]:
+    """Yield links that move, have shapes, and no <inertial> [kg]; meshes : those that are read, by name."""
     carried = {_end(joint, "child"): joint for joint in robot.findall("joint")}
     for link in robot.findall("link"):
         name = link.get("name", "")
@@ -32,7 +32,7 @@ def check_shapes(robot: Element) -> Iterator[Finding]:
             continue
         if touched:
             given = "collides, and has no <inertial>"
-            why = f"MuJoCo takes {_describe_shape_mass(touched)}, {MADE_UP}, Pinocchio and Drake nothing"
+            why = f"MuJoCo takes {_describe_shape_mass(touched, meshes)}, {MADE_UP}, Pinocchio and Drake nothing"
         else:
             given = "is seen, and has no <inertial>"
             why = f"{MADE_UP}, MuJoCo, Pinocchio and Drake nothing"
@@ -56,27 +56,10 @@ def _end(joint: Element, tag: str) -> str:
     return "" if end is None else end.get("link", "")
 
 
-def _describe_shape_mass(collisions: list[Element]) -> str:
+def _describe_shape_mass(collisions: list[Element], meshes: Mapping[str, MeshFile]) -> str:
     """MuJoCo's mass of shapes in words [kg]."""
-    volumes = [_compute_volume(collision.find("geometry")) for collision in collisions]
-    if any(volume is None for volume in volumes):
+    volumes = [compute_volume(collision, meshes, mujoco=True) for collision in collisions]
+    known = [volume for volume in volumes if volume is not None]
+    if len(known) < len(volumes):
         return f"{WATER:g} kg/m^3 of its shape"
-    return f"{WATER * sum(volume for volume in volumes if volume is not None):.3g} kg, {WATER:g} kg/m^3 of its shape"
-
-
-def _compute_volume(geometry: Element | None) -> float | None:
-    """The volume [m^3] of a box, a sphere or a cylinder; None for a mesh, and for what is no number."""
-    shape = None if geometry is None else next(iter(geometry), None)
-    if shape is None:
-        return None
-    try:
-        if shape.tag == "box":
-            return float(np.prod([float(word) for word in shape.get("size", "").split()]))
-        radius = float(shape.get("radius", ""))
-        if shape.tag == "sphere":
-            return 4.0 / 3.0 * np.pi * radius**3
-        if shape.tag == "cylinder":
-            return np.pi * radius**2 * float(shape.get("length", ""))
-    except ValueError:
-        return None
-    return None
+    return f"{WATER * sum(known):.3g} kg, {WATER:g} kg/m^3 of its shape"

@@ -16,6 +16,7 @@ from crosscheck.findings.sides import check_sides
 from crosscheck.findings.statements import LinkStatements, Mounting
 from crosscheck.linting.mesh_files import find_mesh_file, list_mesh_findings, read_meshes
 from crosscheck.linting.meshes import check_meshes
+from crosscheck.linting.numbers import check_numbers
 from crosscheck.linting.shapes import check_shapes
 from flexinv.files.joints import compute_rpy_rotation
 from flexinv.model.mechanism import Array, Inertia, Placement
@@ -32,21 +33,21 @@ STRONG = 1e5  # [N m], [N]
 
 def check_urdf(robot: Element, path: Path, meshes: bool = True) -> Iterator[Finding]:
     """Yield findings of a URDF [m, kg, rad]; meshes : look at the shapes of links, too."""
+    read = read_meshes(robot, path) if meshes else {}
     yield from _check_names(robot)
     yield from _check_tree(robot)
-    links, problems = _read_links(robot)
-    yield from problems
+    links = _read_links(robot)
+    yield from check_numbers(robot)
     yield from check_bodies(links, _compute_machine_size(robot))
     yield from check_sides(links, _read_mountings(robot))
     yield from _check_massless_links(robot, links)
-    yield from check_shapes(robot)
+    yield from check_shapes(robot, read)
     for joint in robot.findall("joint"):
         yield from _check_joint(joint)
     yield from _check_mimics(robot)
     yield from _check_transmissions(robot)
     yield from _check_mesh_files(robot, path)
     if meshes:
-        read = read_meshes(robot, path)
         yield from list_mesh_findings(read)
         yield from check_meshes(robot, read, links, _compute_machine_size(robot))
 
@@ -104,28 +105,20 @@ def _check_tree(robot: Element) -> Iterator[Finding]:
         yield make_error("tree", "robot", given, "a URDF is one tree", "one root link")
 
 
-def _read_links(robot: Element) -> tuple[dict[str, LinkStatements], list[Finding]]:
+def _read_links(robot: Element) -> dict[str, LinkStatements]:
     moved = {
         j.find("child").get("link", "")  # type: ignore[union-attr]
         for j in robot.findall("joint")
         if j.get("type") in MOVING and j.find("child") is not None
     }
     links = {}
-    problems = []
     for link in robot.findall("link"):
         name = link.get("name", "")
         inertial = link.find("inertial")
         found = None if inertial is None else _read_inertia(inertial)
-        if inertial is not None and found is None:
-            write = '<mass value="1.0"/> <inertia ixx="0.01" ixy="0" .../> with finite numbers'
-            problems.append(
-                make_error(
-                    "number", f"link {name}", "no finite numbers in <inertial>", "readers take zero, or refuse", write
-                )
-            )
         body = found or Inertia(0.0)
         links[name] = LinkStatements(name, body, name in moved, inertial is not None and found is not None)
-    return links, problems
+    return links
 
 
 def _read_inertia(inertial: Element) -> Inertia | None:
