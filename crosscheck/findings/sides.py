@@ -174,7 +174,8 @@ def _make_centre_finding(left: LinkStatements, right: LinkStatements, com: Array
     if signs:
         why += f": {' and '.join(signs)} with the other sign"
     place = f"links {left.name}, {right.name}"
-    return make_warning("left and right", place, given, why, f'xyz="{_format(com)}", if they are alike')
+    write = f'xyz="{_format(com)}" there, or the image of it in {left.name}, if they are alike'
+    return make_warning("left and right", place, given, why, write)
 
 
 def _make_tensor_finding(left: LinkStatements, right: LinkStatements, tensor: Array, near: float) -> Finding:
@@ -183,7 +184,7 @@ def _make_tensor_finding(left: LinkStatements, right: LinkStatements, tensor: Ar
     given = ", ".join(f"{name} {value:.4g}" for name, value, _ in wrong) + f" kg m^2 of {right.name}"
     image = ", ".join(f"{name} {value:.4g}" for name, _, value in wrong)
     why = f"the structure is mirrored, and the image of {left.name} has {image}"
-    write = f"the mirrored entries, along the axes of {right.name}, if they are alike"
+    write = f"these entries there, or their images in {left.name}, if they are alike"
     return make_warning("left and right", f"links {left.name}, {right.name}", given, why, write)
 
 

@@ -115,7 +115,7 @@ def test_a_centre_that_was_copied_is_found_with_the_number_to_write(tmp_path: Pa
     assert (found.place, found.level) == ("links left_thigh, right_thigh", "warning")
     assert found.given == "centres 0.01 0.03 -0.18 and 0.01 0.03 -0.18 m"
     assert found.why.endswith("is at 0.01 -0.03 -0.18 m of right_thigh: y with the other sign")
-    assert found.write == 'xyz="0.01 -0.03 -0.18", if they are alike'
+    assert found.write == 'xyz="0.01 -0.03 -0.18" there, or the image of it in left_thigh, if they are alike'
 
 
 def test_a_tensor_that_was_copied_is_found_with_its_entries(tmp_path: Path) -> None:
