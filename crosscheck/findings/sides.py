@@ -87,7 +87,7 @@ def _find_poses(mountings: Iterable[Mounting]) -> dict[str, Placement]:
     carriers = {one.child: one for one in mountings}
     poses: dict[str, Placement] = {}
     for name in carriers:
-        way = []
+        way: list[Mounting] = []
         while name in carriers and name not in poses and len(way) <= len(carriers):
             way.append(carriers[name])
             name = carriers[name].parent

@@ -108,7 +108,7 @@ def write_from_folder(
     same = {file for file, target in stands.items() if _is_same(target, folder / file, base)}
     others = [target.name for file, target in stands.items() if file not in same]
     replaced = bool(others) and ask(others)
-    result = []
+    result: list[NewRobot] = []
     for file, name in names.items():
         notify(len(result), len(names), name)
         target = models / name
