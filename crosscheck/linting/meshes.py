@@ -79,18 +79,9 @@ def _check_link(link: LinkStatements, points: Array, volume: float, size: float)
     if not link.written or not body.mass > 0 or not diagonal:
         return
     box = float(np.prod(high - low))
+    yield from _check_density(place, body.mass, box, volume, diagonal >= MARK * size)
     if body.mass > DENSEST * box:
-        if diagonal >= MARK * size and box > 0:  # else a mark, not the body
-            given = (
-                f"{body.mass:g} kg in a box of {box:.3g} m^3 around its shapes: {body.mass / box:.3g} kg/m^3 or more"
-            )
-            why = f"no material has more than {DENSEST:g} kg/m^3 (osmium): the mass in g, or shapes of another link"
-            yield make_warning("density", place, given, why, "the mass in kg, or the shapes of the link")
-        return
-    if body.mass < LIGHTEST * volume:
-        given = f"{body.mass:g} kg, a shape of {volume:.3g} m^3: {body.mass / volume:.3g} kg/m^3"
-        why = f"the air in its place weighs more, {LIGHTEST:g} kg/m^3: a placeholder, or a mass in tonnes"
-        yield make_warning("density", place, given, why, "the mass in kg, or the shapes of the link")
+        return  # a mark, or the shapes of something else
     beyond = float(np.linalg.norm(np.maximum(0.0, np.maximum(low - body.com, body.com - high))))
     if beyond > OUTSIDE * diagonal:
         given = f"{' '.join(f'{x:.4g}' for x in body.com)} m"
@@ -108,6 +99,22 @@ def _check_link(link: LinkStatements, points: Array, volume: float, size: float)
         if moved[0] >= 0 and moved[-1] <= body.mass * reach**2:
             hint = f"the moments about the centre of mass; if these are about the link's frame, {moved[-1]:.4g} kg m^2 at most"
         yield make_warning("moments of shape", place, given, why, hint)
+
+
+def _check_density(place: str, mass: float, box: float, volume: float, large: bool) -> Iterator[Finding]:
+    """Yield a mass [kg] that no material has in a box [m^3] around shapes, or less than air in the largest of them.
+
+    large : the shapes are no marks
+    """
+    write = "the mass in kg, or the shapes of the link"
+    if large and 0 < DENSEST * box < mass:
+        given = f"{mass:g} kg in a box of {box:.3g} m^3 around its shapes: {mass / box:.3g} kg/m^3 or more"
+        why = f"no material has more than {DENSEST:g} kg/m^3 (osmium): the mass in g, or shapes of another link"
+        yield make_warning("density", place, given, why, write)
+    if mass < LIGHTEST * volume:
+        given = f"{mass:g} kg, a shape of {volume:.3g} m^3: {mass / volume:.3g} kg/m^3"
+        why = f"the air in its place weighs more, {LIGHTEST:g} kg/m^3: a placeholder, or a mass in tonnes"
+        yield make_warning("density", place, given, why, write)
 
 
 def _read_points(part: Element, meshes: Mapping[str, MeshFile]) -> Array | None:

@@ -80,7 +80,7 @@ def _check_attribute(place: str, name: str, text: str, why: str) -> Iterator[Fin
 
 
 def _find_cause(text: str, count: int) -> tuple[str, str]:
-    """Return what is wrong with a text, and what to write."""
+    """Return the cause for which a text is no numbers, and the text to write."""
     tries = (
         ("commas or semicolons between numbers", re.sub(r"[,;]", " ", text)),
         ("a decimal comma", text.replace(",", ".")),

@@ -22,7 +22,8 @@ def compute_volume(part: Element, meshes: Mapping[str, MeshFile], mujoco: bool =
 
     mujoco : of meshes what MuJoCo takes
     """
-    shape = next(iter(part.find("geometry") or ()), None)
+    geometry = part.find("geometry")
+    shape = None if geometry is None else next(iter(geometry), None)
     if shape is None:
         return None
     try:

@@ -127,7 +127,7 @@ def _write_one(path: Path, file: str, target: Path, base: str, limits: ReadingLi
     try:
         limits.run_function(write_robot, str(path), target, format_title(name), f"URDF file {file}", base)
     except (InputError, OSError) as problem:
-        return NewRobot(file, name, "unread", " ".join(str(problem).split()))
+        return NewRobot(file, name, "unread", " ".join(str(problem).removeprefix(str(path)).split()))
     return NewRobot(file, name, "written")
 
 
@@ -156,5 +156,5 @@ def list_lines(robots: Iterable[NewRobot]) -> Iterator[str]:
     if counted["kept"]:
         words.append(f"{counted['kept']} kept as they were (--replace writes them anew)")
     if counted["unread"]:
-        words.append(f"{counted['unread']} cannot be read")
+        words.append(f"{counted['unread']} cannot be used")
     yield ", ".join(words)
