@@ -53,6 +53,7 @@ LINES = {
 LISTED = tuple(what for what, _ in LINES.values())
 UNTOUCHED = ("order of the joints", "closure residual", "rank of the closures")
 
+EFFORTS = "torque"  # the quantity that the residual is of: it knows no more of a size than the fits do
 NOT_RUNNING = "a mechanism with it, which does not run"
 
 
@@ -86,6 +87,12 @@ class Evidence:
             for line in checks("", "", "", self.engine_certificate, self.reference_certificate)
             if not line.holds
         )
+
+    @cached_property
+    def shows_elsewhere(self) -> bool:
+        """True if the certificate fails, or the engines differ in another quantity than the efforts."""
+        others = {} if self.quantities is None else self.quantities.list_deviating_quantities()
+        return bool(self.failing) or bool(set(others) - {EFFORTS})
 
     def judge_fit(self, fit: Fit, explains: Callable[[Fit], bool], sure: float) -> CauseAssessment:
         """Return the fit with every line of the certificate, and every quantity, that contradicts it.

@@ -36,8 +36,7 @@ FAR = (0.03, 0.1, 0.3, 0.8)  # times a size that matters
 FAR_FACTORS = (1e-3, 3e-3, 0.01, 0.03, 0.1, 0.3, 0.7, 1.4, 3.0, 10.0, 30.0, 100.0, 300.0, 1e3)
 # Of an effect: what difference quotients (PROBE) leave of a derivative where the effect is proportional to the size.
 PROBED = 1e-6
-HOPELESS = 0.7  # of |r|: beyond, no refinement is tried
-ROUGHLY = 0.8  # of |r|: the same of rough marches, whose effects may be off by as much as that is more
+HOPELESS = 0.7  # of |r|: beyond, no refinement is tried; what rough marches are off by (`Model.rough_error`) is added
 SCANNED = 4  # rounds of Gauss-Newton from there
 ENOUGH = (
     0.05  # a step that gains less than this part of what is left is the last one: near a solution it gains nearly all
@@ -241,7 +240,8 @@ def fit(model: Model, residual: Array, candidate: Candidate, rounds: int = 0, no
     if cause.guess is not None:
         return _fit_from_guesses(model, residual, candidate, float(np.linalg.norm(residual)))
     first = _fit_linearly(residual, candidate, candidate.look)
-    if candidate.model is not None and first.residual <= ROUGHLY:  # `columns` may be finer than a look
+    hopeless = HOPELESS + model.rough_error
+    if model.rough is not model and first.residual <= hopeless:
         first = _fit_linearly(residual, candidate, candidate.columns)
     if cause.linear or not cause.sized or not rounds:
         return first
@@ -250,7 +250,7 @@ def fit(model: Model, residual: Array, candidate: Candidate, rounds: int = 0, no
     start = np.clip(p, -most, most)
     if model.rough is not model and first.residual > HOPELESS:
         rough = _solve_size(model.rough, residual, candidate, start, rounds, noise / 2, most)
-        if rough.residual > ROUGHLY:
+        if rough.residual > hopeless:
             return min(first, rough, key=lambda f: f.residual)
     return _solve_size(model, residual, candidate, start, rounds, noise / 2, most)
 
@@ -365,15 +365,10 @@ def find_large_size(model: Model, residual: Array, candidate: Candidate, noise: 
     columns = [(place, candidate.compute_far_effect(model, place)) for place in places]
     fits = [_fit(candidate, place, column, residual, total) for place, column in columns if column is not None]
     best = min(fits, key=lambda f: f.residual, default=first)
-    if best.residual > _find_hopeless_remainder(model):
+    if best.residual > HOPELESS + model.rough_error:
         return best
     most = max(LARGEST, 2.0 * float(np.abs(best.size / candidate.scale).max()))
     return _solve_size(model, residual, candidate, best.size / candidate.scale, SCANNED, noise / 2, most)
-
-
-def _find_hopeless_remainder(model: Model) -> float:
-    """Return the part of |r| [-] beyond which an effect far away (`Candidate.compute_far_effect`) is not refined."""
-    return HOPELESS if model.rough is model else ROUGHLY
 
 
 def _list_start_sizes(candidate: Candidate) -> list[Array]:

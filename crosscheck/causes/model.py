@@ -35,9 +35,10 @@ FEWEST = 100  # samples of a rigid mechanism that a fit looks at, or up to twice
 # Of a flexible march, at least.  A thick strip that rings in short waves, 10 % softer in shear: with 1,200 steps the column has
 # an error of 13 %, with 2,500 of 1.8 % (at single samples more than a named cause may leave), with 6,000 of 0.4 %.
 STEPS = 4000
-# Of a march that is to show only whether a size far away is worth a look: of 84 columns of a one-link arm half then have errors
-# below 1.5 %, nine of ten below 13 %, as with STEPS / 2 (what is off by more hardly shows); what is chosen is marched with STEPS.
+# Of a march that shows only whether a cause is worth a closer look.  Of 84 columns of a one-link arm half then have errors below
+# 1.5 % and nine of ten below 13 %, which STEPS / 2 does not better: what is off by more hardly shows.
 ROUGH_STEPS = 1000
+ROUGH_ERROR = 0.1  # of an effect: what rough marches are allowed to be off by before a cause is given up
 
 
 @dataclass(frozen=True)
@@ -130,6 +131,11 @@ class Model:
             return self
         rough = replace(self, base=base.update_options(step=step))
         return replace(rough, torque=_compute_model_efforts(rough, rough.base))
+
+    @property
+    def rough_error(self) -> float:
+        """The part of an effect [-] that `rough` may be off by, 0 where it is the model itself."""
+        return 0.0 if self.rough is self else ROUGH_ERROR
 
     @cached_property
     def shares(self) -> Array:

@@ -51,7 +51,6 @@ LOOK, TURNS, DEEP = range(3)  # the best of a linear look; angles, too; whatever
 DEEPER = {True: 4, False: 2}  # times as many where what explains the efforts is contradicted, or nothing does
 MANY = 600  # columns, of robots with dozens of bodies: there only what looks likely is refined
 ROUNDS = {True: 8, False: 3}
-EFFORTS = "torque"  # the quantity that the residual is of: it knows no more of a size than the fits do
 TOLD = 40  # causes that are held against all else, those that explain most first
 
 
@@ -226,10 +225,7 @@ def list_explaining_causes(
     sure = max(NOISE * question.part, 0.0 if question.model.base.mechanism.is_rigid else MARCHED)
     heard = [evidence.judge_fit(f, question.can_explain, sure) for f in explaining[:TOLD]]
     # What else may know a size of several numbers: where that agrees with the reference, no such size is hidden.
-    elsewhere = evidence.failing or (
-        evidence.quantities is not None and set(evidence.quantities.list_deviating_quantities()) - {EFFORTS}
-    )
-    if elsewhere and not list_agreeing_causes(heard):  # the motion led a size of several numbers astray
+    if evidence.shows_elsewhere and not list_agreeing_causes(heard):  # the motion led a size of several numbers astray
         turned = [f for f in fits if not question.can_explain(f) and f.cause.parameters > 1]
         again = (evidence.judge_fit(f, question.can_explain, sure) for f in turned[:TOLD])
         heard += [one for one in again if question.can_explain(one.fit)]

@@ -12,17 +12,7 @@ from dataclasses import replace
 import numpy as np
 
 from crosscheck.causes.cause import Cause
-from crosscheck.causes.fit import (
-    HOPELESS,
-    ROUGHLY,
-    SMALL,
-    Candidate,
-    Fit,
-    describe_size,
-    fit,
-    fit_from,
-    list_candidates,
-)
+from crosscheck.causes.fit import SMALL, Candidate, Fit, describe_size, fit, fit_from, list_candidates
 from crosscheck.causes.model import Model, is_tree
 from crosscheck.causes.subject import Subject
 from flexinv.typing import Array
@@ -34,7 +24,7 @@ ROUNDS = {True: 8, False: 3}  # of a refinement, by whether it is rigid
 # causes without a size that are taken off first, and sized ones that are tried beside each of them
 FIRST = 4
 NEXT = 8
-LINEAR = 0.5  # of |r|: a pair that leaves more in the linear look is none, of rough marches by as much as they are off
+LINEAR = 0.5  # of |r|: a pair that leaves more in the linear look is none
 DEPENDENT = 1e-6  # of a column: what another one leaves of it is rounding
 
 
@@ -48,8 +38,7 @@ def find_pairs(
     usable = [c for c in known if not c.cause.linear and c.cause.guess is None]
     quick = is_tree(model.base)
     found: dict[tuple[str, str], Fit] = {}
-    most = LINEAR if model.rough is model else LINEAR + ROUGHLY - HOPELESS
-    likely = _list_likely_pairs(usable, residual, most)[: TRIED[quick]]
+    likely = _list_likely_pairs(usable, residual, LINEAR + model.rough_error)[: TRIED[quick]]
     for a, b in (*likely, *(_list_sequential_pairs(model, residual, usable) if quick else [])):
         one = fit(model, residual, join_causes(a, b), ROUNDS[model.base.mechanism.is_rigid], noise)
         if explains(one):

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from crosscheck.causes.cause import Cause
-from crosscheck.causes.evidence import Evidence
+from crosscheck.causes.evidence import EFFORTS, Evidence
 from crosscheck.causes.fit import Fit
-from crosscheck.causes.naming import EFFORTS, NamedCauses
+from crosscheck.causes.naming import NamedCauses
 from crosscheck.causes.subject import Subject
 from crosscheck.measures.record import Record, list_effort_units
 from flexinv.typing import Array, Indices, Mask
@@ -63,10 +63,7 @@ def find_single_samples(evidence: Evidence, record: Record, reference: Record, a
 
     allowed : (nv,) largest difference over the range [-] of samples that agree
     """
-    if evidence.failing:
-        return None
-    quantities = evidence.quantities
-    if quantities is not None and set(quantities.list_deviating_quantities()) - {EFFORTS}:
+    if evidence.shows_elsewhere:
         return None
     mechanism = evidence.model.base.mechanism
     given, expected = (

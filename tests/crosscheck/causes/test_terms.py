@@ -94,7 +94,7 @@ def with_tensors(mechanism: Mechanism, tensor: Array | None) -> Mechanism:
 
 
 def test_gyroscopic_moments_are_those_of_the_tensors() -> None:
-    """A ball has none; of others they are what tensors add to the quadratic terms, less what a ball's rates of axes add."""
+    """A ball has none, nor has a hinge about a principal axis; and they do no work."""
     model = model_of("ur5", "reach")
     mechanism = model.base.mechanism
     assert np.abs(compute_gyroscopic_efforts(mechanism, model.states)).max() > 1e-3
