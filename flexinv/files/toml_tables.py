@@ -131,6 +131,10 @@ def resolve_toml_file(path: str | Path, name: str) -> Path:
         if path.suffix != ".urdf":
             write = "a mechanism.toml; what the file says of the robot, crosscheck compare reads"
         raise make_input_error(str(path), given, f"a folder that has a {name}", write)
+    if path.suffix in ROBOT_FILES and not path.exists():
+        raise make_input_error(
+            str(path), "there is no such file", f"a folder that has a {name}", "the path of such a folder"
+        )
     return path if path.suffix == ".toml" else path / name
 
 

@@ -349,3 +349,13 @@ def test_examples_of_keys_are_lines_that_can_be_written() -> None:
         "tables": ["[[springs]]"],
         "line": ["rpy_deg = [0, 0, 90]"],
     }
+
+
+@pytest.mark.parametrize("name", ["robot.urdf", "arm.xml", "arm.sdf"])
+def test_a_robot_file_that_is_not_there_is_called_by_its_name(name: str, tmp_path: Path) -> None:
+    """Not as a folder with a mechanism.toml in it."""
+    with pytest.raises(InputError) as error:
+        load_mechanism(tmp_path / name)
+    first, given, *_ = str(error.value).splitlines()
+    assert first == str(tmp_path / name)
+    assert given.split() == ["given:", "there", "is", "no", "such", "file"]
