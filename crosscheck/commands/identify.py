@@ -16,7 +16,7 @@ from crosscheck.commands.shared.terminal import MODELS, Console, Failure
 from crosscheck.identification.bands import ChannelJudgement
 from crosscheck.identification.causes.detection_limits import describe_least_sizes
 from crosscheck.identification.causes.name_causes import CauseFindings, find_remaining_causes
-from crosscheck.identification.combinations import count_narrowed_directions
+from crosscheck.identification.estimation.combinations import count_narrowed_directions
 from crosscheck.identification.excitation import Proposal, find_exciting_motion
 from crosscheck.identification.files import write_judged, write_parameters, write_prediction
 from crosscheck.identification.identified_file import write_identified
@@ -109,7 +109,9 @@ def command(
             if seconds is not None:
                 log = read_of(identification.machine, _resolve_log_paths(source, logs[:1])[0])
                 _write_proposed_motion(
-                    console, find_exciting_motion(identification.machine, identification.fit, log, seconds), folder
+                    console,
+                    find_exciting_motion(identification.machine, identification.fit, log, seconds),
+                    folder,
                 )
             results = write_page(identification, causes, " ".join(sys.argv[1:]), folder)
     except (FlexinvError, OSError) as error:

@@ -20,8 +20,8 @@ import numpy as np
 import scipy  # its parts are loaded when they are asked for
 from numpy.typing import NDArray
 
+from crosscheck.identification.estimation.fit import STEP, Fit, Problem
 from crosscheck.identification.filters import low_pass
-from crosscheck.identification.fit import STEP, Fit, Problem
 from crosscheck.identification.readings import Machine, Run, compute_friction, compute_readings
 from flexinv.typing import Array
 

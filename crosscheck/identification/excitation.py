@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from crosscheck.identification.fit import PER_PERIOD, TOLD, Fit, build_problem, compute_jacobian
+from crosscheck.identification.estimation.fit import PER_PERIOD, TOLD, Fit, build_problem, compute_jacobian
 from crosscheck.identification.logs.log import Log
 from crosscheck.identification.readings import Machine, Run, compute_measured_motion
 from crosscheck.identification.response import MeasuredMotion, build_response

@@ -18,14 +18,14 @@ from crosscheck.identification.bands import (
     judge_predictions,
     predict,
 )
-from crosscheck.identification.combinations import list_combinations
-from crosscheck.identification.fit import Fit, Problem, build_problem, fit
+from crosscheck.identification.estimation.combinations import list_combinations
+from crosscheck.identification.estimation.fit import Fit, Problem, build_problem, fit
 from crosscheck.identification.logs.doubts import describe_log_doubts, describe_log_failures
 from crosscheck.identification.logs.log import Log, read_log
 from crosscheck.identification.parameters import build_space
 from crosscheck.identification.readings import Machine, Run, make_run
 from crosscheck.identification.settings import IdentifyTable, read_settings
-from crosscheck.identification.table import Row, describe_unidentified, list_parameter_rows
+from crosscheck.identification.table import Row, describe_conflicts, describe_unidentified, list_parameter_rows
 from flexinv.display.card import Card, Shown
 from flexinv.errors import InputError
 from flexinv.files.load_mechanism import load_mechanism
@@ -110,6 +110,7 @@ def identify(
     found = fit(task)
     q = compute_margins(task, found)
     table = list_parameter_rows(machine.space, found)
+    words += describe_conflicts(table)
     words += [*describe_unidentified(table), *(one.words for one in list_combinations(machine.space, found))]
 
     def list_predictions(some: Sequence[Run]) -> list[tuple[Run, Prediction]]:

@@ -23,7 +23,8 @@ KNOWN = 0.5
 UNKNOWN = 1.5
 DRAWN = 0.2  # relative error of masses that are drawn, not weighed
 LOAD = 0.1  # of the mass that moves: a tool or payload that nobody wrote down
-WIDEST = 2.5  # relative error of a mass: a factor of twelve
+OFFSET = 0.1  # of the effort's spread: an offset of its sensor
+WIDEST = 2.5  # relative error of a mass, and of a torque constant that nobody wrote: a factor of twelve
 LIMITS = """
 # What logs that are held out have to reach: without limits nothing is judged.  Remove the marks when you know what you need.
 # [[limits]]
@@ -102,9 +103,9 @@ def _format_column(kind: str, column: Column, drive: Drive | None) -> str:
     doubts = [column.why] if column.why else []
     if kind == "effort" and _is_at_motor(column) and drive is not None and drive.ratio != 1.0:
         words += ', side = "motor"'
-    if kind == "effort" and column.unit == "A" and (drive is None or not drive.torque_constant):
+    if kind == "effort" and _needs_constant(column, drive):
         words += ", constant_Nm_per_A = 1.0"
-        doubts.append("write the torque constant")
+        doubts.append('write the torque constant, and remove its "effort gain" below')
     return f"{kind} = {{ {words} }}" + (f"   # {'; '.join(doubts)}" if doubts else "")
 
 
@@ -112,33 +113,47 @@ def _is_at_motor(column: Column) -> bool:
     return "motor" in column.name.lower()
 
 
+def _needs_constant(column: Column, drive: Drive | None) -> bool:
+    """Return true for a current whose torque per ampere nobody states."""
+    return column.unit == "A" and (drive is None or not drive.torque_constant)
+
+
 def _format_free_tables(mechanism: Mechanism, log: Log, columns: Found) -> Iterator[str]:
     yield from _format_mass_tables(mechanism)
     quickest = _find_peak_rates(log, columns)
     for name, own in columns.items():
-        if "effort" not in own:
-            continue
-        joint = mechanism.joint_of[name]
-        column = own["effort"]
-        rate, acceleration = quickest[name]
-        spread = float(np.std(log.read_column(column.name))) * EFFORTS[column.unit]
-        small = SMALL * spread * (joint.drive.ratio if joint.drive is not None and _is_at_motor(column) else 1.0)
-        known = {
-            "viscous friction": (joint.damping, small / rate),
-            "coulomb friction": (joint.friction, small),
-            "rotor inertia": (joint.rotor_inertia, small / acceleration),
-        }
-        for kind, (value, first) in known.items():
-            width = KNOWN if kind != "rotor inertia" else 0.1
-            start = f"value = {max(first, 1e-9):.3g}   # the mechanism has none: a small part of the effort\n"
-            yield from _format_free_table(
-                kind, [name], f"relative = {width}" if value > 0.0 else f"{start}relative = {UNKNOWN}"
-            )
-        yield from _format_free_table("effort offset", [name], f"error = {max(0.1 * spread, 1e-9):.3g}")
+        if "effort" in own:
+            yield from _format_drive_tables(mechanism.joint_of[name], own["effort"], log, quickest[name])
     if mechanism.beams:
         yield from _format_free_table("beam stiffness", ["*"], "relative = 0.2")
     if mechanism.springs:
         yield from _format_free_table("spring force", ["*"], "relative = 0.1")
+
+
+def _format_drive_tables(joint: Joint, column: Column, log: Log, quickest: tuple[float, float]) -> Iterator[str]:
+    """Friction, rotor inertia and the sensor of a joint; of an unknown torque constant all of them are known less.
+
+    quickest : largest rate and acceleration of the joint [rad/s], [rad/s^2]
+    """
+    rate, acceleration = quickest
+    scaled = not _needs_constant(column, joint.drive)
+    spread = float(np.std(log.read_column(column.name))) * EFFORTS[column.unit]
+    small = SMALL * spread * (joint.drive.ratio if joint.drive is not None and _is_at_motor(column) else 1.0)
+    known = {
+        "viscous friction": (joint.damping, small / rate),
+        "coulomb friction": (joint.friction, small),
+        "rotor inertia": (joint.rotor_inertia, small / acceleration),
+    }
+    for kind, (value, first) in known.items():
+        width = KNOWN if kind != "rotor inertia" else 0.1
+        start = f"value = {max(first, 1e-9):.3g}   # the mechanism has none: a small part of the effort\n"
+        lines = f"relative = {width}" if value > 0.0 else f"{start}relative = {UNKNOWN if scaled else WIDEST}"
+        yield from _format_free_table(kind, [joint.name], lines)
+    offset = OFFSET * spread if scaled else spread
+    yield from _format_free_table("effort offset", [joint.name], f"error = {max(offset, 1e-9):.3g}")
+    if not scaled:
+        why = "1 over the torque constant, which nobody wrote: remove it when constant_Nm_per_A is written"
+        yield from _format_free_table("effort gain", [joint.name], f"relative = {WIDEST}", why)
 
 
 def _format_mass_tables(mechanism: Mechanism) -> Iterator[str]:

@@ -17,7 +17,11 @@ NAMES = ("a", "d1", "d2", "d3", "s12", "s23", "s13", "t1", "t2", "t3")
 # Rows and columns of the tensor in the order of `flexinv.rigid.torque_regressor`: xx, xy, yy, xz, yz, zz.
 ROWS = [0, 0, 1, 0, 1, 2]
 COLUMNS = [0, 1, 1, 2, 2, 2]
+# Rows and columns of U at which the numbers behind a stand.
+ENTRY_ROWS = [0, 1, 2, 0, 1, 0, 0, 1, 2]
+ENTRY_COLUMNS = [0, 1, 2, 1, 2, 2, 3, 3, 3]
 QUANTITIES = ("mass", "com x", "com y", "com z", "Ixx", "Ixy", "Iyy", "Ixz", "Iyz", "Izz")
+SHAPE = 0.5  # largest relative error of radii of gyration, and of the tangents of their axes' directions
 UNITS = ("kg", "m", "m", "m", *("kg m^2",) * 6)
 
 
@@ -62,25 +66,51 @@ def make_plausible(ten: Array, radius: float) -> Array:
 
 def move_mass_properties(factor: Array, x: Array) -> Array:
     """Return mass properties (..., 10) [kg], [kg m], [kg m^2] for x (..., 10) [-] as ``NAMES``; factor : L (4, 4)."""
-    u = np.zeros((*x.shape[:-1], 4, 4))
-    u[..., [0, 1, 2], [0, 1, 2]] = np.exp(x[..., 1:4])
-    u[..., [0, 1, 0, 0, 1, 2], [1, 2, 2, 3, 3, 3]] = x[..., 4:]
-    u[..., 3, 3] = 1.0
-    half = factor @ u * np.exp(x[..., 0])[..., None, None]
+    half = factor @ _compute_upper_factors(x) * np.exp(x[..., 0])[..., None, None]
     return compute_ten_parameters(half @ np.swapaxes(half, -1, -2))
+
+
+def _compute_upper_factors(x: Array) -> Array:
+    """U (..., 4, 4) without e^a [-]."""
+    u = np.zeros((*x.shape[:-1], 4, 4))
+    u[..., ENTRY_ROWS, ENTRY_COLUMNS] = x[..., 1:]
+    u[..., [0, 1, 2], [0, 1, 2]] = np.exp(x[..., 1:4])
+    u[..., 3, 3] = 1.0
+    return u
+
+
+def compute_mass_property_slopes(factor: Array, x: Array) -> Array:
+    """Return the slopes (..., 10, 10) of `move_mass_properties` by x (..., 10) [-]; factor : L (4, 4).
+
+    ``dP / dx = L (dU U^T + U dU^T) L^T``, each dU an entry of U; ``dP / da = 2 P``.
+    """
+    u = _compute_upper_factors(x)
+    out = np.zeros((*x.shape, len(NAMES)))
+    out[..., :, 0] = 2.0 * move_mass_properties(factor, x)
+    scale = np.exp(2.0 * x[..., :1, None])
+    for k, (row, column) in enumerate(zip(ENTRY_ROWS, ENTRY_COLUMNS, strict=True), start=1):
+        turned = np.zeros_like(u)
+        turned[..., row, :] = u[..., :, column]  # dU U^T, of an entry of 1
+        if row == column:
+            turned[..., row, :] *= u[..., row, row, None]  # which is e^d
+        half = factor @ turned @ factor.T
+        out[..., :, k] = compute_ten_parameters(scale * (half + np.swapaxes(half, -1, -2)))
+    return out
 
 
 def compute_prior_errors(factor: Array, relative: float) -> Array:
     """Return standard errors (10,) [-] of x for a relative error of the mass: of radii the same, of the centre a third.
 
     The centre of mass is believed to a third of ``relative`` times its distance from the frame and the radius of gyration.
+    Radii and the directions of axes are never less certain than `SHAPE`: a body of twelve times the mass is not twelve times as
+    wide, at one density its radii grow with the cube root, 2.3.
     """
     pseudo = factor @ factor.T
     mass = pseudo[3, 3]
     com = pseudo[:3, 3] / mass
     radius = np.diag(factor)[:3] / np.sqrt(mass)
     shift = relative / 3.0 * (np.linalg.norm(com) + radius) / radius
-    return np.concatenate([[relative / 2.0], [relative] * 6, shift])
+    return np.concatenate([[relative / 2.0], [min(relative, SHAPE)] * 6, shift])
 
 
 def convert_to_com(ten: Array) -> Array:

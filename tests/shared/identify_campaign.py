@@ -19,14 +19,14 @@ from scipy.interpolate import CubicSpline
 sys.path.insert(0, str(Path(__file__).parents[2]))
 
 from crosscheck.identification.bands import compute_margins, judge, predict
-from crosscheck.identification.fit import build_problem, fit
+from crosscheck.identification.estimation.fit import Fit, build_problem, fit
 from crosscheck.identification.identify import read_machine
 from crosscheck.identification.logs.log import Log
-from crosscheck.identification.parameters import KINDS, MASS
+from crosscheck.identification.parameters import KINDS, MASS, Key
 from crosscheck.identification.pseudo_inertia import NAMES, QUANTITIES, convert_to_com, move_mass_properties
 from crosscheck.identification.readings import Machine, compute_raw_signals, make_run
 from crosscheck.identification.response import MeasuredMotion, build_response
-from crosscheck.identification.table import list_parameter_rows
+from crosscheck.identification.table import CONFLICT, list_parameter_rows
 from flexinv.typing import Array
 
 CLASSES = ("rigid", "rigid", "drives", "beams", "loop")
@@ -37,7 +37,10 @@ RATE, SECONDS = 125.0, 6.0
 
 @dataclass(frozen=True)
 class ParameterOutcome:
-    """An identifiable parameter: its class, whether its interval holds the truth, and interval over prior width [-]."""
+    """An identifiable parameter: its class, whether its interval holds the truth, and interval over prior width [-].
+
+    said : that data and prior contradict each other; off : its truth was put off by so many widths of its prior
+    """
 
     mechanism: str
     class_: str
@@ -45,6 +48,8 @@ class ParameterOutcome:
     place: str
     holds: bool
     ratio: float
+    said: bool = False
+    off: bool = False
 
 
 def text_of(kind: str, random: np.random.Generator) -> tuple[str, str]:
@@ -183,10 +188,10 @@ def logged(
     return Log("made", motion.time, columns)
 
 
-def trial(kind: str, seed: int, off: bool = False) -> tuple[list[ParameterOutcome], list[float], str]:
+def trial(kind: str, seed: int, off: float = 0.0) -> tuple[list[ParameterOutcome], list[float], str]:
     """Identify a random mechanism; return what it tells, coverage on another motion [-], and words.
 
-    off : one parameter of the truth is two prior widths off
+    off : so many widths of its prior one parameter of the truth is off [-], which is no mass property
     """
     random = np.random.default_rng([seed, CLASSES.index(kind)])
     with TemporaryDirectory() as folder:
@@ -196,20 +201,28 @@ def trial(kind: str, seed: int, off: bool = False) -> tuple[list[ParameterOutcom
             (base / name).write_text(text, encoding="utf-8")
         machine = read_machine(base)
     z = np.clip(random.normal(size=len(machine.space.parameters)), -2.5, 2.5)
+    moved: Key | None = None
     if off:
-        z[random.integers(len(z))] = 2.0 * random.choice([-1.0, 1.0])
+        alone = [k for k, one in enumerate(machine.space.parameters) if one.kind != MASS]
+        chosen = alone[random.integers(len(alone))]
+        z[chosen] = off * random.choice([-1.0, 1.0])
+        moved = machine.space.parameters[chosen].key
     sizes: dict[str, float] = {}
     logs = [logged(machine, moving(machine, random, kind), z, random, sizes) for _ in range(2)]
     runs = [make_run(machine, log) for log in logs]
     task = build_problem(machine, (runs[0],))
     result = fit(task)
     told = predict(machine, result, compute_margins(task, result), runs[1])
-    return list(_told(machine, result, z, f"{kind}{seed}")), [r.coverage for r in judge(machine, runs[1], told)], ""
+    return (
+        list(_told(machine, result, z, f"{kind}{seed}", moved)),
+        [r.coverage for r in judge(machine, runs[1], told)],
+        "",
+    )
 
 
-def _told(machine: Machine, found: object, z: Array, name: str) -> Iterator[ParameterOutcome]:
+def _told(machine: Machine, found: Fit, z: Array, name: str, moved: Key | None) -> Iterator[ParameterOutcome]:
     truth = machine.space.compute_values(z)
-    table = {(r.parameter, r.place): r for r in list_parameter_rows(machine.space, found)}  # type: ignore[arg-type]
+    table = {(r.parameter, r.place): r for r in list_parameter_rows(machine.space, found)}
     for link, factor in machine.space.factors.items():
         com = convert_to_com(move_mass_properties(factor, np.array([truth[MASS, f"{link}.{n}"] for n in NAMES])))
         truth |= {(q, link): float(v) for q, v in zip(QUANTITIES, com, strict=True)}
@@ -217,7 +230,9 @@ def _told(machine: Machine, found: object, z: Array, name: str) -> Iterator[Para
         if row.identifiable:
             class_ = KINDS[kind].class_ if kind in KINDS else "mass properties"
             ratio = (row.high - row.low) / (row.before_high - row.before_low)
-            yield ParameterOutcome(name, class_, kind, place, row.low <= truth[kind, place] <= row.high, ratio)
+            holds = row.low <= truth[kind, place] <= row.high
+            said = abs(row.conflict) > CONFLICT
+            yield ParameterOutcome(name, class_, kind, place, holds, ratio, said, (kind, place) == moved)
 
 
 def summary(outcomes: list[ParameterOutcome]) -> dict[str, tuple[int, float, float]]:
@@ -234,8 +249,10 @@ def summary(outcomes: list[ParameterOutcome]) -> dict[str, tuple[int, float, flo
 @click.command()
 @click.option("--count", default=30, show_default=True, help="Random mechanisms, of all classes in turn.")
 @click.option("--first", default=0, show_default=True, help="Seed of the first one.")
-@click.option("--off", is_flag=True, help="One parameter of each truth is two prior widths off.")
-def main(count: int, first: int, off: bool) -> None:
+@click.option(
+    "--off", default=0.0, show_default=True, help="Widths of its prior by which one parameter of each truth is off."
+)
+def main(count: int, first: int, off: float) -> None:
     """Identify random mechanisms of known truth, and count how often 90 % intervals hold it."""
     told: list[ParameterOutcome] = []
     covered: list[float] = []
@@ -252,6 +269,9 @@ def main(count: int, first: int, off: bool) -> None:
         click.echo(
             f"{class_:16s} {number:5d} intervals, {part:.1%} hold; interval over prior width {ratio:.2f} (median)"
         )
+    for words, some in (("is off", [o for o in told if o.off]), ("is not", [o for o in told if not o.off])):
+        if some:
+            click.echo(f"conflicts said where the truth {words}: {np.mean([o.said for o in some]):.1%} of {len(some)}")
     click.echo(f"bands on other motions hold {np.mean(covered):.1%}")
 
 

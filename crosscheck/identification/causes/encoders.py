@@ -13,10 +13,10 @@ from collections.abc import Iterator
 import numpy as np
 
 from crosscheck.identification.causes.cause import NamedCause
+from crosscheck.identification.estimation.fit import Fit
+from crosscheck.identification.estimation.noise import count_agreeing_samples
 from crosscheck.identification.filters import low_pass
-from crosscheck.identification.fit import Fit
 from crosscheck.identification.logs.log import Log
-from crosscheck.identification.noise import count_agreeing_samples
 from crosscheck.identification.readings import Machine, Run, make_run
 from crosscheck.identification.settings import ANGLES
 from flexinv.typing import Array

@@ -24,7 +24,7 @@ from crosscheck.identification.causes.encoders import compare_encoders
 from crosscheck.identification.causes.gross_faults import GrossFault, Score, compute_score, list_gross_faults
 from crosscheck.identification.causes.rounds import CauseRound, CauseSearch
 from crosscheck.identification.causes.signals import find_clipped_samples, list_clipped_columns, list_quantised_columns
-from crosscheck.identification.fit import Problem, compute_jacobian
+from crosscheck.identification.estimation.fit import Problem, compute_jacobian
 from crosscheck.identification.identify import Identification
 from crosscheck.identification.logs.log import Log
 from flexinv.errors import ConvergenceError

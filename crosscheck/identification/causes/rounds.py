@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 
 from crosscheck.identification.causes.cause import Cause
 from crosscheck.identification.causes.wide_rows import WideRows, build_wide_rows
-from crosscheck.identification.fit import Fit, Problem, build_problem, compute_jacobian
+from crosscheck.identification.estimation.fit import Fit, Problem, build_problem, compute_jacobian
+from crosscheck.identification.estimation.noise import count_agreeing_samples
 from crosscheck.identification.logs.log import Log
-from crosscheck.identification.noise import count_agreeing_samples
 from crosscheck.identification.parameters import ParameterSpace
 from crosscheck.identification.readings import Machine, Run, compute_wide_responses, make_run, read_measured_channels
 from flexinv.model.mechanism import Mechanism

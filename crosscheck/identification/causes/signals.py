@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from crosscheck.identification.causes.cause import NamedCause
+from crosscheck.identification.estimation.fit import Fit
 from crosscheck.identification.filters import low_pass
-from crosscheck.identification.fit import Fit
 from crosscheck.identification.logs.doubts import find_clipped_extremes
 from crosscheck.identification.logs.log import Log
 from crosscheck.identification.readings import Machine, compute_readings, make_run

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import scipy  # its parts are loaded when they are asked for
 
-from crosscheck.identification.noise import count_agreeing_samples
+from crosscheck.identification.estimation.noise import count_agreeing_samples
 from crosscheck.identification.readings import Run
 from crosscheck.identification.wide_response import (
     ExpectedResponse,

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from crosscheck.identification.bands import ChannelJudgement, Scatter, compute_margins, fit_scatter, judge, predict
-from crosscheck.identification.fit import build_problem, fit
+from crosscheck.identification.estimation.fit import build_problem, fit
 from crosscheck.identification.identify import read_machine
 from crosscheck.identification.logs.log import Log
 from crosscheck.identification.readings import make_run

@@ -8,7 +8,7 @@ import identify_campaign as campaign
 import numpy as np
 import pytest
 
-from crosscheck.identification.fit import build_problem, fit
+from crosscheck.identification.estimation.fit import build_problem, fit
 from crosscheck.identification.identify import read_machine
 from crosscheck.identification.readings import make_run
 from crosscheck.identification.response import MeasuredMotion
@@ -51,8 +51,8 @@ def test_a_truth_outside_of_every_interval_is_counted() -> None:
 @pytest.mark.parametrize("kind", ["loop", "drives", "beams"])
 def test_intervals_of_loops_drives_and_beams_hold_the_truth(kind: str) -> None:
     told, covered, _ = campaign.trial(kind, 4)
-    assert len(told) > 4
-    assert np.mean([one.holds for one in told]) >= 0.6  # some ten intervals
+    assert len(told) >= 4
+    assert np.mean([one.holds for one in told]) >= 0.6  # some five intervals
     assert np.mean(covered) > 0.8  # of the other motion; the loop's cranks nearly stand often, where its bands are wide
 
 

@@ -14,9 +14,9 @@ from shown_rules import SVG, check_shown
 import crosscheck
 from crosscheck.cli import Main
 from crosscheck.identification.bands import compute_margins, judge, predict
+from crosscheck.identification.estimation.fit import build_problem, fit
 from crosscheck.identification.excitation import find_exciting_motion
 from crosscheck.identification.filters import low_pass
-from crosscheck.identification.fit import build_problem, fit
 from crosscheck.identification.identified_file import write_identified
 from crosscheck.identification.identify import Identification, judge_blocks, read_machine
 from crosscheck.identification.logs.doubts import describe_log_doubts
@@ -265,7 +265,7 @@ def test_a_parameter_that_nothing_shows_keeps_its_prior_in_words(folder: Path, t
     identification = crosscheck.identify(base, [folder / "one.csv"])
     row = next(r for r in identification.parameters if r.parameter == "gravity tilt x")
     assert not row.identifiable
-    assert any(words.startswith("world: gravity tilt x") for words in identification.words)
+    assert any(words.startswith("world: ") and "gravity tilt x" in words for words in identification.words)
 
 
 def test_an_identification_shows_parameters_with_intervals_and_a_reading(found: Identification) -> None:
@@ -375,6 +375,32 @@ def test_a_first_identify_toml_is_proposed(folder: Path, tmp_path: Path) -> None
     )
     assert done.exit_code == 2
     assert "is there already" in done.output
+
+
+@pytest.mark.parametrize(("constant", "written"), [(9.0, False), (0.06, False), (9.0, True)])
+def test_currents_are_explained_whether_or_not_somebody_knows_their_constant(
+    folder: Path, tmp_path: Path, constant: float, written: bool
+) -> None:
+    """The proposal takes 1 N m/A; friction that it states in amperes must not hold the fit when the constant is written."""
+    base = logged_arm.write_arm(tmp_path / "models" / "arm")
+    text = (base / "mechanism.toml").read_text()
+    bare = [line for line in text.splitlines() if not line.startswith(("damping", "friction", "rotor"))]
+    (base / "mechanism.toml").write_text("\n".join(bare))
+    (base / "identify.toml").unlink()
+    for name in ("one", "two"):
+        table = pd.read_csv(folder / f"{name}.csv")
+        table[["t1", "t2"]] /= constant
+        names = {"q1": "shoulder_angle_rad", "q2": "elbow_angle_rad", "t1": "current1 [A]", "t2": "current2 [A]"}
+        table.rename(columns=names).to_csv(tmp_path / f"{name}.csv", index=False)
+    run("arm", "--models", str(base.parent), "--log", str(tmp_path / "one.csv"), "--propose")
+    proposed = (base / "identify.toml").read_text()
+    assert proposed.count('parameter = "effort gain"') == 2
+    if written:
+        tables = proposed.replace("constant_Nm_per_A = 1.0", f"constant_Nm_per_A = {constant}").split("\n\n")
+        kept = [table for table in tables if 'parameter = "effort gain"' not in table]
+        (base / "identify.toml").write_text("\n\n".join(kept))
+    found = crosscheck.identify(base, [tmp_path / "one.csv"], [tmp_path / "two.csv"])
+    assert all(row.explained > 0.998 for row in found.judged)
 
 
 @pytest.mark.slow

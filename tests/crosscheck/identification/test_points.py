@@ -10,7 +10,7 @@ import pandas as pd
 import pytest
 from scipy.interpolate import CubicSpline
 
-from crosscheck.identification.fit import build_problem, fit
+from crosscheck.identification.estimation.fit import build_problem, fit
 from crosscheck.identification.identify import read_machine
 from crosscheck.identification.logs.log import Log, read_log
 from crosscheck.identification.readings import Machine, compute_readings, make_run

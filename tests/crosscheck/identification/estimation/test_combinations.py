@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 import crosscheck
-from crosscheck.identification.combinations import count_narrowed_directions, list_combinations
-from crosscheck.identification.fit import Fit
+from crosscheck.identification.estimation.combinations import count_narrowed_directions, list_combinations
+from crosscheck.identification.estimation.fit import Fit
 from crosscheck.identification.parameters import Parameter, ParameterSpace
 
 EMPTY = np.zeros(0)

@@ -15,7 +15,7 @@ import numpy as np
 import scipy  # its parts are loaded when they are asked for
 from numpy.typing import NDArray
 
-from crosscheck.identification.noise import Noise, compute_noise
+from crosscheck.identification.estimation.noise import Noise, compute_noise
 from crosscheck.identification.parameters import KINDS
 from crosscheck.identification.readings import Machine, Run, compute_readings
 from flexinv.errors import InputError
@@ -27,11 +27,15 @@ SCAN = (-1.0, -0.5, 0.5, 1.0)  # of the prior's width: where stiffnesses, dampin
 STEADY = 0.03  # relative change of all weights at which the rounds end: intervals change by less
 CLOSE = 1e-4  # relative change of cost, and of z, at which the optimiser stops: far below the width of any interval
 EVALUATIONS = 40
+WIDER = 10.0  # times the priors' widths: where the search looks whether they hold it at a place that leaves much
+SMALLEST = 1e-2  # of its value that one step leaves of what is positive
+LESS = 0.9  # of the residual: what is left there, if it is worth a fit of its own
 PER_PERIOD = 4.0  # samples kept per period of the bandwidth: the low-pass leaves no news between them
-# Below this part of its prior's width an interval is what the log tells: three quarters of the information are the log's.  A
-# prior that is wrong by two of its widths pulls an estimate by 2 r of the interval's standard deviations: a 90 % interval of
-# ratio r then holds the truth with probability Phi((1.645 - 2 r) / (1 - r^2)^0.5): 86 % at 0.3, 77 % at 0.5, 63 % at 0.7.
-TOLD = 0.5
+# Below this part of its prior's width an interval is what the log tells: the log's own error is a third of the prior's width or
+# less, and nine tenths of the information are the log's.  A prior that is wrong by two of its widths pulls an estimate by 2 r of
+# the interval's standard deviations: a 90 % interval of ratio r then holds the truth with probability
+# Phi((1.645 - 2 r) / (1 - r^2)^0.5): 86 % at 0.316, 77 % at 0.5, 63 % at 0.7.
+TOLD = 0.1**0.5
 HALF = 0.7  # below it the log tells as much as the prior: such estimates show how much blocks differ
 
 
@@ -106,20 +110,50 @@ def fit(task: Problem, start: Array | None = None, prior: tuple[Array, Array] | 
     """Return the parameters under which the readings come closest to what was measured, weighed against the priors [-].
 
     start : z (parameters,); prior : mean and square root of the precision (parameters, parameters) in the place of 0 and 1
+
+    Noise is what is left at the fit.  Far from the truth much is left, which then counts for little against the priors, and the
+    search would stay; what is positive has hardly a slope where it is far too small.  So the search goes on in values, then with
+    priors that are wider, and where that leaves less, it begins again from there.
     """
     count = len(task.machine.space.parameters)
-    z = np.zeros(count) if start is None else start.copy()
     mean, root = (np.zeros(count), np.eye(count)) if prior is None else prior
     measured = task.collect_counted_samples([_read_measured(run) for run in task.runs])
-    z = _find_start_by_scan(task, measured, z) if start is None else z
-    noise = compute_noise(_compute_residuals(task, measured, z), [np.zeros((len(m), count)) for m in measured], root)
+    if start is not None:
+        return _compute_posterior(task, _find_mode(task, measured, start.copy(), mean, root), root)
+    near = _find_mode(task, measured, _find_start_by_scan(task, measured, np.zeros(count)), mean, root)
+    moved = _move_in_values(task, measured, near)
+    far, _ = _find_minimum(task, measured, 1.0 / near.noise.spread, moved, mean, root / WIDER)
+    left = np.array([np.sqrt(np.mean(r**2)) for r in _compute_residuals(task, measured, far)])
+    if (left < LESS * near.noise.spread).any():
+        other = _find_mode(task, measured, far, mean, root)
+        near = min(near, other, key=lambda mode: mode.compute_cost(other.noise.agree, mean, root))
+    return _compute_posterior(task, near, root)
+
+
+@dataclass(frozen=True)
+class _Mode:
+    """Parameters z of least cost (parameters,) [-], slopes (counted, parameters) per channel, and the noise that is left."""
+
+    z: Array
+    slopes: list[Array]
+    noise: Noise
+
+    def compute_cost(self, agree: Array, mean: Array, root: Array) -> float:
+        """Return twice the negative logarithm of the posterior [-]; agree : samples that count as one (channels,)."""
+        counted = np.array([len(j) for j in self.slopes])
+        return float(np.sum(counted / agree * np.log(self.noise.spread**2)) + np.sum((root @ (self.z - mean)) ** 2))
+
+
+def _find_mode(task: Problem, measured: list[Array], z: Array, mean: Array, root: Array) -> _Mode:
+    """The parameters of least cost near z (parameters,) [-], found with the noise that they leave in turn."""
+    noise = compute_noise(_compute_residuals(task, measured, z), [np.zeros((len(m), len(z))) for m in measured], root)
     for _ in range(ROUNDS):
         z, slopes = _find_minimum(task, measured, noise.weight, z, mean, root)
         last = noise.weight
         noise = compute_noise(_compute_residuals(task, measured, z), slopes, root)
         if np.abs(noise.weight / last - 1.0).max() < STEADY:
             break
-    return _compute_posterior(task, z, slopes, noise, root)
+    return _Mode(z, slopes, noise)
 
 
 def _find_start_by_scan(task: Problem, measured: list[Array], z: Array) -> Array:
@@ -188,7 +222,40 @@ def _find_minimum(
     return x, last[0][1] if np.array_equal(last[0][0], x) else compute_jacobian(task, x)
 
 
-def _compute_posterior(task: Problem, z: Array, slopes: list[Array], noise: Noise, root: Array) -> Fit:
+def _move_in_values(task: Problem, measured: list[Array], mode: _Mode) -> Array:
+    """The z (parameters,) [-] of a step of least squares in the values of what is positive, which stay so, and in z of the rest.
+
+    Readings are linear in friction, rotors and gains: far from the truth the step in values is right where one in logarithms is
+    not.  Widths of the priors, `WIDER` times, hold what the logs do not tell.
+    """
+    parameters = task.machine.space.parameters
+    scale = np.ones(len(parameters))  # d value / d z, of what is stepped in values
+    least = np.full(len(parameters), -np.inf)
+    width = np.full(len(parameters), WIDER)
+    for k, one in enumerate(parameters):
+        if one.positive and not KINDS[one.kind].solved:
+            value = one.compute_value(float(mode.z[k]))
+            scale[k] = one.error * value
+            least[k] = (SMALLEST - 1.0) * value
+            width[k] = WIDER * max(value, one.compute_value(1.0))
+    weight = 1.0 / mode.noise.spread
+    rows = [w * j / scale for w, j in zip(weight, mode.slopes, strict=True)]
+    left = [w * r for w, r in zip(weight, _compute_residuals(task, measured, mode.z), strict=True)]
+    matrix = np.vstack([*rows, np.diag(1.0 / width)])
+    right = np.concatenate([*left, np.zeros(len(parameters))])
+    q, r = np.linalg.qr(matrix * width)
+    step = width * scipy.optimize.lsq_linear(r, q.T @ right, (least / width, np.inf)).x
+    moved = mode.z + step / scale
+    for k, one in enumerate(parameters):
+        if np.isfinite(least[k]):
+            moved[k] = np.log((one.compute_value(float(mode.z[k])) + step[k]) / one.known) / one.error
+    return np.asarray(moved)
+
+
+def _compute_posterior(task: Problem, mode: _Mode, root: Array) -> Fit:
+    z = mode.z
+    slopes = mode.slopes
+    noise = mode.noise
     residual = _compute_residuals(task, task.collect_counted_samples([_read_measured(r) for r in task.runs]), z)
     scaled = [w * j for w, j in zip(noise.weight, slopes, strict=True)]
     errors = [w * r for w, r in zip(noise.weight, residual, strict=True)]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from crosscheck.identification.noise import compute_autocovariance, compute_noise, count_agreeing_samples
+from crosscheck.identification.estimation.noise import compute_autocovariance, compute_noise, count_agreeing_samples
 from flexinv.typing import Array
 
 SAMPLES, COUNT, KEEP, LOGS = 240, 12, 0.8, 400

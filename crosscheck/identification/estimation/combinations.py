@@ -2,7 +2,7 @@
 
 Of the logs alone, without what was known before, the information about parameters p in units of their priors' widths is
 
-    W = D T^-T (C^-1 - 1) T^-1 D,    p = p^ + T (z - z^),    D = diag |T_k|
+    W = D T^-T (C^-1 - 1) T^-1 D,    p = p^ + T (z - z^),    D = diag |T_k|     (`posterior.compute_log_information`)
 
 A parameter that would be told were the others known (W_kk >> 1) but is not told alone shares its effect with others.  They are
 found one by one, as in orthogonal matching pursuit: the other whose column takes most of W_kk, until what is left of it is less
@@ -17,16 +17,16 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from crosscheck.identification.fit import TOLD, Fit
-from crosscheck.identification.parameters import MASS, Key, ParameterSpace
-from crosscheck.identification.pseudo_inertia import NAMES, QUANTITIES, UNITS, convert_to_com, move_mass_properties
+from crosscheck.identification.estimation.fit import TOLD, Fit
+from crosscheck.identification.estimation.posterior import compute_log_information
+from crosscheck.identification.parameters import Key, ParameterSpace
 from flexinv.typing import Array
 
-STEP = 1e-6  # of the derivatives of mass, centre and inertia by the coordinates of a link
 SHOWN = (
     10.0  # information of the logs over that of the prior: were the others known, a third of the width would be left
 )
 MOST = 4  # others that a sentence names
+APART = 0.5  # of the width of its prior: below, the logs tell a parameter apart from others
 
 
 @dataclass(frozen=True)
@@ -62,19 +62,18 @@ def count_narrowed_directions(fit: Fit) -> int:
 
 def list_combinations(space: ParameterSpace, fit: Fit) -> list[ParameterCombination]:
     """Return the parameters [unit of each] that are told only together with others, at most `MOST` others each."""
-    keys, units, slope = _convert_to_physical(space, fit.z)
-    width = np.linalg.norm(slope, axis=1)
-    back = np.linalg.inv(slope / width[:, None])
-    information = back.T @ (np.linalg.inv(fit.covariance) - np.eye(len(fit.z))) @ back
-    told = np.sqrt(np.diag(slope @ fit.covariance @ slope.T)) < TOLD * width
+    logs = compute_log_information(space, fit)
+    information = logs.matrix
     out = []
-    for k, key in enumerate(keys):
-        if told[k] or information[k, k] < SHOWN:
+    for k, key in enumerate(logs.keys):
+        if logs.ratio[k] < APART or information[k, k] < SHOWN:
             continue
         others, left = _find_pursuit_columns(information, k)
         if others and left < 1.0 / (1.0 + information[k, k]) ** 0.5:
-            alone = 1.645 * width[k] / np.sqrt(1.0 + information[k, k])
-            out.append(ParameterCombination(key, units[k], tuple(keys[j] for j in others), float(alone), left))
+            alone = 1.645 * logs.width[k] / np.sqrt(1.0 + information[k, k])
+            out.append(
+                ParameterCombination(key, logs.units[k], tuple(logs.keys[j] for j in others), float(alone), left)
+            )
     return out
 
 
@@ -105,30 +104,6 @@ def _compute_column_rest(information: Array, k: int, others: list[int]) -> float
     block = information[np.ix_(others, others)] + np.eye(len(others))
     beside = information[k, others]
     return float(information[k, k] - beside @ np.linalg.solve(block, beside))
-
-
-def _convert_to_physical(space: ParameterSpace, z: Array) -> tuple[list[Key], list[str], Array]:
-    """Return the parameters in physical quantities: what and where, units, derivatives by z (parameters, parameters)."""
-    at = {p.key: k for k, p in enumerate(space.parameters)}
-    keys: list[Key] = [p.key for p in space.parameters]
-    units = [p.unit for p in space.parameters]
-    slope = np.diag(
-        [p.error * (p.compute_value(float(x)) if p.positive else 1.0) for p, x in zip(space.parameters, z, strict=True)]
-    )
-    for name, factor in space.factors.items():
-        here = [at[MASS, f"{name}.{n}"] for n in NAMES]
-        errors = np.array([space.parameters[k].error for k in here])
-        x = errors * z[here]
-        columns = [
-            (convert_to_com(move_mass_properties(factor, x + e)) - convert_to_com(move_mass_properties(factor, x - e)))
-            / (2 * STEP)
-            for e in STEP * np.eye(len(NAMES))
-        ]
-        slope[np.ix_(here, here)] = np.column_stack(columns) * errors
-        for k, quantity, unit in zip(here, QUANTITIES, UNITS, strict=True):
-            keys[k] = (quantity, name)
-            units[k] = unit
-    return keys, units, slope
 
 
 def _describe_parameter(key: Key) -> str:

@@ -1,0 +1,248 @@
+"""Posterior: draws of the free parameters that follow the curved set which the logs leave, and what the logs alone tell.
+
+Readings are linear in mass properties m, h, I and in friction, rotors and offsets; z is not.  Where the logs tell a sum of such
+effects and the priors are wide, the likely z lie on a curved set that the normal distribution about z^ leaves.  So the cost is
+kept in the effects y(z), in which it is a square:
+
+    cost(z) = |z|^2 + |r(z)|^2,   r = A (y(z) - y(z^)) - b,   A = R T^-1,   T = dy/dz at z^,   R^T R = C^-1 - 1,   R^T b = z^
+
+C : covariance of the fit; b makes z^ the least cost.  With u standard normal, z(u) solves
+
+    C^(1/2) (z + R^T r(z)) = u,    log w = (|u|^2 - |z|^2 - |r|^2) / 2 - log |det C^(1/2) (1 + R^T A dy/dz)|
+
+and w corrects its density: chains move by ``u' = (1 - s^2)^(1/2) u + s normal`` and accept by w' / w.  Where y is linear, w is
+constant and each draw is independent.  Sources: J. Bardsley, A. Solonen, H. Haario, M. Laine, "Randomize-then-optimize", SIAM J.
+Scientific Computing 36 (2014); S. Cotter, G. Roberts, A. Stuart, D. White, "MCMC methods for functions", Statistical Science 28
+(2013), for the move.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from crosscheck.identification.estimation.fit import Fit
+from crosscheck.identification.parameters import KINDS, MASS, Key, Parameter, ParameterSpace
+from crosscheck.identification.pseudo_inertia import (
+    NAMES,
+    QUANTITIES,
+    UNITS,
+    compute_mass_property_slopes,
+    convert_to_com,
+    move_mass_properties,
+)
+from flexinv.typing import Array
+
+CHAINS = 125
+DRAWN = 8  # draws of each chain
+APART = 4  # moves between draws
+BURNT = 20  # moves before the first one, while their size is set
+WELL = 0.35  # part of the moves that is accepted where their size is right
+ROUNDS = 15  # of Newton's method, at most: where there is no z(u) the move is not made
+HALVINGS = 8  # of a step, at most
+CLOSE = 1e-6  # error of u at which z is found
+OWN = 3.0  # information in widths of the prior by which one that is known but for this is narrowed to half: 1 / (1 + 3)^0.5
+LEAST = 1e-6  # part of the prior's variance that logs take away: below, what they say is rounding
+STEP = 1e-6  # of the derivatives of mass, centre and inertia by the coordinates of a link
+
+
+def sample_posterior(space: ParameterSpace, fit: Fit, random: np.random.Generator) -> Array:
+    """Return draws of z (draws, parameters) [-], standard normal before the logs."""
+    cost = _build_cost(space, fit)
+    shape = (CHAINS, len(fit.z))
+    z = np.tile(fit.z, (CHAINS, 1))
+    u = np.zeros(shape)
+    weight = cost.compute_weight(z, u)
+    size = 1.0
+    draws = []
+    for move in range(BURNT + APART * DRAWN):
+        tried = np.sqrt(1.0 - size**2) * u + size * random.normal(size=shape)
+        there, found = cost.solve(tried, z)
+        heavier = cost.compute_weight(there, tried)
+        accepted = found & (np.log(random.uniform(size=CHAINS)) < heavier - weight)
+        z[accepted] = there[accepted]
+        u[accepted] = tried[accepted]
+        weight[accepted] = heavier[accepted]
+        if move < BURNT:
+            size = min(1.0, size * float(np.exp(accepted.mean() - WELL)))
+        elif (move - BURNT) % APART == APART - 1:
+            draws.append(z.copy())
+    return np.concatenate(draws)
+
+
+@dataclass(frozen=True)
+class _Cost:
+    """The cost in effects: level y(z^), data A, pull b, root R, half C^(1/2), all of the parameters [-]."""
+
+    space: ParameterSpace
+    level: Array
+    data: Array
+    pull: Array
+    root: Array
+    half: Array
+
+    def solve(self, u: Array, start: Array) -> tuple[Array, NDArray[np.bool_]]:
+        """Return z(u) (chains, parameters) [-] by Newton's method from a start, and where it is found (chains,)."""
+        z = start.copy()
+        error = np.full(len(z), np.inf)
+        active = np.arange(len(z))
+        for _ in range(ROUNDS):
+            left = self._map(z[active]) - u[active]
+            step = np.asarray(
+                -np.linalg.solve(self._compute_slopes(z[active]), left[..., None])[..., 0], dtype=np.float64
+            )
+            error[active], z[active] = self._take_halved_step(z[active], step, u[active], np.linalg.norm(left, axis=1))
+            active = active[error[active] > CLOSE]
+            if not len(active):
+                break
+        return z, error <= CLOSE
+
+    def _take_halved_step(self, z: Array, step: Array, u: Array, before: Array) -> tuple[Array, Array]:
+        """The error after a step (chains, parameters) that is halved until it helps, and the z there."""
+        best = before.copy()
+        out = z.copy()
+        open_ = np.arange(len(z))
+        for k in range(HALVINGS):
+            tried = z[open_] + 0.5**k * step[open_]
+            error = np.linalg.norm(self._map(tried) - u[open_], axis=1)
+            helped = error < before[open_]  # nan is no help
+            best[open_[helped]] = error[helped]
+            out[open_[helped]] = tried[helped]
+            open_ = open_[~helped]
+            if not len(open_):
+                break
+        return best, out
+
+    def compute_weight(self, z: Array, u: Array) -> Array:
+        """Return log w (chains,) [-]."""
+        square = np.sum(u**2, axis=1) - np.sum(z**2, axis=1) - np.sum(self._compute_left(z) ** 2, axis=1)
+        return np.asarray(0.5 * square - np.linalg.slogdet(self._compute_slopes(z))[1])
+
+    def _compute_left(self, z: Array) -> Array:
+        return (_compute_effects(self.space, z) - self.level) @ self.data.T - self.pull
+
+    def _map(self, z: Array) -> Array:
+        """u (chains, parameters) of z."""
+        return (z + self._compute_left(z) @ self.root) @ self.half
+
+    def _compute_slopes(self, z: Array) -> Array:
+        """Slopes (chains, parameters, parameters) of u by z."""
+        return self.half @ (np.eye(z.shape[1]) + (self.root.T @ self.data) @ _compute_effect_slopes(self.space, z))
+
+
+def _build_cost(space: ParameterSpace, fit: Fit) -> _Cost:
+    slope = _compute_effect_slopes(space, fit.z[None])
+    values, vectors = np.linalg.eigh(fit.covariance)
+    values = np.clip(values, 1e-300, 1.0)
+    root = np.sqrt(1.0 / values - 1.0)[:, None] * vectors.T
+    # R^T b = z^ where the logs tell anything; elsewhere z^ is 0 but for the end of the search.
+    pull = np.linalg.lstsq(root.T, fit.z, rcond=1e-9)[0]
+    data = np.linalg.solve(slope[0].T, root.T).T
+    half = (vectors * np.sqrt(values)) @ vectors.T
+    return _Cost(space, _compute_effects(space, fit.z), data, pull, root, half)
+
+
+def _compute_effects(space: ParameterSpace, z: Array) -> Array:
+    """Effects y (..., parameters), in which readings are linear: values of what is positive, mass properties as m, h, I."""
+    effect = z.copy()
+    for k, one in enumerate(space.parameters):
+        if _is_linear(one):
+            effect[..., k] = one.known * np.exp(one.error * z[..., k])
+    for name, at, errors in _list_mass_blocks(space):
+        effect[..., at] = move_mass_properties(space.factors[name], errors * z[..., at])
+    return effect
+
+
+def _compute_effect_slopes(space: ParameterSpace, z: Array) -> Array:
+    """Slopes (chains, parameters, parameters) of the effects by z (chains, parameters)."""
+    slope = np.zeros((*z.shape, z.shape[1]))
+    for k, one in enumerate(space.parameters):
+        slope[:, k, k] = one.error * one.known * np.exp(one.error * z[:, k]) if _is_linear(one) else 1.0
+    for name, at, errors in _list_mass_blocks(space):
+        block = compute_mass_property_slopes(space.factors[name], errors * z[:, at]) * errors
+        slope[np.ix_(range(len(z)), at, at)] = block
+    return slope
+
+
+def _is_linear(one: Parameter) -> bool:
+    """Return true where readings are linear in the value of a parameter, which is no line in z."""
+    return one.positive and not KINDS[one.kind].solved
+
+
+def _list_mass_blocks(space: ParameterSpace) -> list[tuple[str, list[int], Array]]:
+    """Of each link whose mass properties are free: name, its ten parameters, and their prior errors (10,) [-]."""
+    where = {p.key: k for k, p in enumerate(space.parameters)}
+    out = []
+    for name in space.factors:
+        at = [where[MASS, f"{name}.{n}"] for n in NAMES]
+        out.append((name, at, np.array([space.parameters[k].error for k in at])))
+    return out
+
+
+def compute_physical_values(space: ParameterSpace, z: Array) -> Array:
+    """Return mass, centre and inertia about it of links, and the other parameters, (..., parameters) [unit of each]."""
+    out = np.array(z, dtype=np.float64)
+    for k, one in enumerate(space.parameters):
+        if one.kind != MASS:
+            shift = one.error * out[..., k]
+            out[..., k] = one.known * np.exp(shift) if one.positive else one.known + shift
+    for name, at, errors in _list_mass_blocks(space):
+        out[..., at] = convert_to_com(move_mass_properties(space.factors[name], errors * z[..., at]))
+    return out
+
+
+@dataclass(frozen=True)
+class LogInformation:
+    """Information of the logs alone about parameters p in physical quantities, near the fit.
+
+    keys, units : kind and place, unit of each; width : (parameters,) of the priors [units]
+    matrix : (parameters, parameters) information in widths of the priors [-]; ratio : (parameters,) what is left of each [-]
+    pull : (parameters,) by how many widths of its prior the fit stands off what was known [-]
+    """
+
+    keys: tuple[Key, ...]
+    units: tuple[str, ...]
+    width: Array
+    matrix: Array
+    ratio: Array
+    pull: Array
+
+    @property
+    def own(self) -> NDArray[np.bool_]:
+        """(parameters,) whether the logs would narrow each to half were all the others known [-]."""
+        return np.asarray(np.diag(self.matrix) > OWN)
+
+    def compute_conflict(self) -> Array:
+        """Return by how many standard errors the logs contradict each prior (parameters,) [-]: pull / (1 - ratio^2)^0.5."""
+        taken = 1.0 - self.ratio**2
+        return np.where(taken > LEAST, self.pull / np.sqrt(np.maximum(taken, LEAST)), 0.0)
+
+
+def compute_log_information(space: ParameterSpace, fit: Fit) -> LogInformation:
+    """Return the information of the logs ``W = D T^-T (C^-1 - 1) T^-1 D`` [-], ``p = p^ + T (z - z^)``, ``D = diag |T_k|``."""
+    keys: list[Key] = [p.key for p in space.parameters]
+    units = [p.unit for p in space.parameters]
+    slope = np.diag(
+        [
+            one.error * (one.compute_value(float(x)) if one.positive else 1.0)
+            for one, x in zip(space.parameters, fit.z, strict=True)
+        ]
+    )
+    for name, at, errors in _list_mass_blocks(space):
+        x = errors * fit.z[at]
+        ahead, behind = (
+            convert_to_com(move_mass_properties(space.factors[name], x + side * STEP * np.eye(len(NAMES))))
+            for side in (1.0, -1.0)
+        )
+        slope[np.ix_(at, at)] = (ahead - behind).T / (2.0 * STEP) * errors
+        for k, quantity, unit in zip(at, QUANTITIES, UNITS, strict=True):
+            keys[k] = (quantity, name)
+            units[k] = unit
+    width = np.linalg.norm(slope, axis=1)
+    scaled = slope / width[:, None]
+    back = np.linalg.inv(scaled)
+    information = back.T @ (np.linalg.inv(fit.covariance) - np.eye(len(fit.z))) @ back
+    ratio = np.sqrt(np.einsum("kp,pq,kq->k", scaled, fit.covariance, scaled))
+    return LogInformation(tuple(keys), tuple(units), width, information, ratio, scaled @ fit.z)
