@@ -41,6 +41,7 @@ APART = 4  # moves between draws
 BURNT = 20  # moves before the first one, while their size is set
 WELL = 0.35  # part of the moves that is accepted where their size is right
 ROUNDS = 15  # of Newton's method, at most: where there is no z(u) the move is not made
+FARTHEST = 2.0  # widths of the priors that one step goes at most
 HALVINGS = 8  # of a step, at most
 CLOSE = 1e-6  # error of u at which z is found
 OWN = 3.0  # information in widths of the prior by which one that is known but for this is narrowed to half: 1 / (1 + 3)^0.5
@@ -90,10 +91,11 @@ class _Cost:
         active = np.arange(len(z))
         for _ in range(ROUNDS):
             left = self._map(z[active]) - u[active]
-            step = np.asarray(
-                -np.linalg.solve(self._compute_slopes(z[active]), left[..., None])[..., 0], dtype=np.float64
+            step = -np.asarray(np.linalg.solve(self._compute_slopes(z[active]), left[..., None])[..., 0])
+            step = step * np.minimum(1.0, FARTHEST / np.maximum(np.abs(step).max(axis=1, keepdims=True), FARTHEST))
+            error[active], z[active] = self._take_halved_step(
+                z[active], step, u[active], np.sqrt(np.sum(left**2, axis=1))
             )
-            error[active], z[active] = self._take_halved_step(z[active], step, u[active], np.linalg.norm(left, axis=1))
             active = active[error[active] > CLOSE]
             if not len(active):
                 break
@@ -106,7 +108,7 @@ class _Cost:
         open_ = np.arange(len(z))
         for k in range(HALVINGS):
             tried = z[open_] + 0.5**k * step[open_]
-            error = np.linalg.norm(self._map(tried) - u[open_], axis=1)
+            error = np.sqrt(np.sum((self._map(tried) - u[open_]) ** 2, axis=1))
             helped = error < before[open_]  # nan is no help
             best[open_[helped]] = error[helped]
             out[open_[helped]] = tried[helped]
