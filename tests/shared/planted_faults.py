@@ -64,7 +64,8 @@ def planted(identification: Identification, log: Log) -> Iterator[PlantedFault]:
             spoiled["torque constant, relative error", CONSTANT] = (1.0 + CONSTANT) * values
         for (name, size), column in spoiled.items():
             yield PlantedFault(name, channel.place, size, replace(log, columns={**log.columns, channel.column: column}))
-    for cause in list_possible_causes(identification.machine):  # no tilt where the mechanism states no gravity
+    found = identification.machine.space.compute_values(identification.fit.z)
+    for cause in list_possible_causes(identification.machine, found):  # no tilt where the mechanism states no gravity
         mass = sum(
             b.inertia.mass for link in identification.machine.mechanism.links for b in link.bodies if link.beam is None
         )

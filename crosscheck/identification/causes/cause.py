@@ -21,9 +21,11 @@ class Cause:
     moves : the model's side changes with it, too, and not only what an effort column says
     tries : sizes from which the way to the best one starts, beside the linear estimate [unit]
     one_sided : below 0 it is against nature (a signal comes before what it tells), and has to explain more than what can be
-    least : it is never named below this [unit]
+    least, most : it is never named outside of these sizes [unit]: beyond, it cannot be
     scales : the column of an effort or a gauge that is 1 + phi times too large; what remains is measured in its units, or a
         column that is noise would best be made small
+    kin : of causes with the same text one is named at most
+    spot, make_at : a second number that says where [-], and the same cause where it is another
     """
 
     name: str
@@ -35,7 +37,11 @@ class Cause:
     tries: tuple[float, ...] = ()
     one_sided: bool = False
     least: float = -np.inf
+    most: float = np.inf
     scales: str = ""
+    kin: str = ""
+    spot: float = 0.0
+    make_at: Callable[[float], Cause] | None = None
 
 
 @dataclass(frozen=True)

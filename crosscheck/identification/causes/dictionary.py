@@ -1,63 +1,154 @@
-"""Dictionary of causes with one number that may be small: delays, lags, scales, tilted gravity, payload; phi = 0 is no fault."""
+"""Dictionary of causes with one number that may be small; phi = 0 is no fault.
+
+Of signals: delays, lags, gains, offsets, scales, a clock.  Of drives: friction, rotor inertia, a spring.  Of the machine: tilted
+gravity, payload.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
 from crosscheck.identification.causes.cause import Cause, Undo, apply_to_column
 from crosscheck.identification.logs.log import Log
+from crosscheck.identification.parameters import Values
 from crosscheck.identification.readings import (
     Channel,
     Machine,
     apply_delay,
     apply_first_order_lag,
+    compute_friction,
+    compute_measured_motion,
     remove_first_order_lag,
 )
+from crosscheck.identification.settings import ANGLES
 from flexinv.model.links import Body, Inertia, Link
 from flexinv.model.mechanism import Mechanism
+from flexinv.typing import Array
 
+DriveLaw = Callable[[Array, Array, Array], Array]  # of q, qd, qdd
 # Sizes that are tried [s]: above the bandwidth a delay turns the phase by whole turns, and the way from 0 ends in the wrong one.
 LATE = tuple(0.002 * k for k in range(-10, 11) if k)
 SLOW = (0.001, 0.002, 0.005, 0.01, 0.02)
+# Largest sizes that can be, without being a gross fault: of a delay or lag [s], a relative error, an angle [rad].
+LATEST = 0.2
+LARGEST_SCALE = 0.5
+LARGEST_ANGLE = 0.6
+# Places on the line through the centre of mass of a link without a tip, in its distances, from which a payload is looked for.
+OUTWARD = (1.0, 0.5, 1.5, 2.0, 2.5, 3.0)
+PAYLOAD = "payload beside what is known"
 
 
-def list_possible_causes(machine: Machine) -> Iterator[Cause]:
-    """Yield all causes with one number that are possible here: phi = 0 is no fault [unit of each]."""
+def list_possible_causes(machine: Machine, values: Values) -> Iterator[Cause]:
+    """Yield all causes with one number that are possible here: phi = 0 is no fault; values : of the parameters [unit of each]."""
     for channel in machine.channels:
         yield from _list_channel_causes(channel)
-    for name, table in machine.settings.joints.items():
-        yield Cause("delay of the angle", name, "s", 1e-3, _make_delay_undo(table.angle.column), True, LATE, True)
-        yield Cause("scale of the angle (gear), relative error", name, "-", 1e-3, _make_gain_undo(table.angle.column))
-    efforts = tuple(channel.column for channel in machine.channels if channel.sense == "effort")
-    if len(efforts) > 1:
-        yield Cause("delay of the efforts", "all joints", "s", 1e-3, _make_delay_undo(*efforts), False, LATE, True)
     if np.linalg.norm(machine.mechanism.gravity):
         for axis in range(2):
-            yield Cause("tilt of gravity", f"the world's {'xy'[axis]} axis", "rad", 1e-3, _make_tilt_undo(axis))
+            place = f"the world's {'xy'[axis]} axis"
+            yield _make_bounded("tilt of gravity", place, "rad", LARGEST_ANGLE, _make_tilt_undo(axis))
+    for name, table in machine.settings.joints.items():
+        yield from _list_angle_causes(name, table.angle.column, ANGLES[table.angle.unit] / table.angle.over, machine)
+    efforts = tuple(channel.column for channel in machine.channels if channel.sense == "effort")
+    if len(efforts) > 1:
+        undo = _make_delay_undo(*efforts)
+        yield _make_bounded("delay of the efforts", "all joints", "s", LATEST, undo, False, LATE, True)
+    yield _make_bounded("slow clock, relative error", "the times", "-", LARGEST_SCALE, _scale_times)
     yield from _list_payload_causes(machine.mechanism)
+    for channel in machine.channels:
+        if channel.sense == "effort":
+            yield from _list_drive_causes(machine, channel, values)
+
+
+def _make_bounded(name: str, place: str, unit: str, most: float, undo: Undo, *more: Any) -> Cause:
+    """A cause of step 1e-3 whose size is at most ``most`` [unit] on both sides."""
+    return replace(Cause(name, place, unit, 1e-3, undo, *more), least=-most, most=most)
+
+
+def _list_angle_causes(name: str, column: str, factor: float, machine: Machine) -> Iterator[Cause]:
+    """Yield what the angle of a joint may have; factor : from its column to [rad], [m]."""
+    yield _make_bounded("delay of the angle", name, "s", LATEST, _make_delay_undo(column), True, LATE, True)
+    scale = "scale of the angle (gear), relative error"
+    yield _make_bounded(scale, name, "-", LARGEST_SCALE, _make_gain_undo(column))
+    slides = machine.mechanism.joint_of[name].kind == "prismatic"
+    undo = _make_offset_undo(column, factor)
+    yield _make_bounded("offset of the angle", name, "m" if slides else "rad", LARGEST_ANGLE, undo)
 
 
 def _list_channel_causes(channel: Channel) -> Iterator[Cause]:
     kind = channel.sense
+    place = channel.place
     delay = _make_delay_undo(channel.column)
-    yield Cause(f"delay of the {kind}", channel.place, "s", 1e-3, delay, False, LATE, True)
+    yield _make_bounded(f"delay of the {kind}", place, "s", LATEST, delay, False, LATE, True)
     what = "torque constant, relative error" if kind == "effort" else f"gain of the {kind}, relative error"
-    yield Cause(what, channel.place, "-", 1e-3, _make_gain_undo(channel.column), False, scales=channel.column)
+    gain = _make_gain_undo(channel.column)
+    yield Cause(
+        what, place, "-", 1e-3, gain, False, least=-LARGEST_SCALE, most=1.0 / LARGEST_SCALE, scales=channel.column
+    )
     lag = _make_lag_undo(channel.column)
-    yield Cause(f"first-order lag of the {kind}", channel.place, "s", 1e-3, lag, False, SLOW, True, 0.0)
+    yield Cause(f"first-order lag of the {kind}", place, "s", 1e-3, lag, False, SLOW, True, 0.0, LATEST)
+    offset = _make_offset_undo(channel.column, channel.factor)
+    yield Cause(f"offset of the {kind}", place, channel.unit, 1e-3, offset, False)
+
+
+def _list_drive_causes(machine: Machine, channel: Channel, values: Values) -> Iterator[Cause]:
+    """Yield what a drive may need more than is known, as of another day: friction, rotor inertia, a spring."""
+    name = channel.place
+    slides = machine.mechanism.joint_of[name].kind == "prismatic"
+    laws: tuple[tuple[str, str, DriveLaw], ...] = (
+        ("viscous friction", "N s/m" if slides else "N m s/rad", lambda q, qd, qdd: qd),
+        (
+            "coulomb friction",
+            "N" if slides else "N m",
+            lambda q, qd, qdd: np.tanh(qd / max(machine.settings.still_rad_per_s, 1e-9)),
+        ),
+        ("rotor inertia", "kg" if slides else "kg m^2", lambda q, qd, qdd: qdd),
+        ("spring", "N/m" if slides else "N m/rad", lambda q, qd, qdd: q - q.mean()),
+    )
+    share = _make_effort_undo(machine, channel, lambda q, qd, qdd: compute_friction(machine, name, qd, values))
+    yield Cause("friction, relative error", name, "-", 1e-3, share, False, least=-1.0)
+    for what, unit, law in laws:
+        undo = _make_effort_undo(machine, channel, law)
+        yield Cause(f"{what} beside what is known", name, unit, 1e-3, undo, False)
 
 
 def _list_payload_causes(mechanism: Mechanism) -> Iterator[Cause]:
-    """Yield more mass on rigid links: at the last of several bodies, or at the single one of a link that ends a chain."""
+    """Yield more mass on rigid links: at the last of several bodies, or on the single one of a link that ends a chain.
+
+    Where a single link states no tip, a payload is looked for on the line through its centre of mass.
+    """
     parents = {joint.parent for joint in mechanism.joints}
     for link in mechanism.links:
         several = len(link.bodies) > 1
-        if link.beam is None and link.bodies and (several or link.name not in parents):
-            place = f"{link.name}/{link.bodies[-1].name}" if several else f"{link.name}, at its centre of mass"
-            yield Cause("payload beside what is known", place, "kg", 0.1, _make_payload_undo(link.name))
+        if link.beam is not None or not link.bodies or not (several or link.name not in parents):
+            continue
+        least = -sum(body.inertia.mass for body in link.bodies)
+        if several or np.any(link.tip):
+            where = link.bodies[-1].inertia.com if several else link.tip
+            place = f"{link.name}/{link.bodies[-1].name}" if several else f"{link.name}, at its tip"
+            yield Cause(PAYLOAD, place, "kg", 0.1, _make_payload_undo(link.name, where), least=least)
+        else:
+            yield from (_make_payload_cause(link, least, times) for times in OUTWARD)
+
+
+def _make_payload_cause(link: Link, least: float, times: float) -> Cause:
+    """More mass on a link, so many times as far out as its centre of mass; least : so much it has [kg]."""
+    place = f"{link.name}, {times:.2g} times as far out as its centre of mass"
+    undo = _make_payload_undo(link.name, times * link.bodies[-1].inertia.com)
+    return Cause(
+        PAYLOAD,
+        place,
+        "kg",
+        0.1,
+        undo,
+        least=least,
+        kin=f"{PAYLOAD} {link.name}",
+        spot=times,
+        make_at=lambda other: _make_payload_cause(link, least, other),
+    )
 
 
 def _make_delay_undo(*columns: str) -> Undo:
@@ -68,6 +159,27 @@ def _make_delay_undo(*columns: str) -> Undo:
         return log, mechanism
 
     return remove_delay
+
+
+def _make_offset_undo(column: str, factor: float) -> Undo:
+    return lambda log, m, phi: (apply_to_column(log, column, lambda v: v - phi / factor), m)
+
+
+def _make_effort_undo(machine: Machine, channel: Channel, law: DriveLaw) -> Undo:
+    """The effort of a joint less phi times a law of its motion [N m], [N] at the joint."""
+
+    def remove_effort(log: Log, mechanism: Mechanism, phi: float) -> tuple[Log, Mechanism]:
+        motion = compute_measured_motion(machine, log)
+        at = motion.names.index(channel.place)
+        more = law(motion.q[:, at], motion.qd[:, at], motion.qdd[:, at]) / (channel.ratio * channel.factor)
+        return apply_to_column(log, channel.column, lambda v: v - phi * more), mechanism
+
+    return remove_effort
+
+
+def _scale_times(log: Log, mechanism: Mechanism, phi: float) -> tuple[Log, Mechanism]:
+    """The log whose clock went slow by phi: its times say less than what went by."""
+    return replace(log, time=log.time[0] + (log.time - log.time[0]) * (1.0 + phi)), mechanism
 
 
 def _make_gain_undo(column: str) -> Undo:
@@ -93,16 +205,11 @@ def _make_tilt_undo(axis: int) -> Undo:
     return turn_gravity
 
 
-def _is_at_tip(link: Link) -> bool:
-    return len(link.bodies) == 1 and bool(np.any(link.tip))
-
-
-def _make_payload_undo(link: str) -> Undo:
-    """One more mass at the last body of a link, or at the tip of a single one; below 0 less of it."""
+def _make_payload_undo(link: str, where: Array) -> Undo:
+    """One more mass at a place in the frame of a link [m]; below 0 less of it."""
 
     def add_payload(log: Log, mechanism: Mechanism, phi: float) -> tuple[Log, Mechanism]:
-        own = mechanism.link_of[link]
-        more = Body("more", Inertia.build_unchecked(phi, own.tip if _is_at_tip(own) else own.bodies[-1].inertia.com))
+        more = Body("more", Inertia.build_unchecked(phi, where))
         links = tuple(replace(k, bodies=(*k.bodies, more)) if k.name == link else k for k in mechanism.links)
         return log, replace(mechanism, links=links)
 

@@ -17,7 +17,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import scipy  # its parts are loaded when they are asked for
 
-from crosscheck.identification.causes.cause import NamedCause
+from crosscheck.identification.causes.cause import Cause, NamedCause
 from crosscheck.identification.causes.detection_limits import DetectionLimit, find_least_sizes
 from crosscheck.identification.causes.dictionary import list_possible_causes
 from crosscheck.identification.causes.encoders import compare_encoders
@@ -27,6 +27,7 @@ from crosscheck.identification.causes.signals import find_clipped_samples, list_
 from crosscheck.identification.estimation.fit import Problem, compute_jacobian
 from crosscheck.identification.identify import Identification
 from crosscheck.identification.logs.log import Log
+from crosscheck.identification.readings import Channel
 from flexinv.errors import ConvergenceError
 from flexinv.typing import Array
 
@@ -42,6 +43,9 @@ ASKED = 2.0  # least drop of the linear estimate, which a large fault makes smal
 NEAREST = 6  # causes that are followed: at phi = 0 some are alike, a delay and a lag above all
 ALIKE = 4.0  # of drops that differ by less than this neither is the better one: the first of the dictionary is named
 LARGEST = 4  # causes named at most
+REACH = 2.0  # times a place from which a better one is looked for, inwards and outwards
+SURE = 3.0  # standard errors that a size has to be from 0
+UNKNOWN = "no cause that is known"
 
 
 @dataclass(frozen=True)
@@ -136,34 +140,53 @@ def _compute_fault_score(search: CauseSearch, task: Problem, linear: Linear) -> 
 
 
 def _find_small_causes(search: CauseSearch, log: Log) -> tuple[list[NamedCause], CauseRound, Array]:
-    """Causes by their evidence, and the log under them with their sizes."""
-    causes = list(list_possible_causes(search.machine))
+    """Causes by their evidence, and the log under them with their sizes; where they leave more than noise, none is named."""
+    causes = list(list_possible_causes(search.machine, search.machine.space.compute_values(search.fit.z)))
     at = np.zeros(len(causes))
-    named = list[NamedCause]()
+    errors = at.copy()
+    named: dict[int, NamedCause] = {}
     here = CauseRound(search, log, causes, at, None)
     while len(named) < LARGEST:
-        best = _find_strongest_cause(here, at, {one.name + one.place for one in named})
+        best = _find_strongest_cause(here, at, {causes[k].kin or causes[k].name + causes[k].place for k in named})
         if best is None:
             break
         k, one = best
+        if causes[k].make_at is not None:
+            causes[k] = _find_spot(here, at, k, one.size)
+            one = replace(one, place=causes[k].place)
         at[k] = one.size
-        named.append(one)
+        named[k] = one
         here = CauseRound(search, log, causes, at, here.wide)
-    return named, here, at
+        if len(named) > 1:
+            at, _ = here.fit_named_sizes()
+            here = CauseRound(search, log, causes, at, here.wide)
+        errors = here.fit_named_sizes()[1]
+    found = [replace(one, size=float(at[k]), error=float(errors[k])) for k, one in named.items()]
+    if unexplained := here.list_unexplained_channels():
+        return [_make_unknown_cause(channel, level, found) for channel, level in unexplained], here, at
+    return [one for one in found if abs(one.size) > SURE * one.error], here, at
+
+
+def _make_unknown_cause(channel: Channel, level: float, nearest: list[NamedCause]) -> NamedCause:
+    """The finding that no cause of the dictionary explains a channel: what comes nearest leaves ``level`` times the noise."""
+    near = "; ".join(f"{one.name} of {one.place}, {one.size:.3g} {one.unit}" for one in nearest)
+    words = "times the scatter of blocks left out remain" + (
+        f"; nearest is {near}, which is not enough" if near else ""
+    )
+    return NamedCause(UNKNOWN, channel.name, "-", level, 0.0, 0.0, words)
 
 
 def _find_strongest_cause(here: CauseRound, at: Array, known: set[str]) -> tuple[int, NamedCause] | None:
     level = here.compute_weighed_residual(at)
     first: list[tuple[float, int, float]] = []
     for k, cause in enumerate(here.causes):
-        if cause.name + cause.place not in known:
+        if (cause.kin or cause.name + cause.place) not in known:
             first += [(drop, k, size) for drop, size in _list_start_sizes(here, at, k, level) if drop > ASKED]
     chosen: dict[int, float] = {}
     for _, k, size in sorted(first, reverse=True):
         chosen.setdefault(k, size)
-    followed = [_fit_cause_size(here, at, k, size, level) for k, size in list(chosen.items())[:NEAREST]]
-    followed = [one for one in followed if one[1].size > here.causes[one[0]].least]
-    followed = [one for one in followed if one[1].drop >= compute_evidence_threshold(len(here.causes))]
+    tried = [_fit_cause_size(here, at, k, size, level) for k, size in list(chosen.items())[:NEAREST]]
+    followed = [(k, one) for k, one in tried if _is_possible(here, k, one)]
     if not followed:
         return None
     most = max(_compute_cost_drop(here, *one) for one in followed)
@@ -172,6 +195,30 @@ def _find_strongest_cause(here: CauseRound, at: Array, known: set[str]) -> tuple
     others = [f"{one.name} of {one.place}, {one.size:.3g} {one.unit}" for _, one in alike[1:]]
     words = likely.evidence + (f"; next to as likely: {'; '.join(others)}" if others else "")
     return k, replace(likely, evidence=words)
+
+
+def _is_possible(here: CauseRound, k: int, one: NamedCause) -> bool:
+    """Return true for a size that can be and has evidence."""
+    evident = one.drop >= compute_evidence_threshold(len(here.causes))
+    return evident and here.causes[k].least < one.size < here.causes[k].most
+
+
+def _find_spot(here: CauseRound, at: Array, k: int, size: float) -> Cause:
+    """The cause k at the place [-] where its best size leaves least; size : a first one [unit]."""
+    first = here.causes[k]
+    assert first.make_at is not None
+    level = here.compute_weighed_residual(at)
+    one = np.eye(len(at))[k]
+
+    def compute_cost(spot: float) -> float:
+        assert first.make_at is not None
+        here.causes = [*here.causes[:k], first.make_at(spot), *here.causes[k + 1 :]]
+        slope = (here.compute_weighed_residual(at + size * one) - level) / size
+        return float(level @ level - (slope @ level) ** 2 / (slope @ slope))
+
+    around = (first.spot / REACH, first.spot * REACH)
+    found = scipy.optimize.minimize_scalar(compute_cost, bounds=around, method="bounded", options={"xatol": 0.01})
+    return first.make_at(float(found.x))
 
 
 def compute_evidence_threshold(count: int) -> float:

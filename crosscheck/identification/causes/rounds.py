@@ -14,10 +14,21 @@ from crosscheck.identification.estimation.fit import Fit, Problem, build_problem
 from crosscheck.identification.estimation.noise import count_agreeing_samples
 from crosscheck.identification.logs.log import Log
 from crosscheck.identification.parameters import ParameterSpace
-from crosscheck.identification.readings import Machine, Run, compute_wide_responses, make_run, read_measured_channels
+from crosscheck.identification.readings import (
+    Channel,
+    Machine,
+    Run,
+    compute_wide_responses,
+    make_run,
+    read_measured_channels,
+)
 from flexinv.model.mechanism import Mechanism
 from flexinv.rigid.torque_regressor import compute_link_parameters
 from flexinv.typing import Array
+
+SPOT = 0.01  # relative step of a derivative by a place
+# Times the RMS of what blocks left out have left: more is no noise, on another day of the same machine either.
+NOISE = 2.5
 
 
 @dataclass(frozen=True)
@@ -84,7 +95,7 @@ class CauseRound:
     ) -> None:
         self.search = search
         self.log = log
-        self.causes = causes
+        self.causes = list(causes)
         self.at = at.copy()
         self.task = self.build_task_at(at, None)
         found = search.fit
@@ -101,6 +112,56 @@ class CauseRound:
         scaled = [w * j for w, j in zip(self.weight, compute_jacobian(self.task, found.z), strict=True)]
         beside = np.zeros((sum(sizes[len(residual) :]), len(found.z)))
         self.basis = np.linalg.qr(np.vstack([*scaled, beside, search.root]))[0]
+        self.named: list[int] = np.flatnonzero(at).tolist()
+        self.slopes = self._compute_named_slopes()
+        self.basis = np.linalg.qr(np.column_stack([self.basis, self.slopes]))[0]
+
+    def _compute_named_slopes(self) -> Array:
+        """Slopes (rows, named) of the weighed residual by the sizes of the causes named so far, which stay free [1 / unit]."""
+        level = self.compute_weighed_residual(self.at)
+        columns = []
+        for k in self.named:
+            ahead = self.at.copy()
+            ahead[k] += self.causes[k].step
+            columns.append((self.compute_weighed_residual(ahead) - level) / self.causes[k].step)
+        columns += [self._compute_spot_slope(k, level) for k in self.named if self.causes[k].make_at is not None]
+        return np.column_stack(columns) if columns else np.zeros((len(level), 0))
+
+    def _compute_spot_slope(self, k: int, level: Array) -> Array:
+        """Slope (rows,) of the weighed residual by the place of cause k [-]."""
+        here = self.causes
+        first = here[k]
+        assert first.make_at is not None
+        self.causes = [*here[:k], first.make_at(first.spot * (1.0 + SPOT)), *here[k + 1 :]]
+        ahead = self.compute_weighed_residual(self.at)
+        self.causes = here
+        return (ahead - level) / SPOT
+
+    def fit_named_sizes(self) -> tuple[Array, Array]:
+        """Return the sizes of all causes [unit of each] after a step in those that are named together, and their errors."""
+        parameters = self.basis
+        self.basis = parameters[:, : parameters.shape[1] - self.slopes.shape[1]]
+        level = self.compute_weighed_residual(self.at)
+        self.basis = parameters
+        base = np.linalg.pinv(self.slopes.T @ self.slopes)
+        sizes = self.at.copy()
+        step = base @ (self.slopes.T @ level)
+        left = level - self.slopes @ step
+        scatter = np.sqrt(np.diag(base) * float(left @ left) / float(self.news.sum()))
+        errors = np.zeros(len(sizes))
+        sizes[self.named] -= step[: len(self.named)]
+        errors[self.named] = scatter[: len(self.named)]
+        return sizes, errors
+
+    def list_unexplained_channels(self) -> list[tuple[Channel, float]]:
+        """Return channels of which more is left than noise, with how many times what blocks left out have left [-]."""
+        parts = np.split(self.compute_weighed_residual(self.at), self.ends)
+        channels = self.search.machine.channels
+        levels = [
+            float(np.sqrt(np.mean(part**2)) / weight / block)
+            for part, weight, block in zip(parts[: len(channels)], self.weight, self.search.fit.block, strict=True)
+        ]
+        return [(channel, level) for channel, level in zip(channels, levels, strict=True) if level > NOISE]
 
     def build_task_at(self, at: Array, level: Problem | None) -> Problem:
         """Return the log and the mechanism at sizes ``at`` of all causes [unit of each]; level : the round's own, if known."""

@@ -117,11 +117,11 @@ def test_efforts_that_all_come_late_are_one_cause(known: tuple[Identification, L
 
 @pytest.mark.slow
 def test_a_payload_forgotten_on_the_last_link_is_named(known: tuple[Identification, Log]) -> None:
-    """That link has one body alone, as every link of a URDF: the payload is told at its centre of mass."""
+    """That link has one body alone, as every link of a URDF: the payload is looked for on the line through its centre of mass."""
     result, log = known
-    every = {one.name: one for one in planted_faults.planted(result, without_encoder(log))}
-    payload = every["payload beside what is known"]
-    assert payload.place.endswith(", at its centre of mass")
+    payloads = [one for one in planted_faults.planted(result, without_encoder(log)) if one.name.startswith("payload")]
+    payload = payloads[0]
+    assert payload.place.endswith(", 1 times as far out as its centre of mass")
     good, words = planted_faults.verdict(payload, find_causes(result, payload.log), set())
     assert good, words
 
