@@ -71,7 +71,6 @@ ALONE = {
     "crosscheck.identification.card": CARD,
     "crosscheck.studies.robot_sweep": "states and torques of many robots, which the benchmarks take, too",
     "crosscheck.causes.quantity_causes": "what no effort shows, a question of its own",
-    "crosscheck.causes.single_samples": "what no fit over all samples shows, a question of its own",
     "crosscheck.causes.repair": "full runs that prove a cause, apart from the words of a diagnosis",
     "flexinv.dynamics.idle_joints": "it needs the linearisation and the start, which need the solver that asks it",
     "flexinv.kernels.compiler.kernel_compiler": "Numba's compiler; keeping what it makes on the disk is another matter",

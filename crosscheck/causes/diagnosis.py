@@ -19,7 +19,7 @@ from crosscheck.causes.quantities import collect_quantities
 from crosscheck.causes.quantity_causes import find_other_causes
 from crosscheck.causes.repair import Repair, apply_repair
 from crosscheck.causes.separate import find_separating_motion
-from crosscheck.causes.single_samples import find_single_samples
+from crosscheck.causes.single_samples import find_sample_causes
 from crosscheck.causes.subject import Subject
 from crosscheck.engines import Door, open_adapter
 from crosscheck.engines.base import Adapter
@@ -171,11 +171,7 @@ def find_record_causes(
     limit = find_allowed_difference(model, record, reference)
     known = None if columns is None else columns.collect_candidates(model, collect_causes())
     naming = find_causes(model, residual, bars, known, evidence, limit)
-    if not naming.named:
-        agreed = np.maximum(bars.reshape(model.torque.shape)[0], limit)
-        alone = find_single_samples(evidence, record, reference, agreed)
-        if alone is not None:
-            return Answer(model, record, reference, alone, True, limit)
+    model, naming = find_sample_causes(naming, evidence, record, reference, bars, limit, known)
     shown = naming.found
     naming = naming if shown else find_other_causes(evidence, naming)
     return Answer(model, record, reference, naming, shown, limit)

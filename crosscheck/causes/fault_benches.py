@@ -18,6 +18,7 @@ from crosscheck.causes.rows import scales as scale_rows
 from crosscheck.causes.rows import signals as signal_rows
 from crosscheck.causes.rows import terms as term_rows
 from crosscheck.causes.separate import TRIALS
+from crosscheck.causes.single_samples import NAME as SINGLE
 from crosscheck.causes.subject import Subject
 from flexinv.files.load_cases import Case
 from flexinv.model.mechanism import Attachment, Beam, Body, Force, Inertia, Joint, Link, Mechanism, Placement
@@ -221,6 +222,7 @@ OF_FRICTION = (
 OF_SPRINGS = ("spring stiffness", "spring rest length", "spring damping", "spring missing", "spring end misplaced")
 OF_FORCES = ("rest of a joint spring", "given force", "given force missing", "axes of a given force", "joint stiffness")
 OF_GEARS = ("coupling ratio", "coupling offset")
+OF_CLOSURES = ("closure force dropped",)
 OF_WAVES = ("time step", "numerical damping", "beam damping", "lumped mass", "section stiffness")
 SLID = ("body along the beam",)
 OF_DAMPING = ("beam damping", "beam damping dropped")
@@ -242,15 +244,21 @@ OF_MATERIAL = (
 )
 OF_CLAMPS = ("clamp misplaced", "clamp turned")
 BENCHES = (
-    Bench("double_pendulum", "swing", "pinocchio", more=(*OF_JOINTS, *OF_SIGNALS)),
+    Bench("double_pendulum", "swing", "pinocchio", more=(*OF_JOINTS, *OF_SIGNALS, SINGLE)),
     Bench("rigid_3r", "quintic", "exudyn", more=(*OF_BODIES, *OF_UNITS, *OF_PLACES)),
     Bench("ur5", "reach", "mujoco", more=("bodies exchanged", "force at the tip")),
     Bench("ur5", "reach", "pinocchio", causes=OF_INERTIA, motion=QUICK, more=OF_TERMS),
     Bench("ur5", "reach", "pinocchio", causes=OF_DRIVES, shape=GEARED),
     Bench("ur5", "reach", "mujoco", causes=(*OF_FRICTION, "spring in a joint"), shape=("rubbing", _add_friction)),
     Bench("ur5", "reach", "pinocchio", causes=OF_FORCES, shape=("sprung", _add_springs_and_force)),
-    Bench("andrews_squeezer", "turn", "pinocchio", causes=OF_SPRINGS, shape=("with a damper", _add_spring_dampers)),
-    Bench("geared_four_bar", "turn", "mujoco", causes=OF_GEARS),
+    Bench(
+        "andrews_squeezer",
+        "turn",
+        "pinocchio",
+        causes=(*OF_SPRINGS, *OF_CLOSURES),
+        shape=("with a damper", _add_spring_dampers),
+    ),
+    Bench("geared_four_bar", "turn", "mujoco", causes=(*OF_GEARS, *OF_CLOSURES)),
     Bench("five_bar_redundant", "reach", "pinocchio", causes=("weight of a drive",)),
     Bench("panda", "pick", "mujoco"),
     Bench("panda", "pick", "exudyn", causes=OF_INERTIA, motion=QUICK, more=("sign of products of inertia",)),
@@ -260,7 +268,7 @@ BENCHES = (
     Bench(
         "four_bar", "turn", "pinocchio", causes=("closure frame turned",), shape=("holding a tool", _add_closure_tools)
     ),
-    Bench("five_bar", "reach", "pinocchio", more=("closure point misplaced",)),
+    Bench("five_bar", "reach", "pinocchio", more=("closure point misplaced", SINGLE)),
     Bench("bricard", "fold", "pinocchio"),
     Bench("flex_one_link", "cycloid", "exudyn-ge", COARSE, steps=8),
     Bench("flex_one_link", "bang_bang", "exudyn-ge", FINE, OF_WAVES, steps=20, motion=FLICK),

@@ -29,7 +29,7 @@ from flexinv.kinematics.nodal_motion import compute_rigid_motion
 from flexinv.model.by_value import is_same
 from flexinv.model.mechanism import Mechanism
 from flexinv.model.motion import evaluate_motion
-from flexinv.typing import Array
+from flexinv.typing import Array, Mask
 
 FEWEST = 100  # samples of a rigid mechanism that a fit looks at, or up to twice as many
 # Of a flexible march, at least.  A thick strip that rings in short waves, 10 % softer in shear: with 1,200 steps the column has
@@ -47,6 +47,7 @@ class Model:
 
     rows : their indices among the sample times of the case; states : the joint motion there
     torque : (samples, nv) [N m] or [N]; scale : (nv,) range of each coordinate's unit, [N m] or [N]
+    seen : (samples, nv) which efforts count, None for all: the others are zero in every column
     """
 
     base: Subject
@@ -54,6 +55,7 @@ class Model:
     states: States
     torque: Array
     scale: Array
+    seen: Mask | None = None
 
     def compute_torques(self, subject: Subject) -> Array:
         """Return the efforts of a changed subject at the same samples, (samples, nv) [N m] or [N]."""
@@ -84,7 +86,8 @@ class Model:
 
     def scale_efforts(self, efforts: Array) -> Array:
         """Return efforts (samples, nv) over the scale as one column [-]."""
-        return np.asarray((efforts / self.scale).ravel())
+        part = efforts / self.scale
+        return np.asarray((part if self.seen is None else np.where(self.seen, part, 0.0)).ravel())
 
     def compute_residual(self, engine: Record, reference: Record) -> Array:
         """Return the difference of an engine's record from a reference's, over the scale, (samples nv,) [-]."""
@@ -103,6 +106,12 @@ class Model:
         """Return joint motion and efforts (samples, nv) [N m], [N] at all sample times of the case."""
         same = subject.mechanism is self.base.mechanism and subject.case.motion is self.base.case.motion
         return self.everywhere if same else _compute_first_efforts(subject, sample_times(self.base.case))
+
+    @property
+    def whole(self) -> Model:
+        """The same at all sample times of the case, where every effort counts."""
+        states, torque = self.everywhere
+        return replace(self, rows=np.arange(len(states.time)), states=states, torque=torque, seen=None)
 
     @cached_property
     def everywhere(self) -> tuple[States, Array]:

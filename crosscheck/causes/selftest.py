@@ -22,7 +22,10 @@ from crosscheck.causes.fault_benches import Bench
 from crosscheck.causes.fit import IMPOSSIBLE, Candidate, list_candidates
 from crosscheck.causes.model import Model, apply_to_record, make_model
 from crosscheck.causes.naming import NamedCauses, find_causes
+from crosscheck.causes.pairs import AND
 from crosscheck.causes.quantities import Quantities, collect_quantities
+from crosscheck.causes.single_samples import HELD, OUT, ZERO, count_few, find_sample_causes
+from crosscheck.causes.single_samples import NAME as SINGLE
 from crosscheck.causes.subject import Subject
 from crosscheck.engines import ENGINES, adapter
 from crosscheck.engines.base import offered
@@ -43,6 +46,7 @@ SAMPLES = 60  # of a rigid case
 CLEAN = "(nothing)"
 SOFT = "soft constraint"
 RANK = "closure of wrong rank"
+BESIDE = "viscous damping"  # a fault beside single samples
 
 
 @dataclass(frozen=True)
@@ -239,7 +243,9 @@ def find_fault_causes(setting: BenchSetup, harmed: Record, subject: Subject) -> 
     certificate = _compute_certificate(setting.bench.engine, subject.mechanism, setting.subject.case)
     others = Quantities(setting.model, harmed.series, setting.reference.series, setting.agreed)
     evidence = Evidence(setting.model, residual, certificate, setting.certificate, others)
-    return find_causes(setting.model, residual, setting.noise, setting.known, evidence)
+    naming = find_causes(setting.model, residual, setting.noise, setting.known, evidence)
+    bars = np.full(residual.shape, setting.noise)
+    return find_sample_causes(naming, evidence, harmed, setting.reference, bars, known=setting.known)[1]
 
 
 def _compute_certificate(engine: str, mechanism: Mechanism, case: Case) -> Certificate:
@@ -295,6 +301,55 @@ def run_rank_fault(setting: BenchSetup) -> PlantedFault | None:
     return PlantedFault(setting.bench.label, RANK, mechanism.closures[0].name, 1.0, 1.0, found, wrong)
 
 
+def list_sample_faults(setting: BenchSetup) -> Iterator[PlantedFault]:
+    """Yield the results of single samples that are off, at the first and the last drive: alone, and beside another fault."""
+    beside = next((one for one in setting.known if one.cause.name == BESIDE), None)
+    names = [
+        n
+        for n, own in zip(
+            setting.model.base.mechanism.velocity_names, setting.model.base.mechanism.actuated, strict=True
+        )
+        if own
+    ]
+    for name in dict.fromkeys((names[0], names[-1])):
+        for kind in (OUT, ZERO, HELD):
+            yield _run_sample_fault(setting, setting.subject, name, kind, (SINGLE, name))
+            if beside is not None:
+                subject = beside.cause.change(setting.subject, beside.target, np.array([0.1 * beside.scale]))
+                yield _run_sample_fault(setting, subject, name, kind, (f"{BESIDE}{AND}{SINGLE}", beside.target))
+
+
+def _run_sample_fault(
+    setting: BenchSetup, subject: Subject, coordinate: str, kind: str, key: tuple[str, str]
+) -> PlantedFault:
+    """Let single samples of a coordinate's effort be off; key : name and target of what has to be named."""
+    record = ask(setting.bench, subject)
+    series = f"torque/{coordinate}"
+    values = replace_samples(record.series[series].values, kind)
+    harmed = replace(record, series={**record.series, series: replace(record.series[series], values=values)})
+    naming = find_fault_causes(setting, harmed, subject)
+    change = float(np.abs(setting.model.compute_residual(harmed, record)).max())
+    told = tuple(f"{f.cause.name}: {f.target}" for f in naming.named)
+    outcome = judge_causes(naming, *key)
+    return PlantedFault(setting.bench.label, key[0], f"{coordinate} {kind}", 1.0, change, outcome, told, naming.words)
+
+
+def replace_samples(values: NDArray[np.float64], kind: str) -> NDArray[np.float64]:
+    """Return values (samples,) [any unit] of which as many as are few are off by a tenth of their range, zero, or held.
+
+    Held ones follow where most changes, the others are spread over all: elsewhere these faults may not show.
+    """
+    out = values.copy()
+    few = count_few(len(values))
+    if kind == HELD:
+        first = 2 + int(np.abs(values[2 + few : -2] - values[2 : -2 - few]).argmax())
+        out[first + 1 : first + 1 + few] = values[first]
+        return out
+    rows = np.linspace(0, len(values) - 1, few + 2).round().astype(int)[1:-1]
+    out[rows] = 0.0 if kind == ZERO else out[rows] + 0.1 * np.ptp(values) * np.resize([1.0, -1.0], few)
+    return out
+
+
 def run_without_fault(setting: BenchSetup) -> PlantedFault:
     """Return the result for the engine as it is: nothing may be named."""
     naming = find_fault_causes(setting, setting.clean, setting.subject)
@@ -342,4 +397,5 @@ def run_bench(
     ]
     wanted = causes or bench.causes
     ranked = run_rank_fault(setting) if not wanted or RANK in wanted else None
-    return rows if ranked is None else [*rows, ranked]
+    spoilt = list_sample_faults(setting) if SINGLE in (causes or bench.planted) else ()
+    return [*rows, *([] if ranked is None else [ranked]), *spoilt]

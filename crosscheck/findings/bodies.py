@@ -11,13 +11,13 @@ from crosscheck.findings.statements import LinkStatements, describe_moments
 from flexinv.model.links import describe_impossible_inertia
 from flexinv.model.mechanism import Array
 
-# [kg]: heavier or lighter links look like grams or tonnes
+# [kg]: heavier links look like grams, lighter ones like placeholders; round numbers, beyond any link of a robot
 HEAVY = 1000.0
 LIGHT = 1e-6
-FAR = 10.0  # [m]: a centre of mass that far from its joint looks like mm
+FAR = 10.0  # [m]: a centre of mass that far from its joint looks like mm; a round number
 WIDE = 10.0  # radius of gyration over the size of the machine from which on a tensor looks like g mm^2, or like a typing error
 NOISE = 1e-12  # [m^2]: moments over the mass, the square of a micrometre, are a program's rounding
-DEFAULTS = (1.0, 0.1, 0.01, 1e-3)  # [kg m^2]
+DEFAULTS = (1.0, 0.1, 0.01, 1e-3)  # [kg m^2]: round numbers that tools and authors put in where nothing is known
 COPIES = 3  # links with one tensor and different masses
 
 

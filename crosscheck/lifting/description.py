@@ -17,6 +17,18 @@ FORMATS = ("urdf", "mjcf", "sdf", "toml", "kit", "usd", "live")
 
 
 @dataclass(frozen=True)
+class ShapeMasses:
+    """Masses of a link by its shapes [kg]: of those that its reader weighs, and of those that collide.
+
+    groups : the first and the last of those that it weighs
+    """
+
+    weighed: float
+    colliding: float
+    groups: tuple[int, ...]
+
+
+@dataclass(frozen=True)
 class Description:
     """One description of a machine.
 
@@ -29,6 +41,7 @@ class Description:
     features : what the source says, an engine does, and no mechanism can say: compared by name, and by what ``dynamics`` feels
     dynamics : the reader's own compiled model, in the coordinates of ``mechanism`` as it was lifted
     unproven : why there is no such model, "" where there is one, or where the mechanism is the source itself
+    shape_masses : by link, where its mass is that of shapes and readers weigh different ones
     """
 
     label: str
@@ -45,3 +58,4 @@ class Description:
     features: tuple[Feature, ...] = ()
     dynamics: ReaderDynamics | None = None
     unproven: str = ""
+    shape_masses: Mapping[str, ShapeMasses] = field(default_factory=dict)

@@ -161,6 +161,7 @@ def check_machine(description: Description) -> Iterator[Finding]:
     yield from check_sides(links, mountings)
     for joint in mechanism.joints:
         yield from _check_limits(joint)
+    yield from _check_shape_masses(description)
     yield from _check_left_out(description)
 
 
@@ -173,6 +174,18 @@ def _check_limits(joint: Joint) -> Iterator[Finding]:
         yield make_error("limit", place, given, "lower is above upper", "the two exchanged")
     elif joint.kind == "revolute" and np.isfinite(high) and 4 * np.pi < max(-low, high) < 1e4:
         yield make_warning("units", place, given, "beyond two turns: looks like degrees", "radians")
+
+
+def _check_shape_masses(description: Description) -> Iterator[Finding]:
+    """Yield links without ``<inertial>`` that weigh something else in MuJoCo and in Pinocchio [kg]."""
+    for link, masses in description.shape_masses.items():
+        given = f"no <inertial>; its shapes weigh {masses.weighed:.4g} kg, those that collide {masses.colliding:.4g} kg"
+        low, high = masses.groups
+        why = (
+            f"MuJoCo weighs the shapes of groups {low} to {high}, also those that are only seen; Pinocchio those that collide, "
+            "of all groups, a mesh as 1 kg"
+        )
+        yield make_warning("mass of shapes", f"link {link}", given, why, "<inertial>, which all readers take alike")
 
 
 def _check_left_out(description: Description) -> Iterator[Finding]:

@@ -23,8 +23,8 @@ from flexinv.model.parallel_axis import compute_parallel_axis_term
 WIDE = 20.0  # extent of a mesh over that of the machine from which on it looks like mm
 OUTSIDE = 0.25  # of the diagonal of a link's shapes: how far beyond their box a centre of mass may be
 BEYOND = 1.5  # largest moment over m r_max^2
-# [kg/m^3]: nothing is denser than osmium, 22587 (CRC Handbook of Chemistry and Physics), whatever it fills of its box; no link of
-# a machine is lighter than the air in its place, 1.225 (ISO 2533, at sea level).
+# [kg/m^3]: nothing is denser than osmium, 22587 +- 9 at 20 degC (Arblaster, Platinum Metals Review 39(4), 1995, 164), rounded up;
+# no link is lighter than the air in its place, 1.225 at sea level (International Standard Atmosphere, ISO 2533), rounded down.
 DENSEST = 23e3
 LIGHTEST = 1.2
 MARK = 0.02  # of the machine: shapes that are smaller and cannot hold the mass of their link are marks of a frame
@@ -109,7 +109,9 @@ def _check_density(place: str, mass: float, box: float, volume: float, large: bo
     write = "the mass in kg, or the shapes of the link"
     if large and 0 < DENSEST * box < mass:
         given = f"{mass:g} kg in a box of {box:.3g} m^3 around its shapes: {mass / box:.3g} kg/m^3 or more"
-        why = f"no material has more than {DENSEST:g} kg/m^3 (osmium): the mass in g, or shapes of another link"
+        why = (
+            f"no material has more than {DENSEST:g} kg/m^3 (osmium has 22587): the mass in g, or shapes of another link"
+        )
         yield make_warning("density", place, given, why, write)
     if mass < LIGHTEST * volume:
         given = f"{mass:g} kg, a shape of {volume:.3g} m^3: {mass / volume:.3g} kg/m^3"

@@ -10,6 +10,7 @@ from typing import TypedDict, cast
 from crosscheck.causes.dictionary import DICTIONARY
 from crosscheck.causes.fault_benches import BENCHES
 from crosscheck.causes.selftest import CLEAN, FOUND, MATTERS, RANK, SIZES, PlantedFault, run_bench
+from crosscheck.causes.single_samples import NAME as SINGLE
 from crosscheck.measures.limits import Verdict
 from crosscheck.studies import Study
 from crosscheck.verdicts.results import StudyRow
@@ -17,7 +18,7 @@ from crosscheck.verdicts.study_table import StudyTable
 
 ENOUGH = 0.95  # of the faults that matter have to be named
 FEWEST = 25  # causes
-ALL = (*DICTIONARY, RANK)  # each of them has to be named alone somewhere
+ALL = (*DICTIONARY, RANK, SINGLE)  # each of them has to be named alone somewhere
 ALONE = "alone"
 NOWHERE = "nowhere"
 MARKS = {"alone": "●", "first": "◐", "in the set": "○", "another": "✗", "none": "–", "unseen": "·", "silent": "●"}

@@ -1,10 +1,14 @@
 """Moving pictures of mechanisms, as SVG that moves by itself: no script, nothing from elsewhere, one file.
 
-The lines are those of `drawing`, seen in the same way; browsers move them from one instant to the next.
+The lines are those of `drawing`, seen in the same way; browsers move them from one instant to the next.  A click stops them where
+they are, the next one plays them from the start: SMIL knows no way on from a stop.  Whoever has asked the system for less motion
+sees the drawing: the first click shows one instant, the next one moves it.
+Source: SVG 1.1, section 19 (begin and end by events, fill="freeze"); WCAG 2.2.2; Media Queries 5, prefers-reduced-motion.
 """
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -19,7 +23,9 @@ from flexinv.display.drawing import (
     WIDTH,
     Stroke,
     convert_to_view,
+    draw_lines,
     find_motion_plane,
+    list_drawn_samples,
     make_drawing_map,
     open_svg,
 )
@@ -30,6 +36,13 @@ from flexinv.validation import check_path
 
 BAR = 12.0  # [px] below the picture, for the time
 SHEETS = (".svg", ".html")
+OVERLAY = "flexinv-still"  # classes of what stands in for the moving lines, and of these
+MOVING = "flexinv-moving"
+CALM = (
+    f"<style>.{OVERLAY}{{display:none}}@media (prefers-reduced-motion:reduce){{"
+    f".{OVERLAY}{{display:inline}}.{MOVING}{{display:none}}"
+    f"svg:focus>.{OVERLAY}{{display:none}}svg:focus>.{MOVING}{{display:inline}}}}</style>"
+)
 PAGE = (
     '<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8"/><meta name="color-scheme" content="light dark"/>'
     '<meta name="viewport" content="width=device-width"/><title>{title}</title></head>'
@@ -78,27 +91,54 @@ def draw_animation(
     everything = np.concatenate([np.reshape(line, (-1, 3)) for strokes in frames for line, _ in strokes])
     axes = find_motion_plane(everything)
     place = make_drawing_map(convert_to_view(everything, axes))
-    parts = []
+    lines = []
     for bends, colour in ((False, RIGID_COLOUR), (True, BENDS_COLOUR)):
         shapes = [
             "".join(write_line(place(convert_to_view(line, axes))) for line, own in strokes if own is bends)
             for strokes in frames
         ]
         if shapes[0]:
-            moved = (
-                f'<animate attributeName="d" dur="{seconds:g}s" repeatCount="indefinite" values="{";".join(shapes)}"/>'
-            )
-            parts.append(f'<path d="{shapes[0]}" stroke="{colour}">{moved}</path>')
-    head = open_svg(WIDTH, HEIGHT + BAR, title)
-    pen = '<g fill="none" stroke-width="1.2" stroke-linecap="round" stroke-linejoin="round">'
+            lines.append((colour, shapes))
+    key = hashlib.sha256(repr((lines, span, seconds)).encode()).hexdigest()[
+        :8
+    ]  # of several pictures on a page each stops alone
+    moved = "".join(
+        f'<path d="{shapes[0]}" stroke="{colour}">{_write_animate("d", ";".join(shapes), seconds, key)}</path>'
+        for colour, shapes in lines
+    )
+    still = draw_lines([frames[k] for k in list_drawn_samples(len(frames))], axes, place)
+    pen = 'fill="none" stroke-width="1.2" stroke-linecap="round" stroke-linejoin="round"'
+    head = f'{open_svg(WIDTH, HEIGHT + BAR, title)} tabindex="0">{CALM}'
+    both = f'<g class="{OVERLAY}" {pen}>{still}</g><g class="{MOVING}" {pen}>{moved}</g>'
     length = span[1] - span[0]
     pace = length / seconds
     if pace == 1.0:
         words = "as fast as it happens"
     else:
         words = f"{format_number(max(pace, 1 / pace))} times {'slower' if pace < 1 else 'faster'} than it happens"
-    svg = f"{head}>{pen}{''.join(parts)}</g>{_draw_time(span, seconds)}</svg>"
-    return Animation(svg, title, f"{format_number(length)} s, {words}", seconds)
+    svg = f"{head}{both}{_draw_time(span, seconds, key)}{_draw_switch(key)}</svg>"
+    return Animation(svg, title, f"{format_number(length)} s, {words}; a click stops it", seconds)
+
+
+def _write_animate(attribute: str, values: str, seconds: float, key: str) -> str:
+    """The change of an attribute over and over, until the picture ``key`` is stopped; it stays where it is then.
+
+    ``key`` has no hyphen: in the names of events it is a minus.
+    """
+    when = f'begin="0s;play{key}.click" end="stop{key}.click" fill="freeze" restart="whenNotActive"'
+    return (
+        f'<animate attributeName="{attribute}" dur="{seconds:g}s" repeatCount="indefinite" {when} values="{values}"/>'
+    )
+
+
+def _draw_switch(key: str) -> str:
+    """The whole picture as a button that stops it, and over it, once it stands, one that plays it, with the sign for that."""
+    size = f'width="{WIDTH:g}" height="{HEIGHT + BAR:g}" fill="transparent"'
+    stop = f'<rect id="stop{key}" {size}><title>click: stop</title></rect>'
+    shown = f'<set attributeName="display" to="inline" begin="stop{key}.click" end="play{key}.click"/>'
+    sign = f'<path d="M{WIDTH - 10:g} 3v7l6 -3.5z" fill="currentColor"/>'
+    play = f"<rect {size}/><title>click: play from the start</title>"
+    return f'{stop}<g id="play{key}" display="none">{shown}{sign}{play}</g>'
 
 
 def write_line(points: Array) -> str:
@@ -106,16 +146,18 @@ def write_line(points: Array) -> str:
     return "M" + "L".join(f"{x:.1f} {y:.1f}" for x, y in points.tolist())
 
 
-def _draw_time(span: tuple[float, float], seconds: float) -> str:
-    """A line with a dot that moves along it, and the times at its ends."""
+def _draw_time(span: tuple[float, float], seconds: float, key: str) -> str:
+    """A line with a dot that moves along it, and the times at its ends; key : of the picture that it belongs to."""
     y = HEIGHT + 2.0
     left = DRAWING_MARGIN
     right = WIDTH - DRAWING_MARGIN
-    dot = f'<animate attributeName="cx" dur="{seconds:g}s" repeatCount="indefinite" values="{left:g};{right:g}"/>'
+    dot = _write_animate("cx", f"{left:g};{right:g}", seconds, key)
     ends = ((left, "start", span[0]), (right, "end", span[1]))
     texts = "".join(
         f'<text x="{x:g}" y="{y + 8:g}" font-size="6" text-anchor="{side}" fill="currentColor">{format_number(time)} s</text>'
         for x, side, time in ends
     )
     line = f'<path d="M{left:g} {y:g}H{right:g}" stroke="#808080" stroke-width="0.6"/>'
-    return f'{line}<circle cx="{left:g}" cy="{y:g}" r="1.8" fill="{BENDS_COLOUR}">{dot}</circle>{texts}'
+    return (
+        f'{line}<circle class="{MOVING}" cx="{left:g}" cy="{y:g}" r="1.8" fill="{BENDS_COLOUR}">{dot}</circle>{texts}'
+    )

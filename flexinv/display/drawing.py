@@ -12,6 +12,7 @@ import numpy as np
 from flexinv.display.words import convert_to_xml
 from flexinv.typing import Array
 
+PixelMap = Callable[[Array], Array]  # of points (points, 2) [m] into the drawing [px]
 Stroke = tuple[Array, bool]  # points (points, 3) [m] of a link, and whether it bends
 FRAMES = 6  # instants in a drawing
 FLAT_SPREAD = 1e-6  # of the size: a mechanism that leaves its plane by less is drawn as a plane one
@@ -41,14 +42,19 @@ def draw_svg(instants: Sequence[Sequence[Stroke]], what: str) -> str:
     everything = np.concatenate([np.reshape(line, (-1, 3)) for strokes in instants for line, _ in strokes])
     axes = find_motion_plane(everything)
     place = make_drawing_map(convert_to_view(everything, axes))
+    head = open_svg(WIDTH, HEIGHT, what)
+    pen = 'fill="none" stroke-width="1.6" stroke-linecap="round" stroke-linejoin="round"'
+    return f"{head} {pen}>{draw_lines(instants, axes, place)}</svg>"
+
+
+def draw_lines(instants: Sequence[Sequence[Stroke]], axes: tuple[int, int] | None, place: PixelMap) -> str:
+    """Return the lines of some instants over each other, the last one darkest [px], as elements of SVG."""
     parts = []
     for k, strokes in enumerate(instants):
         shade = FAINTEST + (1 - FAINTEST) * (k / (len(instants) - 1)) ** 2 if len(instants) > 1 else 1.0
         lines = "".join(_draw_line(place(convert_to_view(line, axes)), bends) for line, bends in strokes)
         parts.append(f'<g opacity="{shade:.2g}">{lines}</g>')
-    head = open_svg(WIDTH, HEIGHT, what)
-    pen = 'fill="none" stroke-width="1.6" stroke-linecap="round" stroke-linejoin="round"'
-    return f"{head} {pen}>{''.join(parts)}</svg>"
+    return "".join(parts)
 
 
 def open_svg(width: float, height: float, what: str) -> str:
@@ -81,7 +87,7 @@ def convert_to_view(x: Array, axes: tuple[int, int] | None) -> Array:
     return np.asarray(x @ np.stack([right, up], axis=1))
 
 
-def make_drawing_map(x: Array) -> Callable[[Array], Array]:
+def make_drawing_map(x: Array) -> PixelMap:
     """Return the map of points (points, 2) [m] into the drawing [px], by one scale in both directions."""
     low = x.min(axis=0)
     high = x.max(axis=0)

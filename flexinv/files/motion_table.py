@@ -182,7 +182,8 @@ class MotionSource:
         if not np.isfinite(values).all():
             row, k = (int(i) for i in np.argwhere(~np.isfinite(values))[0])
             name = str(frame.columns[places[k]]).strip()
-            cell = repr(frame.iloc[row, places[k]])
+            given = frame.iloc[row, places[k]]
+            cell = repr(given.item() if isinstance(given, np.generic) else given)
             raise make_input_error(
                 f"{self.label}: row {first + row + 1} of numbers, column {name}", cell[:40], "a finite number",
                 "the number, or leave the row out",

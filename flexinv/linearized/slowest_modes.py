@@ -9,6 +9,7 @@ Source: Ericsson, Ruhe, *The spectral transformation Lanczos method*, Math. Comp
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -250,6 +251,27 @@ def find_krylov_eigenvalues(operator: Any, count: int, start: Array) -> tuple[ND
     return values, vectors
 
 
+def find_two_sided_eigenvalues(
+    apply: Callable[[Array], Array], apply_transposed: Callable[[Array], Array], count: int, start: Array
+) -> tuple[NDArray[Any], NDArray[Any], NDArray[Any]]:
+    """Return the largest eigenvalues (count,) [any unit] of an operator, right and left vectors (size, count) in their order.
+
+    apply, apply_transposed : the operator and its transpose, on (size,); each value has the left vector of the nearest of those
+    of the transpose that no value before it has taken
+    Raises ConvergenceError where they are not found.
+    """
+    shape = (len(start), len(start))
+    operators = (scipy.sparse.linalg.LinearOperator(shape, matvec=f, dtype=float) for f in (apply, apply_transposed))
+    (values, right), (others, left) = (find_krylov_eigenvalues(f, count, start) for f in operators)
+    free = np.ones(len(others), dtype=bool)
+    order = []
+    for value in values:
+        nearest = int(np.where(free, np.abs(others - value), np.inf).argmin()) if free.any() else 0
+        free[nearest] = False
+        order.append(nearest)
+    return values, right, left[:, order]
+
+
 def find_gap_beyond(size: Array, count: int) -> float:
     """Return the middle of the widest gap [any unit] between sizes of roots (modes,), beyond the first ``count``."""
     level = np.sort(size)
@@ -280,18 +302,8 @@ def _run_arnoldi(k: Sparse, m: Sparse, shift: float, count: int) -> tuple[NDArra
     def apply_transposed_inverse(x: Array) -> Array:
         return factors.solve(m.T @ x, transposed=True)
 
-    operators = (
-        scipy.sparse.linalg.LinearOperator(k.shape, matvec=f, dtype=float)
-        for f in (apply_inverse, apply_transposed_inverse)
-    )
-    (values, right), (others, left) = (find_krylov_eigenvalues(f, count, start) for f in operators)
-    free = np.ones(len(others), dtype=bool)
-    order = []
-    for value in values:
-        nearest = int(np.where(free, np.abs(others - value), np.inf).argmin()) if free.any() else 0
-        free[nearest] = False
-        order.append(nearest)
+    values, right, left = find_two_sided_eigenvalues(apply_inverse, apply_transposed_inverse, count, start)
     # what fast motions have of rounding is taken away: x = (K + shift M)^-1 M x / mu
     right = np.column_stack([apply_inverse(x.real) + 1j * apply_inverse(x.imag) for x in right.T]) / values
     left = np.column_stack([apply_transposed_inverse(x.real) + 1j * apply_transposed_inverse(x.imag) for x in left.T])
-    return 1 / values - shift, right, left[:, order]
+    return 1 / values - shift, right, left

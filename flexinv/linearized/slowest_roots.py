@@ -29,7 +29,7 @@ from flexinv.linearized.slowest_modes import (
     SPARE_MODES,
     ShiftedStiffness,
     find_gap_beyond,
-    find_krylov_eigenvalues,
+    find_two_sided_eigenvalues,
     refuse_loose,
 )
 from flexinv.typing import Array, Complex, Mask, Sparse
@@ -112,19 +112,8 @@ def _run_arnoldi(parts: Terms, shift: float, count: int) -> tuple[Complex, Compl
         return np.concatenate([u[size:] + first.T @ y, m.T @ y])
 
     start = apply_inverse(np.random.default_rng(0).standard_normal(2 * size))
-    shape = (2 * size, 2 * size)
-    operators = (
-        scipy.sparse.linalg.LinearOperator(shape, matvec=f, dtype=float)
-        for f in (apply_inverse, apply_transposed_inverse)
-    )
-    (values, right), (others, left) = (find_krylov_eigenvalues(f, count, start) for f in operators)
-    free = np.ones(len(others), dtype=bool)
-    order = []
-    for value in values:
-        nearest = int(np.where(free, np.abs(others - value), np.inf).argmin()) if free.any() else 0
-        free[nearest] = False
-        order.append(nearest)
+    values, right, left = find_two_sided_eigenvalues(apply_inverse, apply_transposed_inverse, count, start)
     # what fast motions have of rounding is taken away: z = (A - shift B)^-1 B z / mu
     right = np.column_stack([apply_inverse(z.real) + 1j * apply_inverse(z.imag) for z in right.T]) / values
-    y = np.column_stack([solve_left_part(u.real) + 1j * solve_left_part(u.imag) for u in left[:, order].T])
+    y = np.column_stack([solve_left_part(u.real) + 1j * solve_left_part(u.imag) for u in left.T])
     return np.asarray(shift + 1 / values, dtype=complex), np.asarray(right[:size]), np.conj(y)

@@ -37,7 +37,15 @@ from flexinv.sampled.sampled_motion import (
     sample_motion,
 )
 from flexinv.typing import Array
-from flexinv.validation import check_choice, check_finite_array, check_mapping, check_number, check_seconds, refuse
+from flexinv.validation import (
+    check_choice,
+    check_finite_array,
+    check_mapping,
+    check_number,
+    check_seconds,
+    find_nearest_word,
+    refuse,
+)
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -245,13 +253,15 @@ def make_torque_run(
 
 def _make_payload(mechanism: Mechanism, link: str, load: object) -> Body:
     """A body [kg] on a link: at the tip of one that is a beam, where nothing else is said."""
+    if link not in mechanism.link_of:
+        near = find_nearest_word(str(link), mechanism.link_of) or ""
+        refuse("payload: link", link, f"one that {mechanism.name} has: {', '.join(mechanism.link_of)}", near)
     if isinstance(load, Body):
         return load
     if not isinstance(load, Inertia):
         mass = check_number(f"payload: link {link!r}", load, "a mass [kg], a flexinv.Inertia or a flexinv.Body")
         load = Inertia(mass)
-    owner = mechanism.link_of.get(link)
-    return Body("payload", load, 1.0 if owner is not None and owner.beam is not None else None)
+    return Body("payload", load, None if mechanism.link_of[link].beam is None else 1.0)
 
 
 def _apply_friction(mechanism: Mechanism, friction: Friction) -> Mechanism:

@@ -6,5 +6,4 @@ from __future__ import annotations
 KEPT: dict[str, str] = {
     "flexinv/elements/planar_beam.py: _fill_block_gradients": "one loop over the lanes of a block, which is SIMD code as a whole",
     "flexinv/kinematics/tree.py: add_parent_variation": "the differential of one law, whose lines share vectors in registers",
-    "flexinv/linearized/slowest_roots.py: _run_arnoldi": "one step of Arnoldi's iteration, whose vectors all parts share",
 }

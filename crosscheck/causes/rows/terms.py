@@ -1,4 +1,4 @@
-"""Causes in the terms of the equation of motion: one of M q'' + C(q, q') q' + g is missing, for all bodies or for one."""
+"""Causes in the terms of the equation of motion M q'' + C(q, q') q' + g - G^T lambda: one is missing, for all or for one."""
 
 from __future__ import annotations
 
@@ -6,15 +6,17 @@ from dataclasses import replace
 
 import numpy as np
 
-from crosscheck.causes.cause import Cause, list_bodies, list_moving_tree_target
+from crosscheck.causes.cause import Cause, list_bodies, list_closed_target, list_moving_tree_target
 from crosscheck.causes.model import Model, is_tree, open_tree
 from crosscheck.causes.rows.bodies import TURN, add_parallel_axis_term, list_eccentric_bodies, remove_body
 from crosscheck.causes.subject import States, Subject
+from flexinv.constraints.allocation import REDUNDANT, count_ranks
+from flexinv.constraints.closures import build_constraint_rows, compute_constraint_jacobian
 from flexinv.inverse.inverse_dynamics import NodalForces, compute_projected_efforts
 from flexinv.kinematics.mesh import build
 from flexinv.kinematics.nodal_motion import compute_rigid_motion
 from flexinv.model.mechanism import Link, Mechanism
-from flexinv.typing import Array
+from flexinv.typing import Array, Indices, Mask
 
 SPEED = "the same path at twice the speed"
 REST = "holding still at several places"
@@ -44,6 +46,41 @@ def compute_gyroscopic_efforts(mechanism: Mechanism, states: States) -> Array:
     momentum = np.einsum("nij,snj->sni", mesh.inertia, motion.omega)  # (sample, node, xyz)
     moment = np.einsum("snij,snj->sni", motion.rotation, np.cross(motion.omega, momentum))
     return compute_projected_efforts(mesh, motion, NodalForces(np.zeros_like(moment), moment))
+
+
+def compute_closure_jacobian(mechanism: Mechanism, states: States) -> Array:
+    """Return G of all closures with G q' = 0, (samples, rows, nv) [m], [-] per unit of each coordinate."""
+    mesh = build(mechanism)
+    motion = compute_rigid_motion(mesh, states.q, states.qd, states.qdd)
+    return compute_constraint_jacobian(mesh, motion, build_constraint_rows(mesh))
+
+
+def compute_closure_efforts(mechanism: Mechanism, states: States, effort: Array, closure: str) -> Array:
+    """Return the share of one closure's force in the efforts, G_k^T lambda_k (samples, nv) [N m] or [N].
+
+    All shares together are what the efforts (samples, nv) lack of those of the open tree:  tau_tree - tau = G^T lambda.
+    It is one number where `list_single_closures` has the closure.
+    """
+    g = compute_closure_jacobian(mechanism, states)
+    whole = open_tree(mechanism, states) - effort
+    multipliers = np.einsum("srv,sv->sr", np.linalg.pinv(g.transpose(0, 2, 1), rcond=REDUNDANT), whole)
+    mine = _find_closure_rows(mechanism, closure)
+    return np.asarray(np.einsum("srv,sr->sv", g[:, mine], multipliers[:, mine]))
+
+
+def _find_closure_rows(mechanism: Mechanism, closure: str) -> Mask:
+    number = [c.name for c in mechanism.closures].index(closure)
+    return np.asarray(build_constraint_rows(build(mechanism)).closure == number)
+
+
+def _drop_closure_force(subject: Subject, target: str, size: Array) -> Subject:
+    closure, where = target.rsplit(AT, 1)
+
+    def update_effort(mechanism: Mechanism, states: States, effort: Array) -> Array:
+        lost = float(size[0]) * compute_closure_efforts(mechanism, states, effort, closure)
+        return np.asarray(effort + (lost if where == EVERYWHERE else np.where(mechanism.actuated, lost, 0.0)))
+
+    return subject.add_effort_change(update_effort)
 
 
 def _drop_centrifugal_terms(subject: Subject, target: str, size: Array) -> Subject:
@@ -82,6 +119,9 @@ def _update_parallel_axis_terms(subject: Subject, target: str, size: Array) -> S
     return subject.replace_links(update_link)
 
 
+AT = ": "
+EVERYWHERE = "at all joints"
+AT_DRIVES = "at the drives"
 FORGOTTEN = "are forgotten (inertias about the centres of mass are taken for those about the frames' origins)"
 TWICE = "count twice (inertias about the frames' origins are taken for those about the centres of mass)"
 
@@ -89,6 +129,28 @@ TWICE = "count twice (inertias about the frames' origins are taken for those abo
 def _list_eccentric_targets(model: Model) -> list[str]:
     """Return both mistakes where more than one body has them: of one body the table of bodies knows."""
     return [FORGOTTEN, TWICE] if len(list_eccentric_bodies(model)) > 1 else []
+
+
+def list_single_closures(model: Model) -> list[str]:
+    """Return the closures of a rigid mechanism whose forces no others can take over, where there are several.
+
+    Those are independent of all others along the motion: rank G = rank G_k + rank of the other rows.  Of one closure
+    "soft constraint" knows.
+    """
+    mechanism = model.base.mechanism
+    if not list_closed_target(model) or len(mechanism.closures) < 2:
+        return []
+    g = compute_closure_jacobian(mechanism, model.states)
+    rows = {c.name: _find_closure_rows(mechanism, c.name) for c in mechanism.closures}
+    return [name for name, mine in rows.items() if (_count(g) == _count(g[:, mine]) + _count(g[:, ~mine])).all()]
+
+
+def _count(g: Array) -> Indices:
+    return count_ranks(np.linalg.svd(g, compute_uv=False))
+
+
+def _list_closure_targets(model: Model) -> list[str]:
+    return [f"{closure}{AT}{where}" for closure in list_single_closures(model) for where in (EVERYWHERE, AT_DRIVES)]
 
 
 def _list_scalar_tree_target(model: Model) -> list[str]:
@@ -136,6 +198,14 @@ ROWS = (
         0,
         unsaid=("gravity torque",),
         shows=REST,
+    ),
+    Cause(
+        "closure force dropped",
+        "the force of one closure is missing in the efforts by the fraction {size} ({target})",
+        _drop_closure_force,
+        _list_closure_targets,
+        unsaid=("rank of the closures", "closure residual"),
+        shows="any motion: efforts at joints without a drive",
     ),
     Cause(
         "parallel axis terms",

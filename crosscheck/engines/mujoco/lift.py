@@ -46,6 +46,7 @@ from crosscheck.engines.mujoco.compiled.tendons import is_active, is_disabled, r
 from crosscheck.engines.mujoco.effort_limits import read_effort_limits
 from crosscheck.engines.mujoco.named_files import check_named_files
 from crosscheck.engines.mujoco.own_dynamics import OwnDynamics, find_joint_addresses
+from crosscheck.engines.mujoco.shape_masses import find_shape_masses
 from crosscheck.lifting.description import Description
 from crosscheck.lifting.hinges import replace_points_by_hinges
 from crosscheck.lifting.printed import read_mjcf_digits
@@ -110,7 +111,10 @@ def lift(source: Any, label: str = "") -> Description:
     description = _build_description(model, label or path.name, kind, dropped)
     printed = read_mjcf_digits(root) if kind == "mjcf" else {}
     stated = kind != "urdf"
-    return replace(description, file=path, root_stated=stated, gravity_stated=stated, printed=printed)
+    masses = find_shape_masses(path, model) if kind == "mjcf" and not dropped else {}
+    return replace(
+        description, file=path, root_stated=stated, gravity_stated=stated, printed=printed, shape_masses=masses
+    )
 
 
 def read_model(path: Path) -> Any:

@@ -12,6 +12,8 @@ from flexinv.display.curves import draw_curves
 from flexinv.display.drawing import Stroke, draw_svg, list_drawn_samples
 from flexinv.display.words import format_count, format_number
 from flexinv.kinematics.strokes import collect_strokes
+from flexinv.model.mechanism import Mechanism
+from flexinv.typing import Mask
 
 EFFORT_COLUMNS = ("coordinate", "peak effort", "rms effort", "peak rate")
 
@@ -23,18 +25,24 @@ def make_solution_card(solution: Solution) -> Card:
     span = f"t = {format_number(solution.time[0])} to {format_number(solution.time[-1])} s"
     title = f"Solution of '{m.name}': {format_count(count, 'sample')}, {span}"
     rows = make_rows(_list_effort_rows(solution))
-    driven = int(m.actuated.sum()) or m.nv
+    driven = int(list_shown_coordinates(m).sum())
     return Card(
         title, tuple(_describe_result(solution)), EFFORT_COLUMNS, rows, driven, lambda: _draw_solution(solution)
     )
 
 
+def list_shown_coordinates(mechanism: Mechanism) -> Mask:
+    """Return the coordinates that are shown (nv,) [-]: those with an actuator, all where none has one."""
+    return mechanism.actuated if mechanism.actuated.any() else ~mechanism.actuated
+
+
 def _list_effort_rows(solution: Solution) -> Iterator[tuple[str, ...]]:
-    """Yield the actuated coordinates, or all where none is."""
+    """Yield the coordinates that are shown with their largest efforts, effective values and rates."""
     m = solution.mechanism
     units = list_effort_units(m)
+    shown = list_shown_coordinates(m)
     for k, name in enumerate(m.velocity_names):
-        if m.actuated[k] or not m.actuated.any():
+        if shown[k]:
             effort = solution.torque_all[:, k]
             rate = "m/s" if units[k] == "N" else "rad/s"
             peak = f"{format_number(np.abs(effort).max())} {units[k]}"
@@ -81,9 +89,9 @@ def _draw_solution(solution: Solution) -> tuple[Picture, ...]:
         pictures.append(Picture(draw_svg(instants, f"{m.name} in motion"), f"the mechanism{later}"))
     if len(solution.time) < 2:
         return tuple(pictures)
-    driven = m.actuated if m.actuated.any() else ~m.actuated
+    shown = list_shown_coordinates(m)
     for unit in ("N m", "N"):
-        mine = [k for k, own in enumerate(list_effort_units(m)) if own == unit and driven[k]]
+        mine = [k for k, own in enumerate(list_effort_units(m)) if own == unit and shown[k]]
         curves = [(m.velocity_names[k], solution.time, solution.torque_all[:, k]) for k in mine]
         if curves:
             first = "" if len(curves) < 7 else f", the first 6 of {len(curves)}"

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from flexinv.analysis.solution import Solution, list_effort_units
-from flexinv.analysis.views.solution_card import list_instants
+from flexinv.analysis.views.solution_card import list_instants, list_shown_coordinates
 from flexinv.display.animation import Animation, draw_animation
 from flexinv.display.figures import Band, Panel, draw_panels
 from flexinv.errors import InputError
@@ -26,11 +26,11 @@ MOST_FRAMES = 200
 def draw_solution(solution: Solution, title: str) -> Figure:
     """Return a matplotlib Figure: efforts of the actuators [N m], [N] over time [s], and deflections [m] where links bend."""
     m = solution.mechanism
-    driven = m.actuated if m.actuated.any() else ~m.actuated
+    shown = list_shown_coordinates(m)
     units = list_effort_units(m)
     panels = []
     for unit, word in (("N m", "torque"), ("N", "force")):
-        numbers = [k for k in range(m.nv) if driven[k] and units[k] == unit]
+        numbers = [k for k in range(m.nv) if shown[k] and units[k] == unit]
         bands = [Band(m.velocity_names[k], solution.torque_all[:, k], _find_error(solution, k)) for k in numbers]
         if bands:
             panels.append(Panel(f"{word} [{unit}]", solution.time, bands))

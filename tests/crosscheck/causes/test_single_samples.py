@@ -10,6 +10,10 @@ import numpy as np
 import pytest
 
 from crosscheck.causes.diagnosis import DiagnosisAnswer, diagnose
+from crosscheck.causes.model import Model, make_model
+from crosscheck.causes.selftest import replace_samples
+from crosscheck.causes.single_samples import HELD, OUT, ZERO, Differences, find_suspects
+from crosscheck.causes.subject import Subject
 from crosscheck.engines import ENGINES, adapter
 from crosscheck.measures.record import save
 from crosscheck.run.child import make_certificate
@@ -39,6 +43,11 @@ def diagnosed(
             record = replace(record, series=series)
         save(replace(record, certificate=make_certificate(engine, mechanism, motion, called)), folder / called)
     return diagnose(str(MODELS / name), case, "pinocchio", str(folder / "pinocchio"), str(folder / "flexinv"))
+
+
+def model_of_swing() -> Model:
+    mechanism = load_mechanism(MODELS / "double_pendulum")
+    return make_model(Subject(mechanism, load_cases(MODELS / "double_pendulum", mechanism)["swing"]))
 
 
 def shifted(values: Array) -> Array:
@@ -107,7 +116,48 @@ def test_many_samples_are_no_single_ones(tmp_path: Path) -> None:
     assert "single samples" not in {one["cause"] for one in diagnosed(tmp_path, {"torque/knee": shake})["named"]}
 
 
-def test_a_fault_beside_them_is_not_hidden(tmp_path: Path) -> None:
-    """All samples are off by a scale, three by more: what differs everywhere is no single sample."""
+def test_a_fault_beside_them_is_named_with_them(tmp_path: Path) -> None:
+    """All samples are off by a scale, three by more: both are said, the scale with its size, the samples by what is beyond it."""
     answer = diagnosed(tmp_path, {"torque/knee": lambda values: shifted(1.05 * values)})
-    assert "single samples" not in {one["cause"] for one in answer["named"]}
+    assert [(one["cause"], one["target"]) for one in answer["named"]] == [("effort scale + single samples", "knee")]
+    assert "the effort of knee is larger by the fraction 0.05" in answer["words"]
+    assert "3 samples of 121 of the effort of knee stand out, the first at t = 0.31 s by 3 N m" in answer["words"]
+
+
+def test_what_no_cause_explains_beside_them_stays_unknown(tmp_path: Path) -> None:
+    """A hum of its own in all samples: the three are rough, and the rest has no name."""
+
+    def hum(values: Array) -> Array:
+        return shifted(values + np.sin(0.1 * np.arange(len(values))) ** 3)
+
+    assert diagnosed(tmp_path, {"torque/knee": hum})["named"] == []
+
+
+def test_the_suspects_are_what_is_stuck_and_what_is_rough() -> None:
+    """A smooth difference has none; a sample that is off is one, and its neighbours are not."""
+    time = np.linspace(0.0, 1.0, 101)
+    expected = np.stack([np.sin(7.0 * time) + 2.0, np.cos(5.0 * time)], axis=1)
+    smooth = 1.05 * expected
+    swing = model_of_swing()
+    calm = Differences(replace(swing, scale=np.ones(2)), time, smooth, expected, np.full(2, 1e-9))
+    assert not find_suspects(calm).any()
+    off = smooth.copy()
+    off[[20, 50], 0] += [0.4, -0.1]
+    off[70:73, 1] = off[69, 1]
+    suspects = find_suspects(replace(calm, given=off))
+    assert set(np.flatnonzero(suspects[:, 0])) >= {20, 50}
+    assert not suspects[[19, 21, 49, 51], 0].any()
+    assert set(np.flatnonzero(suspects[:, 1])) >= {70, 71, 72}
+    assert suspects.sum(axis=0).max() <= 5  # of a hundred
+    many = smooth.copy()
+    many[10:30] = many[9]  # no single ones
+    assert not find_suspects(replace(calm, given=many))[10:30].any()
+
+
+@pytest.mark.parametrize("kind", [OUT, ZERO, HELD])
+def test_a_bench_spoils_few_samples(kind: str) -> None:
+    values = np.sin(np.linspace(0.1, 3.0, 61)) + 1.0
+    changed = np.flatnonzero(replace_samples(values, kind) != values)
+    assert len(changed) == 3  # a twentieth
+    assert changed.min() >= 2
+    assert changed.max() < len(values) - 1

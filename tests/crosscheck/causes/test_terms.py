@@ -13,10 +13,12 @@ from crosscheck.causes.fault_benches import BENCHES
 from crosscheck.causes.model import Model, make_model, open_tree
 from crosscheck.causes.rows.terms import (
     compute_centrifugal_terms,
+    compute_closure_efforts,
     compute_gyroscopic_efforts,
     compute_quadratic_terms,
+    list_single_closures,
 )
-from crosscheck.causes.selftest import ask, find_fault_causes, prepare, run_fault
+from crosscheck.causes.selftest import CLEAN, ask, find_fault_causes, prepare, run_bench, run_fault
 from crosscheck.causes.subject import Subject
 from flexinv.files.load_cases import load_cases
 from flexinv.files.load_mechanism import load_mechanism
@@ -117,6 +119,55 @@ def test_the_weights_of_all_bodies_are_gravity() -> None:
     still = 0.0 * model.states.qdd
     gravity = open_tree(model.base.mechanism, replace(model.states, qd=still, qdd=still))
     np.testing.assert_allclose(dropped, gravity, rtol=0, atol=ROUNDING * np.abs(gravity).max())
+
+
+# Solving for multipliers multiplies rounding by the condition of G: some hundred.
+OF_LOOPS = 1e-9
+
+
+@pytest.mark.parametrize("name", ["andrews_squeezer", "geared_four_bar"])
+def test_the_forces_of_all_closures_are_what_the_open_tree_lacks(name: str) -> None:
+    model = model_of(name, "turn")
+    mechanism = model.base.mechanism
+    closures = list_single_closures(model)
+    assert closures == [c.name for c in mechanism.closures]
+    shares = [compute_closure_efforts(mechanism, model.states, model.torque, closure) for closure in closures]
+    whole = open_tree(mechanism, model.states) - model.torque
+    most = np.abs(whole).max()
+    np.testing.assert_allclose(sum(shares), whole, rtol=0, atol=OF_LOOPS * most)
+    for share in shares:  # no force of a closure does work along a motion that it allows
+        assert np.abs(share).max() > 1e-2 * most
+        assert np.abs((share * model.states.qd).sum(axis=1)).max() < OF_LOOPS * most * np.abs(model.states.qd).max()
+    soft = DICTIONARY["soft constraint"].change(model.base, "", np.ones(1))
+    np.testing.assert_allclose(model.compute_torques(soft) - model.torque, whole, rtol=0, atol=OF_LOOPS * most)
+
+
+def test_the_force_of_a_coupling_acts_on_its_joints_in_the_ratio_of_its_factors() -> None:
+    model = model_of("geared_four_bar", "turn")
+    mechanism = model.base.mechanism
+    for coupling in (c for c in mechanism.closures if c.kind == "coupling"):
+        share = compute_closure_efforts(mechanism, model.states, model.torque, coupling.name)
+        ratio = np.zeros(mechanism.nv)
+        for joint, factor in coupling.factors:
+            ratio[mechanism.v_slices[joint]] = factor
+        along = np.outer(share @ ratio / (ratio @ ratio), ratio)
+        np.testing.assert_allclose(share, along, rtol=0, atol=OF_LOOPS * np.abs(share).max())
+
+
+def test_a_closure_whose_force_another_can_take_over_has_none_of_its_own() -> None:
+    model = model_of("andrews_squeezer", "turn")
+    first, *others = model.base.mechanism.closures
+    twice = model.base.replace_mechanism(closures=(first, replace(first, name="again"), *others))
+    assert list_single_closures(replace(model, base=twice)) == [c.name for c in others]
+    alone = model.base.replace_mechanism(closures=(first,))
+    assert list_single_closures(replace(model, base=alone)) == []  # "soft constraint" says it
+
+
+def test_a_closure_without_its_force_is_named_alone() -> None:
+    (bench,) = (one for one in BENCHES if one.mechanism == "geared_four_bar")
+    rows = run_bench(bench, MODELS, (0.1,), ("closure force dropped",), targets=2)
+    assert [(row.cause, row.outcome) for row in rows] == [(CLEAN, "silent"), *[("closure force dropped", "alone")] * 2]
+    assert len({row.target for row in rows}) == 3
 
 
 def test_each_is_named_alone_beside_a_damper_that_differs() -> None:

@@ -19,7 +19,8 @@ pytestmark = [
 # A picture is empty where it has no size, and cut where it or what it draws reaches out of its frame.
 PICTURES = """Array.from(document.querySelectorAll('svg'), svg => {
   const frame = svg.getBoundingClientRect();
-  const parts = Array.from(svg.querySelectorAll('path, text, rect'), one => one.getBoundingClientRect());
+  const shown = Array.from(svg.querySelectorAll('path, text, rect')).filter(one => one.getClientRects().length);
+  const parts = shown.map(one => one.getBoundingClientRect());
   const cut = parts.some(p => p.left < frame.left - 2 || p.right > frame.right + 2 || p.top < frame.top - 2
     || p.bottom > frame.bottom + 2);
   return [frame.width, frame.height, frame.right <= innerWidth + 1, cut];

@@ -146,6 +146,41 @@ def test_a_moving_picture_lasts_as_long_as_is_said_and_is_saved(bent: flexinv.So
             bent.animate(wrong)  # type: ignore[arg-type]
 
 
+def test_a_click_stops_the_moving_picture_and_the_next_one_plays_it(bent: flexinv.Solution) -> None:
+    """All that moves ends by the same click, stays where it is, and begins again by the click on what is shown then."""
+    tree = ET.fromstring(bent.animate().svg)
+    names = {one.get("id"): one for one in tree.iter() if one.get("id")}
+    moved = list(tree.iter(f"{SVG}animate"))
+    assert {one.get("attributeName") for one in moved} == {"d", "cx"}
+    assert {one.get("fill") for one in moved} == {"freeze"}
+    ((begin, end),) = {(one.get("begin", ""), one.get("end", "")) for one in moved}
+    stop, play = (
+        re.fullmatch(pattern, text) for pattern, text in ((r"(\w+)\.click", end), (r"0s;(\w+)\.click", begin))
+    )
+    assert stop is not None
+    assert play is not None
+    shown = names[play[1]]
+    assert shown.get("display") == "none"
+    (sign,) = shown.iter(f"{SVG}set")
+    assert (sign.get("begin"), sign.get("end")) == (end, begin.removeprefix("0s;"))
+    sizes = [(one.get("width"), one.get("height")) for one in (names[stop[1]], *shown.iter(f"{SVG}rect"))]
+    assert sizes[0] == sizes[1] == tuple(tree.get("viewBox", "").split()[2:])
+    other = ET.fromstring(bent.animate(4.0).svg)  # beside it on a page
+    assert not names.keys() & {one.get("id") for one in other.iter()}
+
+
+def test_whoever_asked_for_less_motion_sees_the_drawing(bent: flexinv.Solution) -> None:
+    tree = ET.fromstring(bent.animate().svg)
+    (style,) = (one.text or "" for one in tree.iter(f"{SVG}style"))
+    always, calm = style.split("@media (prefers-reduced-motion:reduce)")
+    assert always == ".flexinv-still{display:none}"
+    assert calm.startswith("{.flexinv-still{display:inline}.flexinv-moving{display:none}")
+    moving = [one for one in tree.iter() if one.get("class") == "flexinv-moving"]
+    assert {id(x) for one in moving for x in one.iter(f"{SVG}animate")} == {id(x) for x in tree.iter(f"{SVG}animate")}
+    (still,) = (one for one in tree.iter() if one.get("class") == "flexinv-still")
+    assert len(still) == drawing.FRAMES
+
+
 def test_a_solution_of_one_instant_does_not_move(root: Path) -> None:
     still = flexinv.statics(flexinv.load_mechanism(root / "models" / "flex_two_link"), {})
     with pytest.raises(flexinv.InputError, match="one sample"):

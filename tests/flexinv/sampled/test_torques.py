@@ -227,11 +227,24 @@ def test_a_wrong_part_late_in_a_file_is_found_and_leaves_no_file(ur5: Mechanism,
 def test_true_rates_pass_whatever_spacing_and_digits(
     spacing: float, digits: int, ur5: Mechanism, tmp_path: Path
 ) -> None:
-    """Five to eight samples for the fastest turn, or three decimals: what the factor is off by is allowed for."""
-    table(ur5, spacing * np.arange(100)).round(digits).to_csv(tmp_path / "motion.csv")
+    """Five to eight samples for the fastest turn, or three decimals: what the factor is off by is allowed for.
+
+    Efforts are those of the exact motion, to what half of a last digit in every number does to them at most.
+    """
+    time = spacing * np.arange(100)
+    table(ur5, time).round(digits).to_csv(tmp_path / "motion.csv")
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", ModelWarning)
-        flexinv.torques(ur5, tmp_path / "motion.csv")
+        found = flexinv.torques(ur5, tmp_path / "motion.csv")
+    states = sines(ur5, time)
+    exact = flexinv.joint_torques(ur5, *states)
+    slopes = flexinv.torque_derivatives(ur5, *states)
+    half = 0.5 * 10.0**-digits
+    most = half * sum(np.abs(one).sum(axis=2) for one in (slopes.q, slopes.qd, slopes.qdd))
+    rounding = 1e-12 * np.abs(exact).max()  # a thousand operations
+    assert (
+        np.abs(found.to_numpy() - exact) <= 1.01 * most + rounding
+    ).all()  # squares of the digits are below a hundredth
 
 
 def test_noise_of_short_digits_is_said_in_newton_metres(ur5: Mechanism, tmp_path: Path) -> None:
@@ -313,6 +326,21 @@ def test_payload_gravity_and_friction_are_those_of_the_mechanism_that_has_them(u
     np.testing.assert_allclose(dry.iloc[:, 2], 3.0 * np.sign(own) + 0.5 * own, atol=1e-9)
     with pytest.raises(InputError, match="friction: joint"):
         flexinv.torques(ur5, motion, friction={"elbow": (1.0, 0.0)})
+
+
+@pytest.mark.parametrize("load", [2.0, flexinv.Inertia(2.0), flexinv.Body("tool", flexinv.Inertia(2.0))])
+def test_a_payload_on_no_link_is_called_a_payload(load: object, ur5: Mechanism) -> None:
+    words = r"payload: link = 'tool': expected one that .* has: .*tool0.*; write tool0"
+    with pytest.raises(InputError, match=words):
+        flexinv.torques(ur5, table(ur5, 1e-2 * np.arange(30)), payload={"tool": load})  # type: ignore[dict-item]
+
+
+@pytest.mark.parametrize("wrong", [np.nan, np.inf])
+def test_what_is_no_number_is_told_as_it_is_written(wrong: float, ur5: Mechanism) -> None:
+    motion = table(ur5, 1e-2 * np.arange(30))
+    motion.iloc[4, 1] = wrong
+    with pytest.raises(InputError, match=rf"row 5 of numbers, column .*shoulder_lift_joint.*\n +given: +{wrong}\n"):
+        flexinv.torques(ur5, motion)
 
 
 def test_a_joint_that_is_held_needs_no_column(ur5: Mechanism) -> None:
