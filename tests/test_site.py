@@ -8,7 +8,6 @@ import shutil
 import subprocess
 import sys
 import urllib.parse
-from collections.abc import Iterator
 from pathlib import Path
 
 import chromium
@@ -18,6 +17,7 @@ from once import made_once
 
 pytest.importorskip("sphinx")
 pytestmark = pytest.mark.slow
+page = pytest.fixture(scope="module")(chromium.lend_page)
 ROOT = Path(__file__).resolve().parent.parent
 PARTS = ("flexinv", "crosscheck", "docs", "models", "reports/baseline")
 FILES = ("pyproject.toml", "NOTATION.md", "CHANGELOG.md", "README.md", "LICENSE")
@@ -140,15 +140,6 @@ def test_options_of_commands_stand_as_they_are_typed(site: Path) -> None:
     assert re.findall(r"[–—]\w+", shown) == []
     assert re.findall(r"<p>\|.*|<cite>.*", shown) == []
     assert "crosscheck corpus --out corpus" in shown
-
-
-@pytest.fixture(scope="module")
-def page() -> Iterator[chromium.Browser]:
-    program = chromium.find()
-    if program is None:
-        pytest.skip("no Chromium or Chrome on this machine")
-    with chromium.browser(program) as browser:
-        yield browser
 
 
 def address(file: Path, query: str = "") -> str:

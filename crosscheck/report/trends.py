@@ -8,12 +8,13 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from itertools import pairwise
 from pathlib import Path
-from typing import NotRequired, TypedDict
+from typing import Any, NotRequired, TypedDict
 
 import sqlalchemy as sql
 
 from crosscheck import output_folder as owned
 from crosscheck.report import html
+from crosscheck.report.curve_files import render_curves
 from crosscheck.verdicts.history import COMPARISON, METRIC, TIMING, VERSION, Night, Row, ask, list_nights
 from crosscheck.verdicts.results import make_slug
 
@@ -26,7 +27,6 @@ def write(database: sql.Engine, out: Path) -> None:
     """Write ``trends/index.html`` and one page per case below ``out``.  Raises HistoryError, OSError."""
     shown = list_nights(database)[-MOST:]
     order = {night.id: k for k, night in enumerate(shown)}
-    pages = html.prepare_templates()
     owned.make_listed_folder(out)
     folder = out / "trends"
     folder.mkdir(parents=True, exist_ok=True)
@@ -52,14 +52,31 @@ def write(database: sql.Engine, out: Path) -> None:
         ]
         title = " / ".join(case)
         view = {**common, "title": title, "charts": charts, "back": f"../cases/{make_slug('-'.join(case))}.html"}
-        html.write_page(pages, "trends.html.j2", folder / f"{make_slug('-'.join(case))}.html", **view, links=[])
+        _write_trend_page(folder, make_slug("-".join(case)), {**view, "links": []})
     charts = [
         build_chart("Time of the whole night", "s", {"night": [[order[n.id], n.elapsed] for n in shown if not n.label]})
     ]
     charts += build_metric_charts(_read_night_rows(database, METRIC, order), order)
     links = [(" / ".join(case), f"{make_slug('-'.join(case))}.html") for case in sorted(times)]
     view = {**common, "title": "All nights", "charts": charts, "links": links, "back": "../index.html"}
-    html.write_page(pages, "trends.html.j2", folder / "index.html", **view)
+    _write_trend_page(folder, "index", view)
+
+
+def _write_trend_page(folder: Path, stem: str, view: Mapping[str, Any]) -> None:
+    """Write a page of charts, and a CSV of each."""
+    files = [f"{stem}-chart{k}.csv" for k in range(len(view["charts"]))]
+    for file, chart in zip(files, view["charts"], strict=True):
+        owned.write(folder / file, render_chart(chart, view["axis"]))
+    html.write_page(html.prepare_templates(), "trends.html.j2", folder / f"{stem}.html", **view, files=files)
+
+
+def render_chart(chart: Chart, axis: Sequence[str]) -> str:
+    """Return the curves of a chart over the nights as CSV [unit of the chart]; axis : the time of each night."""
+    curves = [
+        (f"{name} [{chart['unit']}]", [axis[int(point[0] or 0)] for point in points], [point[1] for point in points])
+        for name, points in chart["curves"].items()
+    ]
+    return render_curves("night", curves)
 
 
 class Chart(TypedDict):
