@@ -13,6 +13,7 @@ from pathlib import Path
 import chromium
 import pytest
 import readable
+import uncut
 from once import made_once
 
 pytest.importorskip("sphinx")
@@ -169,9 +170,30 @@ def test_pages_fit_are_quiet_have_contrast_and_are_reached_by_keyboard(
         for width in () if dark else (1400, 400):
             page.resize(width)
             wrong += [] if page.evaluate(WIDE) else [f"wider than {width} px"]
+            page.evaluate(OPEN)
+            wrong += [f"at {width} px {what}" for what in uncut.list_cut(page)]
         if wrong:
             result[str(file.relative_to(site))] = wrong
     assert result == {}
+
+
+OPEN = (
+    "document.querySelectorAll('details:not(.view)').forEach(one => one.open = true)"  # views load scripts of their own
+)
+
+
+@pytest.mark.browser
+@pytest.mark.parametrize("dark", [False, True])
+def test_pictures_are_as_light_or_dark_as_their_page(page: chromium.Browser, site: Path, dark: bool) -> None:
+    """A picture on white in the dark dazzles; one of a single colour is empty.  All take their colours from one sheet."""
+    seen: dict[str, tuple[float, float]] = {}
+    for name in ("index", f"examples/{VIEW}", "mechanisms/walker", "explanation/speed"):
+        page.open(address(site / f"{name}.html"), 1400, 900, dark)
+        found = uncut.measure_pictures(page)
+        assert found, name
+        seen |= found
+    assert {name: mean for name, (mean, _) in seen.items() if (mean < 0.3) != dark or (mean > 0.7) == dark} == {}
+    assert min(spread for _, spread in seen.values()) > 0.5
 
 
 @pytest.mark.browser

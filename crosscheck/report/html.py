@@ -20,11 +20,12 @@ from crosscheck import output_folder as owned
 from crosscheck.measures.limits import Verdict, find_worst_verdict
 from crosscheck.report import animation, change_summary, words
 from crosscheck.report import explanations as reasons
-from crosscheck.report.curve_files import render_figure
+from crosscheck.report.curve_files import list_figure_curves
 from crosscheck.report.plots import CaseManifest, read_records, write_case
 from crosscheck.verdicts.compare import Comparison
 from crosscheck.verdicts.results import CaseRow, Diagnosis, EngineRow, Results, RunRow, StudyRow, make_slug
 from crosscheck.verdicts.study_table import Curve, SideTable, StudyFigure, StudyPlot
+from flexinv.display.curve_table import render_curves
 
 ASSETS = ("report.css", "theme.js", "plots.js", "trends.js", "animation.js")
 
@@ -56,7 +57,7 @@ def _write_study_page(results: Results, study: StudyRow, out: Path) -> None:
     folder = out / "data" / make_slug(study.name)
     for name, figure in list_drawn_figures(study, view["plot"]).items():
         folder.mkdir(parents=True, exist_ok=True)
-        owned.write(folder / f"{name}.csv", render_figure(figure))
+        owned.write(folder / f"{name}.csv", render_curves(list_figure_curves(figure)))
     write_page(prepare_templates(), "study.html.j2", out / "studies" / f"{make_slug(study.name)}.html", **view)
 
 

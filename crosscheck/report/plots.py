@@ -20,9 +20,10 @@ from crosscheck.measures.limits import REFERENCE
 from crosscheck.measures.record import Record, read_record
 from crosscheck.measures.spectrum import RINGING, compute_ringing_spectrum
 from crosscheck.report import animation
-from crosscheck.report.curve_files import list_engine_curves, render_curves
+from crosscheck.report.curve_files import list_engine_curves
 from crosscheck.report.encoding import convert_to_base64
 from crosscheck.verdicts.results import CaseRow, Results, make_slug
+from flexinv.display.curve_table import DrawnCurve, render_curves
 from flexinv.typing import Array
 
 VISIBLE = 1e-3  # of the range: on a plot 360 pixels high a narrower error bar is inside its line
@@ -119,15 +120,15 @@ def _write_quantity(
     spectra = collect_spectra(results, case, records, quantity)
     data = build_quantity_data(results, case, records, quantity, spectra)
     owned.write(folder / f"{slug}.js", f"crosscheckData({json.dumps(key)}, {json.dumps(data, allow_nan=False)});\n")
-    owned.write(folder / f"{slug}.csv", render_curves("time [s]", list_engine_curves(records, quantity)))
+    owned.write(folder / f"{slug}.csv", render_curves(list_engine_curves(records, quantity)))
     tables = [(quantity, f"{slug}.csv")]
     if spectra:
         curves = [
-            (f"{engine}: {name} [{data['series'][name]['unit']}]", one.frequency, amplitude)
+            DrawnCurve("frequency [Hz]", f"{engine}: {name} [{data['series'][name]['unit']}]", one.frequency, amplitude)
             for name, one in spectra.items()
             for engine, amplitude in one.amplitude.items()
         ]
-        owned.write(folder / f"{slug}-spectrum.csv", render_curves("frequency [Hz]", curves))
+        owned.write(folder / f"{slug}-spectrum.csv", render_curves(curves))
         tables.append((f"spectrum of {quantity}", f"{slug}-spectrum.csv"))
     return {"name": quantity, "slug": slug, "series": list(data["series"]), "tables": tables}
 

@@ -14,9 +14,9 @@ import sqlalchemy as sql
 
 from crosscheck import output_folder as owned
 from crosscheck.report import html
-from crosscheck.report.curve_files import render_curves
 from crosscheck.verdicts.history import COMPARISON, METRIC, TIMING, VERSION, Night, Row, ask, list_nights
 from crosscheck.verdicts.results import make_slug
+from flexinv.display.curve_table import DrawnCurve, render_curves
 
 MOST = 400  # nights that are drawn, the newest ones: more than a year
 Point = list[float | str | None]  # number of the night, value, perhaps verdict or status
@@ -72,11 +72,15 @@ def _write_trend_page(folder: Path, stem: str, view: Mapping[str, Any]) -> None:
 
 def render_chart(chart: Chart, axis: Sequence[str]) -> str:
     """Return the curves of a chart over the nights as CSV [unit of the chart]; axis : the time of each night."""
-    curves = [
-        (f"{name} [{chart['unit']}]", [axis[int(point[0] or 0)] for point in points], [point[1] for point in points])
+    return render_curves(
+        DrawnCurve(
+            "night",
+            f"{name} [{chart['unit']}]",
+            [axis[int(point[0] or 0)] for point in points],
+            [point[1] for point in points],
+        )
         for name, points in chart["curves"].items()
-    ]
-    return render_curves("night", curves)
+    )
 
 
 class Chart(TypedDict):

@@ -2,15 +2,20 @@
 
 from __future__ import annotations
 
+import base64
+import io
 import json
 from typing import Any
 
 import chromium
+import numpy as np
+from PIL import Image
 
 # What stands in a box that scrolls is cut: a reader of a still page does not see it, unless the box itself shows that there is
-# more.  Two frames are waited for, in which a page fits its tables to its width.  Plotly measures texts far outside the page.
+# more.  Two frames are waited for, in which a page of a report fits its tables to its width.  Plotly measures texts far outside
+# of the page.
 CUT = """(async marked => {
-  for (const _ of [1, 2]) await new Promise(requestAnimationFrame);
+  if (document.querySelector('.scroll')) for (const _ of [1, 2]) await new Promise(requestAnimationFrame);
   const found = [], LEAST = 8; // [px]
   const name = one => `${one.tagName.toLowerCase()} ${one.getAttribute('class') || one.id}: `
     + (one.getAttribute('src') || one.textContent).trim().replace(/\\s+/g, ' ').slice(-40);
@@ -40,9 +45,26 @@ CUT = """(async marked => {
 })"""
 
 
+IMAGES = """Array.from(document.querySelectorAll('article img'), one => {
+  const { left, top, width, height } = one.getBoundingClientRect();
+  return [one.getAttribute('src'), { x: left + scrollX, y: top + scrollY, width, height, scale: 1 }];
+})"""
+
+
 def list_cut(page: chromium.Browser, marked: str = "") -> Any:
     """List what is cut or empty on an open page [list of str].
 
     marked : selector of boxes that scroll and show that there is more
     """
     return page.evaluate(f"{CUT}({json.dumps(marked)})")
+
+
+def measure_pictures(page: chromium.Browser) -> dict[str, tuple[float, float]]:
+    """Measure how light the pictures of an open page are as they are seen: mean and spread, 0 black, 1 white [-]."""
+    found = {}
+    for source, clip in page.evaluate(IMAGES):
+        data = page.call("Page.captureScreenshot", clip=clip, captureBeyondViewport=True)["data"]
+        with Image.open(io.BytesIO(base64.b64decode(data))) as image:
+            grey = np.asarray(image.convert("L"), dtype=float) / 255.0
+        found[source] = (float(grey.mean()), float(np.ptp(grey)))
+    return found
