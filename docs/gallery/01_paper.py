@@ -3,7 +3,7 @@ The paper's four examples
 =========================
 
 D. Isobe and co-workers show their scheme on four examples: a rigid arm, the time that it takes, one link that bends,
-and two links of different stiffness. Here they are in some ten lines each.
+and two links of different stiffness. Here is each in a few calls.
 """
 
 # %%

@@ -41,3 +41,16 @@ def test_the_picture_of_a_study_has_its_numbers(night: Night) -> None:
     page = night.out / "studies" / "rogue.html"
     (file,) = re.findall(r'href="([^"]+\.csv)" download', page.read_text())
     assert (page.parent / file).is_file()
+
+
+def test_a_chart_over_nights_has_their_times_and_values() -> None:
+    pytest.importorskip("sqlalchemy")
+    from crosscheck.report.trends import build_chart, render_chart
+
+    chart = build_chart("time", "s", {"a": [[0, 1.5], [2, None]], "b": [[1, 2.5]]})
+    lines = list(csv.reader(render_chart(chart, ["monday", "tuesday", "wednesday"]).splitlines()))
+    assert lines == [
+        ["night", "a [s]", "night of b [s]", "b [s]"],
+        ["monday", "1.5", "tuesday", "2.5"],
+        ["wednesday", "", "", ""],
+    ]
