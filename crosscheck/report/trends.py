@@ -75,7 +75,7 @@ def render_chart(chart: Chart, axis: Sequence[str]) -> str:
     return render_curves(
         DrawnCurve(
             "night",
-            f"{name} [{chart['unit']}]",
+            f"{chart['title']} [{chart['unit']}]: {name}",
             [axis[int(point[0] or 0)] for point in points],
             [point[1] for point in points],
         )

@@ -50,7 +50,7 @@ def test_a_chart_over_nights_has_their_times_and_values() -> None:
     chart = build_chart("time", "s", {"a": [[0, 1.5], [2, None]], "b": [[1, 2.5]]})
     lines = list(csv.reader(render_chart(chart, ["monday", "tuesday", "wednesday"]).splitlines()))
     assert lines == [
-        ["night", "a [s]", "night of b [s]", "b [s]"],
+        ["night", "time [s]: a", "night of time [s]: b", "time [s]: b"],
         ["monday", "1.5", "tuesday", "2.5"],
         ["wednesday", "", "", ""],
     ]
