@@ -197,6 +197,19 @@ def test_pictures_are_as_light_or_dark_as_their_page(page: chromium.Browser, sit
 
 
 @pytest.mark.browser
+def test_a_picture_that_is_white_or_empty_would_be_seen(page: chromium.Browser, tmp_path: Path) -> None:
+    drawn = "<svg xmlns='http://www.w3.org/2000/svg' width='90' height='90'><rect width='90' height='90' fill='white'/>{}</svg>"
+    for name, inside in (("full", "<path d='M9 9L80 80' stroke='black'/>"), ("empty", "")):
+        (tmp_path / f"{name}.svg").write_text(drawn.format(inside))
+    file = tmp_path / "page.html"
+    file.write_text("<!doctype html><article><img src='full.svg'><img src='empty.svg'></article>")
+    page.open(address(file), dark=True)
+    found = uncut.measure_pictures(page)
+    assert found["full.svg"][0] > 0.7
+    assert (found["full.svg"][1] > 0.5, found["empty.svg"][1] > 0.5) == (True, False)
+
+
+@pytest.mark.browser
 @pytest.mark.parametrize("width", [1400, 500])
 def test_the_list_of_mechanisms_shows_its_pictures(page: chromium.Browser, site: Path, width: int) -> None:
     page.open(address(site / "mechanisms" / "index.html"), width)
