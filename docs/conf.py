@@ -77,7 +77,7 @@ sphinx_gallery_conf = {
     "ignore_repr_types": r"plotly",  # else the page itself holds the figure, and loads a script from another machine
     "abort_on_example_error": True,
     "matplotlib_animations": False,
-    "image_scrapers": ("matplotlib", "gallery_views.scrape"),
+    "image_scrapers": ("gallery_views.scrape_figures", "gallery_views.scrape"),
     "reset_modules_order": "both",
     "reset_modules": ("matplotlib", "gallery_views.in_the_project"),
 }

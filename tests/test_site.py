@@ -8,16 +8,17 @@ import shutil
 import subprocess
 import sys
 import urllib.parse
-from collections.abc import Iterator
 from pathlib import Path
 
 import chromium
 import pytest
 import readable
+import uncut
 from once import made_once
 
 pytest.importorskip("sphinx")
 pytestmark = pytest.mark.slow
+page = pytest.fixture(scope="module")(chromium.lend_page)
 ROOT = Path(__file__).resolve().parent.parent
 PARTS = ("flexinv", "crosscheck", "docs", "models", "reports/baseline")
 FILES = ("pyproject.toml", "NOTATION.md", "CHANGELOG.md", "README.md", "LICENSE")
@@ -142,15 +143,6 @@ def test_options_of_commands_stand_as_they_are_typed(site: Path) -> None:
     assert "crosscheck corpus --out corpus" in shown
 
 
-@pytest.fixture(scope="module")
-def page() -> Iterator[chromium.Browser]:
-    program = chromium.find()
-    if program is None:
-        pytest.skip("no Chromium or Chrome on this machine")
-    with chromium.browser(program) as browser:
-        yield browser
-
-
 def address(file: Path, query: str = "") -> str:
     return "file://" + urllib.parse.quote(str(file)) + query
 
@@ -178,9 +170,43 @@ def test_pages_fit_are_quiet_have_contrast_and_are_reached_by_keyboard(
         for width in () if dark else (1400, 400):
             page.resize(width)
             wrong += [] if page.evaluate(WIDE) else [f"wider than {width} px"]
+            page.evaluate(OPEN)
+            wrong += [f"at {width} px {what}" for what in uncut.list_cut(page)]
         if wrong:
             result[str(file.relative_to(site))] = wrong
     assert result == {}
+
+
+OPEN = (
+    "document.querySelectorAll('details:not(.view)').forEach(one => one.open = true)"  # views load scripts of their own
+)
+
+
+@pytest.mark.browser
+@pytest.mark.parametrize("dark", [False, True])
+def test_pictures_are_as_light_or_dark_as_their_page(page: chromium.Browser, site: Path, dark: bool) -> None:
+    """A picture on white in the dark dazzles; one of a single colour is empty.  All take their colours from one sheet."""
+    seen: dict[str, tuple[float, float]] = {}
+    for name in ("index", f"examples/{VIEW}", "mechanisms/walker", "explanation/speed"):
+        page.open(address(site / f"{name}.html"), 1400, 900, dark)
+        found = uncut.measure_pictures(page)
+        assert found, name
+        seen |= found
+    assert {name: mean for name, (mean, _) in seen.items() if (mean < 0.3) != dark or (mean > 0.7) == dark} == {}
+    assert min(spread for _, spread in seen.values()) > 0.5
+
+
+@pytest.mark.browser
+def test_a_picture_that_is_white_or_empty_would_be_seen(page: chromium.Browser, tmp_path: Path) -> None:
+    drawn = "<svg xmlns='http://www.w3.org/2000/svg' width='90' height='90'><rect width='90' height='90' fill='white'/>{}</svg>"
+    for name, inside in (("full", "<path d='M9 9L80 80' stroke='black'/>"), ("empty", "")):
+        (tmp_path / f"{name}.svg").write_text(drawn.format(inside))
+    file = tmp_path / "page.html"
+    file.write_text("<!doctype html><article><img src='full.svg'><img src='empty.svg'></article>")
+    page.open(address(file), dark=True)
+    found = uncut.measure_pictures(page)
+    assert found["full.svg"][0] > 0.7
+    assert (found["full.svg"][1] > 0.5, found["empty.svg"][1] > 0.5) == (True, False)
 
 
 @pytest.mark.browser

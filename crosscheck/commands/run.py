@@ -59,6 +59,7 @@ def command(asked: RunSelection, out: Path, baseline: Path | None, fresh: bool) 
       results.json   every number and verdict; `crosscheck report` renders the rest from it
       summary.md     for a terminal or a pull request;  junit.xml for a CI system
       series/        all curves (NumPy .npz with a .json of names and units)
+      data/          what the pages draw, as CSV with units in the names of the columns
     """
     console = Console(stderr=True)
 

@@ -81,9 +81,10 @@ def build_study_row(identification: Identification, causes: Sequence[tuple[str, 
     text = text.replace("\n", " ") + ("" if identification.machine.settings.limits else UNJUDGED)
     figures = [*_list_band_figures(identification), *_list_spectrum_figures(identification)]
     tables = [
+        _build_told_table(identification.parameters),
         _build_cause_table(causes),
         _build_doubt_table(identification.words),
-        _build_parameter_table(identification.parameters),
+        _build_untold_table(identification.parameters),
         _build_least_table(causes),
         _build_scatter_table(identification),
     ]
@@ -95,6 +96,7 @@ def build_study_row(identification: Identification, causes: Sequence[tuple[str, 
         tuple(_list_channel_rows(identification)),
         figures=tuple(figures),
         tables=tuple(tables),
+        heading="How well the logs are explained",
     )
 
 
@@ -212,11 +214,24 @@ def _build_least_table(causes: Sequence[tuple[str, CauseFindings]]) -> SideTable
     }
 
 
-def _build_parameter_table(table: Sequence[Row]) -> SideTable:
+def _build_told_table(table: Sequence[Row]) -> SideTable:
+    """Return the parameters that the logs tell, with which the page opens: they are what was asked for."""
+    told = [row for row in table if row.identifiable]
+    return {**_build_parameter_table("Parameters before and after", told), "leads": True}
+
+
+def _build_untold_table(table: Sequence[Row]) -> SideTable:
+    """Return the parameters of which the logs say no more than was known before."""
+    return _build_parameter_table(
+        "Parameters that the logs do not tell", [row for row in table if not row.identifiable]
+    )
+
+
+def _build_parameter_table(title: str, table: Sequence[Row]) -> SideTable:
     columns = [
-        ("parameter", "parameter", ""), ("place", "place", ""), ("value", "value", "unit"), ("interval", "90 % interval", ""),
-        ("before", "before", "unit"), ("known", "90 % interval before", ""), ("ratio", "width over width before", "-"),
-        ("unit", "unit", ""), ("told", "told by the logs", ""),
+        ("parameter", "parameter", ""), ("place", "place", ""), ("value", "value", "unit"), ("unit", "unit", ""),
+        ("interval", "90 % interval", ""), ("before", "before", "unit"), ("known", "90 % interval before", ""),
+        ("ratio", "width over width before", "-"),
     ]  # fmt: skip
     rows = [
         {
@@ -228,11 +243,10 @@ def _build_parameter_table(table: Sequence[Row]) -> SideTable:
             "known": f"{format_short(row.before_low)} to {format_short(row.before_high)}",
             "ratio": (row.high - row.low) / max(row.before_high - row.before_low, 1e-300),
             "unit": row.unit,
-            "told": "yes" if row.identifiable else "no",
         }
-        for row in sorted(table, key=lambda row: not row.identifiable)  # what the logs tell comes first
+        for row in table
     ]
-    return {"title": "Parameters before and after", "columns": columns, "rows": rows}
+    return {"title": title, "columns": columns, "rows": rows}
 
 
 def _build_doubt_table(words: Sequence[str]) -> SideTable:

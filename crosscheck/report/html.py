@@ -20,10 +20,12 @@ from crosscheck import output_folder as owned
 from crosscheck.measures.limits import Verdict, find_worst_verdict
 from crosscheck.report import animation, change_summary, words
 from crosscheck.report import explanations as reasons
+from crosscheck.report.curve_files import list_figure_curves
 from crosscheck.report.plots import CaseManifest, read_records, write_case
 from crosscheck.verdicts.compare import Comparison
 from crosscheck.verdicts.results import CaseRow, Diagnosis, EngineRow, Results, RunRow, StudyRow, make_slug
-from crosscheck.verdicts.study_table import SideTable, StudyPlot
+from crosscheck.verdicts.study_table import Curve, SideTable, StudyFigure, StudyPlot
+from flexinv.display.curve_table import render_curves
 
 ASSETS = ("report.css", "theme.js", "plots.js", "trends.js", "animation.js")
 
@@ -52,6 +54,10 @@ def _write_case_page(results: Results, case: CaseRow, out: Path) -> None:
 def _write_study_page(results: Results, study: StudyRow, out: Path) -> None:
     (out / "studies").mkdir(exist_ok=True)
     view = build_study_view(results, study)
+    folder = out / "data" / make_slug(study.name)
+    for name, figure in list_drawn_figures(study, view["plot"]).items():
+        folder.mkdir(parents=True, exist_ok=True)
+        owned.write(folder / f"{name}.csv", render_curves(list_figure_curves(figure)))
     write_page(prepare_templates(), "study.html.j2", out / "studies" / f"{make_slug(study.name)}.html", **view)
 
 
@@ -110,21 +116,15 @@ class StudyCurves(TypedDict):
     x: str
     y: str
     log: bool
-    curves: dict[str, CurveValues]
-
-
-class CurveValues(TypedDict):
-    """Values of two columns of a table, row by row."""
-
-    x: list[object]
-    y: list[object]
+    curves: dict[str, Curve]
 
 
 class ShownTable(SideTable):
-    """A table as it is shown; judged : with verdicts; numeric : keys of the columns that hold numbers."""
+    """A table as it is shown; judged : with verdicts; numeric : keys of the columns that hold numbers; heading : "" for none."""
 
     judged: bool
     numeric: set[str]
+    heading: str
 
 
 class SingleStudy(TypedDict):
@@ -286,14 +286,22 @@ def build_study_view(results: Results, study: StudyRow) -> StudyView:
     plot = build_study_plot(study, study.plot) if study.plot is not None and study.rows else None
     judged: SideTable = {"title": study.title, "columns": study.columns, "rows": study.rows}
     tables = [
-        *(_make_shown_table(judged, True) for _ in study.rows[:1]),
-        *(_make_shown_table(one, False) for one in study.tables if one["rows"]),
+        *(_make_shown_table(judged, study.heading, True) for _ in study.rows[:1]),
+        *(_make_shown_table(one, one["title"], False) for one in study.tables if one["rows"]),
     ]
     return {"results": results, "root": "../", "study": study, "plot": plot, "tables": tables}
 
 
-def _make_shown_table(table: SideTable, judged: bool) -> ShownTable:
-    return {**table, "judged": judged, "numeric": list_numeric_columns(table)}
+def _make_shown_table(table: SideTable, heading: str, judged: bool) -> ShownTable:
+    return {
+        "title": table["title"],
+        "columns": table["columns"],
+        "rows": table["rows"],
+        "leads": table.get("leads", False),
+        "judged": judged,
+        "numeric": list_numeric_columns(table),
+        "heading": heading,
+    }
 
 
 def list_numeric_columns(table: SideTable) -> set[str]:
@@ -306,12 +314,21 @@ def list_numeric_columns(table: SideTable) -> set[str]:
 def build_study_plot(study: StudyRow, spec: StudyPlot) -> StudyCurves:
     """Return the curves of a study's plot: one per value of the column that groups them."""
     titles = {key: f"{title} [{unit}]" if unit else title for key, title, unit in study.columns}
-    curves: dict[str, CurveValues] = {}
+    points: dict[str, tuple[list[Any], list[Any]]] = {}
     for row in study.rows:
-        curve = curves.setdefault(str(row.get(spec["group"])), {"x": [], "y": []})
-        curve["x"].append(row.get(spec["x"]))
-        curve["y"].append(row.get(spec["y"]))
+        xs, ys = points.setdefault(str(row.get(spec["group"])), ([], []))
+        xs.append(row.get(spec["x"]))
+        ys.append(row.get(spec["y"]))
+    curves: dict[str, Curve] = {name: {"x": xs, "y": ys} for name, (xs, ys) in points.items()}
     return {"x": titles[spec["x"]], "y": titles[spec["y"]], "log": bool(spec["log"]), "curves": curves}
+
+
+def list_drawn_figures(study: StudyRow, plot: StudyCurves | None) -> dict[str, StudyFigure]:
+    """Return the figures on the page of a study, by the names of the files of their numbers [units of the axes]."""
+    drawn: dict[str, StudyFigure] = {f"figure{k}": figure for k, figure in enumerate(study.figures)}
+    if plot is not None:
+        drawn["plot"] = {"title": study.title, "x": plot["x"], "y": plot["y"], "curves": plot["curves"]}
+    return drawn
 
 
 def find_neighbours(results: Results, case: CaseRow) -> tuple[CaseRow | None, CaseRow | None]:

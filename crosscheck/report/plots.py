@@ -2,13 +2,14 @@
 
 A page opened from the file system may not read files, but it may load scripts: each file calls
 ``crosscheckData(key, {...})``.  Arrays are base64 of little-endian float32: enough for the eye, and the differences
-are taken in float64 before.
+are taken in float64 before.  Beside each script lies what it draws as CSV, with all digits, for whoever wants the numbers.
 """
 
 from __future__ import annotations
 
 import json
 from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import NotRequired, TypedDict
 
@@ -19,19 +20,23 @@ from crosscheck.measures.limits import REFERENCE
 from crosscheck.measures.record import Record, read_record
 from crosscheck.measures.spectrum import RINGING, compute_ringing_spectrum
 from crosscheck.report import animation
+from crosscheck.report.curve_files import list_engine_curves
 from crosscheck.report.encoding import convert_to_base64
 from crosscheck.verdicts.results import CaseRow, Results, make_slug
+from flexinv.display.curve_table import DrawnCurve, render_curves
+from flexinv.typing import Array
 
 VISIBLE = 1e-3  # of the range: on a plot 360 pixels high a narrower error bar is inside its line
 HIGHEST = 4.0  # the spectrum is drawn up to this many times the highest marked peak
 
 
 class QuantityNames(TypedDict):
-    """A quantity that can be drawn: its name, that of its file, and its series."""
+    """A quantity that can be drawn: its name, that of its file, its series; tables : words and files of its numbers."""
 
     name: str
     slug: str
     series: list[str]
+    tables: list[tuple[str, str]]
 
 
 class CaseManifest(TypedDict):
@@ -52,6 +57,15 @@ class EngineLine(TypedDict):
     value: str
     error: NotRequired[str]
     difference: NotRequired[str]
+
+
+@dataclass(frozen=True)
+class Spectra:
+    """Spectra of one series: frequency (lines,) [Hz], amplitude (lines,) [unit] and marked peaks by engine."""
+
+    frequency: Array
+    amplitude: Mapping[str, Array]
+    peaks: dict[str, list[list[float]]]
 
 
 class SpectrumData(TypedDict):
@@ -83,13 +97,7 @@ def write_case(results: Results, case: CaseRow, out: Path) -> CaseManifest:
     records = read_records(results, case, out)
     folder = out / "data" / case.slug
     folder.mkdir(parents=True, exist_ok=True)
-    names: dict[str, list[str]] = {}
-    for quantity in list_drawn_quantities(case, records):
-        key = f"{case.slug}/{make_slug(quantity)}"
-        data = build_quantity_data(results, case, records, quantity)
-        names[quantity] = list(data["series"])
-        text = f"crosscheckData({json.dumps(key)}, {json.dumps(data, allow_nan=False)});\n"
-        owned.write(folder / f"{make_slug(quantity)}.js", text)
+    names = [_write_quantity(results, case, records, q, folder) for q in list_drawn_quantities(case, records)]
     return {
         "slug": case.slug,
         "engines": list(records),
@@ -99,8 +107,30 @@ def write_case(results: Results, case: CaseRow, out: Path) -> CaseManifest:
         if case.held
         else "Spectrum of the whole signal",
         "animation": animation.write(case, records, folder),
-        "quantities": [{"name": q, "slug": make_slug(q), "series": names[q]} for q in names],
+        "quantities": names,
     }
+
+
+def _write_quantity(
+    results: Results, case: CaseRow, records: Mapping[str, Record], quantity: str, folder: Path
+) -> QuantityNames:
+    """Write script and CSV of one quantity of a case into a folder, and return their names."""
+    slug = make_slug(quantity)
+    key = f"{case.slug}/{slug}"
+    spectra = collect_spectra(results, case, records, quantity)
+    data = build_quantity_data(results, case, records, quantity, spectra)
+    owned.write(folder / f"{slug}.js", f"crosscheckData({json.dumps(key)}, {json.dumps(data, allow_nan=False)});\n")
+    owned.write(folder / f"{slug}.csv", render_curves(list_engine_curves(records, quantity)))
+    tables = [(quantity, f"{slug}.csv")]
+    if spectra:
+        curves = [
+            DrawnCurve("frequency [Hz]", f"{engine}: {name} [{data['series'][name]['unit']}]", one.frequency, amplitude)
+            for name, one in spectra.items()
+            for engine, amplitude in one.amplitude.items()
+        ]
+        owned.write(folder / f"{slug}-spectrum.csv", render_curves(curves))
+        tables.append((f"spectrum of {quantity}", f"{slug}-spectrum.csv"))
+    return {"name": quantity, "slug": slug, "series": list(data["series"]), "tables": tables}
 
 
 def read_records(results: Results, case: CaseRow, out: Path) -> dict[str, Record]:
@@ -120,14 +150,33 @@ def find_reference(records: Mapping[str, Record]) -> str:
     return REFERENCE if REFERENCE in records else next(iter(records), "")
 
 
-def build_quantity_data(results: Results, case: CaseRow, records: Mapping[str, Record], quantity: str) -> QuantityData:
+def collect_spectra(
+    results: Results, case: CaseRow, records: Mapping[str, Record], quantity: str
+) -> dict[str, Spectra]:
+    """Return the spectra of a quantity that rings, by series; none of others."""
+    if quantity not in RINGING:
+        return {}
+    found = {name: _find_spectra(results, case, records, name) for name in _list_series(records, quantity)}
+    return {name: one for name, one in found.items() if one is not None}
+
+
+def _list_series(records: Mapping[str, Record], quantity: str) -> list[str]:
+    return list(dict.fromkeys(s.name for r in records.values() for s in r.series.values() if s.quantity == quantity))
+
+
+def build_quantity_data(
+    results: Results, case: CaseRow, records: Mapping[str, Record], quantity: str, spectra: Mapping[str, Spectra]
+) -> QuantityData:
     """Return time and every series of a quantity, by series and engine."""
-    names = dict.fromkeys(s.name for r in records.values() for s in r.series.values() if s.quantity == quantity)
     time = next(iter(records.values())).time
-    return {
-        "time": convert_to_base64(time),
-        "series": {n: _build_series_data(results, case, records, n) for n in names},
-    }
+    series = {n: _build_series_data(results, case, records, n) for n in _list_series(records, quantity)}
+    for name, one in spectra.items():
+        series[name]["spectrum"] = {
+            "frequency": convert_to_base64(one.frequency),
+            "amplitude": {engine: convert_to_base64(a) for engine, a in one.amplitude.items()},
+            "peaks": one.peaks,
+        }
+    return {"time": convert_to_base64(time), "series": series}
 
 
 def _build_series_data(results: Results, case: CaseRow, records: Mapping[str, Record], name: str) -> SeriesData:
@@ -143,14 +192,7 @@ def _build_series_data(results: Results, case: CaseRow, records: Mapping[str, Re
         if base is not None and engine != find_reference(records):
             line["difference"] = convert_to_base64(one.values - base.values)
         lines[engine] = line
-    data: SeriesData = {
-        "unit": owner.unit,
-        "engines": lines,
-        "limits": _collect_limits(results, case, name, owner.unit),
-    }
-    if owner.quantity in RINGING and (spectrum := _build_spectrum_data(results, case, records, name)):
-        data["spectrum"] = spectrum
-    return data
+    return {"unit": owner.unit, "engines": lines, "limits": _collect_limits(results, case, name, owner.unit)}
 
 
 def _collect_limits(results: Results, case: CaseRow, name: str, unit: str) -> dict[str, float]:
@@ -163,9 +205,8 @@ def _collect_limits(results: Results, case: CaseRow, name: str, unit: str) -> di
     }
 
 
-def _build_spectrum_data(
-    results: Results, case: CaseRow, records: Mapping[str, Record], name: str
-) -> SpectrumData | None:
+def _find_spectra(results: Results, case: CaseRow, records: Mapping[str, Record], name: str) -> Spectra | None:
+    """Return the spectra of one series up to `HIGHEST` times the highest marked peak; None where no engine has any."""
     marks = {
         r.engine: [list(mark) for mark in r.peaks[name]]
         for r in results.runs
@@ -182,8 +223,4 @@ def _build_spectrum_data(
         return None
     highest = max((mark[0] for own in marks.values() for mark in own), default=0.0)
     kept = axis <= HIGHEST * highest if highest > 0.0 else np.ones(axis.size, dtype=bool)
-    return {
-        "frequency": convert_to_base64(axis[kept]),
-        "amplitude": {engine: convert_to_base64(a[kept]) for engine, a in lines.items()},
-        "peaks": marks,
-    }
+    return Spectra(axis[kept], {engine: a[kept] for engine, a in lines.items()}, marks)

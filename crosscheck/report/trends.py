@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from itertools import pairwise
 from pathlib import Path
-from typing import NotRequired, TypedDict
+from typing import Any, NotRequired, TypedDict
 
 import sqlalchemy as sql
 
@@ -16,6 +16,7 @@ from crosscheck import output_folder as owned
 from crosscheck.report import html
 from crosscheck.verdicts.history import COMPARISON, METRIC, TIMING, VERSION, Night, Row, ask, list_nights
 from crosscheck.verdicts.results import make_slug
+from flexinv.display.curve_table import DrawnCurve, render_curves
 
 MOST = 400  # nights that are drawn, the newest ones: more than a year
 Point = list[float | str | None]  # number of the night, value, perhaps verdict or status
@@ -26,7 +27,6 @@ def write(database: sql.Engine, out: Path) -> None:
     """Write ``trends/index.html`` and one page per case below ``out``.  Raises HistoryError, OSError."""
     shown = list_nights(database)[-MOST:]
     order = {night.id: k for k, night in enumerate(shown)}
-    pages = html.prepare_templates()
     owned.make_listed_folder(out)
     folder = out / "trends"
     folder.mkdir(parents=True, exist_ok=True)
@@ -52,14 +52,35 @@ def write(database: sql.Engine, out: Path) -> None:
         ]
         title = " / ".join(case)
         view = {**common, "title": title, "charts": charts, "back": f"../cases/{make_slug('-'.join(case))}.html"}
-        html.write_page(pages, "trends.html.j2", folder / f"{make_slug('-'.join(case))}.html", **view, links=[])
+        _write_trend_page(folder, make_slug("-".join(case)), {**view, "links": []})
     charts = [
         build_chart("Time of the whole night", "s", {"night": [[order[n.id], n.elapsed] for n in shown if not n.label]})
     ]
     charts += build_metric_charts(_read_night_rows(database, METRIC, order), order)
     links = [(" / ".join(case), f"{make_slug('-'.join(case))}.html") for case in sorted(times)]
     view = {**common, "title": "All nights", "charts": charts, "links": links, "back": "../index.html"}
-    html.write_page(pages, "trends.html.j2", folder / "index.html", **view)
+    _write_trend_page(folder, "index", view)
+
+
+def _write_trend_page(folder: Path, stem: str, view: Mapping[str, Any]) -> None:
+    """Write a page of charts, and a CSV of each."""
+    files = [f"{stem}-chart{k}.csv" for k in range(len(view["charts"]))]
+    for file, chart in zip(files, view["charts"], strict=True):
+        owned.write(folder / file, render_chart(chart, view["axis"]))
+    html.write_page(html.prepare_templates(), "trends.html.j2", folder / f"{stem}.html", **view, files=files)
+
+
+def render_chart(chart: Chart, axis: Sequence[str]) -> str:
+    """Return the curves of a chart over the nights as CSV [unit of the chart]; axis : the time of each night."""
+    return render_curves(
+        DrawnCurve(
+            "night",
+            f"{chart['title']} [{chart['unit']}]: {name}",
+            [axis[int(point[0] or 0)] for point in points],
+            [point[1] for point in points],
+        )
+        for name, points in chart["curves"].items()
+    )
 
 
 class Chart(TypedDict):

@@ -35,7 +35,7 @@ MEANINGS: dict[str, str] = {
     "error": "an engine or the harness failed: nothing is shown",
     "explained": "beyond the limit, and the error bars of both engines, shown by refinements, cover it: the row says how wide",
     "unjudged": "compared, but no limit is stated (or it expired), nothing is blessed yet, or the reference is too coarse",
-    "skipped": "the engine cannot do this, or says itself why its result differs; nothing is claimed",
+    "skipped": "the engine cannot do this, or no limit is stated and it says itself why its result differs; nothing is claimed",
 }
 
 SHOWN_MOVES = 8  # moved values of one change that a list shows
@@ -65,10 +65,17 @@ class Cell:
         return describe_causes(self.diagnosis)
 
     @property
+    def is_unclaimed(self) -> bool:
+        """Return True where an engine itself says why it differs and no limit is stated: the number alone would be a claim."""
+        return self.verdict == "skipped" and self.leading is not None and self.leading.fraction is not None
+
+    @property
     def headline(self) -> str:
         """The words in the field."""
         if self.verdict is None:
             return ""
+        if self.is_unclaimed:
+            return "not judged"
         if self.leading is not None and self.leading.fraction is not None:
             return format_short(self.leading.fraction)
         if self.run is not None and self.run.status == "ok" and not self.comparisons:
@@ -82,6 +89,8 @@ class Cell:
         """The words below it."""
         if self.leading is None or self.leading.fraction is None:
             return format_duration(self.run.wall_time) if self.run is not None and self.run.status == "ok" else ""
+        if self.is_unclaimed:
+            return f"{self.leading.quantity} {format_short(self.leading.fraction)} apart"
         limit = "no limit" if self.leading.limit is None else f"≤ {format_short(self.leading.limit)}"
         return f"{self.leading.quantity} {limit}"
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any, TypedDict
+from typing import Any, NotRequired, TypedDict
 
 Column = tuple[str, str, str]  # key, title, unit
 # A line of a table by keys of its columns.  Every study has columns of its own, those of others among them, so that nothing
@@ -37,17 +37,22 @@ class StudyFigure(TypedDict):
 
 
 class SideTable(TypedDict):
-    """A table beside the one that is judged."""
+    """A table beside the one that is judged; leads : it stands before that one, as what was asked for."""
 
     title: str
     columns: Sequence[Column]
     rows: Sequence[Line]
+    leads: NotRequired[bool]
 
 
 class StudyTable(TypedDict, total=False):
-    """Answer of a study's function: a table, or a status ("skipped") with a message that says why there is none."""
+    """Answer of a study's function: a table, or a status ("skipped") with a message that says why there is none.
+
+    heading : what stands over the table that is judged, where others lead
+    """
 
     text: str
+    heading: str
     columns: Sequence[Column]
     rows: Sequence[Line]
     plot: StudyPlot

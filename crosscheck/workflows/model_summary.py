@@ -98,7 +98,7 @@ def picture(one: ModelSummary, file: Path) -> None:
     for title, samples in (
         ("at rest, where the case starts", [0]),
         (
-            f"in motion, 0 to {solution.time[-1]:g} s (darker is later)",
+            f"in motion, 0 to {solution.time[-1]:g} s (stronger is later)",
             drawing.list_drawn_samples(len(solution.time)),
         ),
     ):

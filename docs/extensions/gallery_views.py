@@ -1,4 +1,4 @@
-"""What the gallery of examples needs: the project's models, and views in space beside the pictures."""
+"""What the gallery of examples needs: the project's models, numbers of the pictures, and views in space beside them."""
 
 from __future__ import annotations
 
@@ -7,6 +7,11 @@ from typing import Any
 
 import plotly
 import plotly.graph_objects as go
+from matplotlib import pyplot
+from sphinx_gallery.scrapers import matplotlib_scraper
+
+from flexinv.display.curve_table import render_curves
+from flexinv.display.figures import list_curves
 
 ROOT = Path(__file__).resolve().parent.parent.parent
 SCRIPT = "plotly.min.js"
@@ -22,6 +27,20 @@ def in_the_project(gallery: dict[str, Any], file: str, when: str) -> None:
     models.unlink(missing_ok=True)
     if when == "before":
         models.symlink_to(ROOT / "models")
+
+
+def scrape_figures(block: Any, names: dict[str, Any], gallery: dict[str, Any]) -> str:
+    """Save the figures of a block as pictures, the numbers of their curves as CSV, and return the text that shows both."""
+    tables = [render_curves(list_curves(pyplot.figure(number))) for number in pyplot.get_fignums()]
+    text: str = matplotlib_scraper(block, names, gallery)
+    folder = Path(gallery["src_dir"]) / "_static" / "views"
+    for table in filter(None, tables):
+        count = names["_tables"] = names.get("_tables", 0) + 1
+        folder.mkdir(parents=True, exist_ok=True)
+        file = f"{Path(names['src_file']).stem}_{count}.csv"
+        (folder / file).write_text(table, encoding="utf-8")
+        text += f'\n.. raw:: html\n\n    <p><a href="../_static/views/{file}" download>Numbers of these curves as CSV</a></p>\n'
+    return text
 
 
 def scrape(block: Any, names: dict[str, Any], gallery: dict[str, Any]) -> str:

@@ -3,12 +3,15 @@
 ``python docs/figures/make_figures.py`` writes arms.png and feed_forward.png beside itself (torques replayed in Exudyn).
 With the results of ``crosscheck bench`` it writes time_error.png and latency.png instead:
 ``python docs/figures/make_figures.py reports/bench/results.json`` (several files: all of them).
+Beside each picture lies a CSV with the numbers of its curves, units in the names of the columns.
 """
 
 from __future__ import annotations
 
 import json
 import sys
+from collections.abc import Iterable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -22,6 +25,8 @@ from scipy.interpolate import CubicSpline
 import flexinv
 from crosscheck.studies import feedforward
 from flexinv import Following, Mechanism, Motion, Solution
+from flexinv.display.curve_table import render_curves
+from flexinv.display.figures import list_curves
 from flexinv.tracking.follow import INVERSION, JOINT_SPACE, RIGID_BODY
 from flexinv.tracking.task_file import load_tasks
 
@@ -46,10 +51,13 @@ def stroboscope(axes: Axes, solution: Solution, until: float, every: float) -> N
         sample = round(time / STEP)
         for k, link in enumerate(solution.mechanism.beams):
             line = shape(solution, link.name, sample)
-            axes.plot(line[:, 0], line[:, 1], color=f"C{k}", alpha=0.25 + 0.75 * time / until, linewidth=1.4)
+            axes.plot(
+                line[:, 0], line[:, 1], color=f"C{k}", alpha=0.25 + 0.75 * time / until, linewidth=1.4,
+                gid=f"{link.name} at {time:.3g} s,",
+            )  # fmt: skip
     for link in solution.mechanism.beams:
         tip = solution.tip[link.name][: round(until / STEP) + 1]
-        axes.plot(tip[:, 0], tip[:, 1], color="0.6", linewidth=0.7, linestyle=":")
+        axes.plot(tip[:, 0], tip[:, 1], color="0.6", linewidth=0.7, linestyle=":", gid=f"tip of {link.name},")
     axes.set(aspect="equal", xlabel="x [m]", ylabel="y [m]")
     axes.set_title(f"every {every * 1e3:.0f} ms until {until:g} s", fontsize="medium")
 
@@ -125,7 +133,7 @@ def in_the_plane(axes: Axes, found: Following, tips: dict[str, NDArray[np.float6
         sample = int(np.argmin(np.abs(found.time - time)))
         for link in found.solution.mechanism.beams:
             line = shape(found.solution, link.name, sample)
-            axes.plot(line[:, 0], line[:, 1], color="0.7", linewidth=1.2)
+            axes.plot(line[:, 0], line[:, 1], color="0.7", linewidth=1.2, gid=f"{link.name} at {time:.3g} s,")
     axes.plot(found.wanted[:, 0], found.wanted[:, 1], color="k", linewidth=3, alpha=0.25, label="path")
     for way, tip in tips.items():
         axes.plot(tip[:, 0], tip[:, 1], color=WAYS[way], linewidth=1.1, label=way)
@@ -166,8 +174,9 @@ def panel(axes: Axes, rows: list[dict[str, Any]]) -> None:
         time, error = [row["time"] for row in own], [row["error"] for row in own]
         colour, marker = STYLE[kind]
         axes.loglog(
-            time, error, color=colour, marker=marker, markersize=4, linewidth=1, label=None if kind in named else kind
-        )
+            time, error, color=colour, marker=marker, markersize=4, linewidth=1, label=None if kind in named else kind,
+            gid=f"{method}, {elements} elements,",
+        )  # fmt: skip
         axes.annotate(
             str(elements), (time[-1], error[-1]), xytext=(4, -3), textcoords="offset points", fontsize=7, color=colour
         )
@@ -210,15 +219,28 @@ def latency(rows: list[dict[str, Any]]) -> Figure:
     return figure
 
 
+def save(figure: Figure, name: str) -> None:
+    """Write a picture, and the numbers of its curves with seven digits beside it."""
+    file = Path(__file__).with_name(name)
+    figure.savefig(file.with_suffix(".png"), dpi=110)
+    short = (replace(one, places=shorten(one.places), values=shorten(one.values)) for one in list_curves(figure))
+    file.with_suffix(".csv").write_text(render_curves(short), encoding="utf-8")
+
+
+def shorten(values: Iterable[object]) -> list[float]:
+    """Numbers with the seven digits that a picture can show."""
+    return [float(f"{value:.7g}") for value in values]
+
+
 if __name__ == "__main__":
     if len(sys.argv) > 1:
         runs = [json.loads(Path(name).read_text(encoding="utf-8")) for name in sys.argv[1:]]
         merged = {"studies": [study for run in runs for study in run["studies"]]}
         rows = [row for study in merged["studies"] for row in study["rows"]]
         if any(row.get("arm") in ARMS for row in rows):
-            time_error(merged).savefig(Path(__file__).with_name("time_error.png"), dpi=110)
+            save(time_error(merged), "time_error")
         if cycles := [row for row in rows if "latency" in row]:
-            latency(cycles).savefig(Path(__file__).with_name("latency.png"), dpi=110)
+            save(latency(cycles), "latency")
     else:
-        draw().savefig(Path(__file__).with_name("arms.png"), dpi=110)
-        feed_forward().savefig(Path(__file__).with_name("feed_forward.png"), dpi=110)
+        save(draw(), "arms")
+        save(feed_forward(), "feed_forward")

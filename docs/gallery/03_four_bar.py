@@ -15,19 +15,32 @@ import flexinv
 folder = "models/four_bar_flexible"
 bars = flexinv.load_mechanism(folder)
 case = next(iter(flexinv.load_cases(folder, bars).values()))
-solution = flexinv.solve(bars, case.motion, step=1e-3, initial=case.initial, start=case.start)
+solution = flexinv.solve(
+    bars, case.motion, step=1e-3, initial=case.initial, start=case.start
+)
 
 figure, axes = plt.subplots(1, 2, figsize=(9, 3.6), layout="constrained")
 axes[0].plot(solution.time, solution.torque)
-axes[0].set(xlabel="time [s]", ylabel="torque [N m]", title="what the crank's drive gives")
+axes[0].set(
+    xlabel="time [s]", ylabel="torque [N m]", title="what the crank's drive gives"
+)
 x, parent = solution.nodes.x, np.asarray(solution.mesh.parent)
 shown = range(0, len(solution.time), max(1, len(solution.time) // 12))
 for k in shown:
     for node, before in enumerate(parent):
-        ends = x[k, [before, node]] if before >= 0 else np.stack([np.zeros(3), x[k, node]])
+        ends = (
+            x[k, [before, node]] if before >= 0 else np.stack([np.zeros(3), x[k, node]])
+        )
         if before >= 0:
-            axes[1].plot(ends[:, 0], ends[:, 1], color="C0", alpha=0.2 + 0.8 * k / len(solution.time))
-axes[1].set(aspect="equal", xlabel="x [m]", ylabel="y [m]", title="the linkage in motion")
+            axes[1].plot(
+                ends[:, 0],
+                ends[:, 1],
+                color="C0",
+                alpha=0.2 + 0.8 * k / len(solution.time),
+            )
+axes[1].set(
+    aspect="equal", xlabel="x [m]", ylabel="y [m]", title="the linkage in motion"
+)
 
 # %%
 # The drawing above is made by hand. A mechanism, a motion, a solution and modes also show themselves: at the end of a cell

@@ -14,11 +14,18 @@ import flexinv
 
 arm = flexinv.load_mechanism("models/flex_two_link")
 arc = flexinv.Path.arc([0.3, 0, 0], centre=[0.2, 0, 0], angle=np.pi / 2, duration=0.2)
-found = flexinv.follow(arm, arc, "link2", step=2e-3, start={"joint1": -0.5, "joint2": 1.0})
+found = flexinv.follow(
+    arm, arc, "link2", step=2e-3, start={"joint1": -0.5, "joint2": 1.0}
+)
 
 figure, (plane, joints) = plt.subplots(1, 2, figsize=(9, 3.8), layout="constrained")
-plane.plot(found.wanted[:, 0], found.wanted[:, 1], "k", linewidth=4, alpha=0.25, label="path")
-for way, solution in (("joints of the rigid arm", found.joint_space), ("stable inversion", found.solution)):
+plane.plot(
+    found.wanted[:, 0], found.wanted[:, 1], "k", linewidth=4, alpha=0.25, label="path"
+)
+for way, solution in (
+    ("joints of the rigid arm", found.joint_space),
+    ("stable inversion", found.solution),
+):
     tip = solution.tip["link2"]
     plane.plot(tip[:, 0], tip[:, 1], label=way)
 plane.set(aspect="equal", xlabel="x [m]", ylabel="y [m]")
@@ -26,6 +33,14 @@ plane.legend(fontsize="small")
 ahead = np.degrees(found.solution.q - found.rigid.q)
 joints.plot(1e3 * found.time, ahead, label=arm.velocity_names)
 joints.axvspan(0, 200, color="0.93", zorder=0)
-joints.set(xlabel="time [ms]", ylabel="joints less those of the rigid arm [deg]", title="grey: the tip moves")
+joints.set(
+    xlabel="time [ms]",
+    ylabel="joints less those of the rigid arm [deg]",
+    title="grey: the tip moves",
+)
 joints.legend(fontsize="small")
-assert found.distance(found.solution).max() < 1e-9 < found.distance(found.joint_space).max()
+assert (
+    found.distance(found.solution).max()
+    < 1e-9
+    < found.distance(found.joint_space).max()
+)

@@ -18,11 +18,20 @@ for name, style in (("quanser_2dsfl", "-"), ("quanser_2dsfl_rigid", "--")):
     folder = f"models/{name}"
     arm = flexinv.load_mechanism(folder)
     case = next(iter(flexinv.load_cases(folder, arm).values()))
-    solution = flexinv.solve(arm, case.motion, case.step, end=case.end, initial=case.initial, start=case.start)
+    solution = flexinv.solve(
+        arm,
+        case.motion,
+        case.step,
+        end=case.end,
+        initial=case.initial,
+        start=case.start,
+    )
     measured = pd.read_csv(f"{folder}/measured.csv")
     for row, joint in zip(axes, ("shoulder", "elbow"), strict=True):
         label = f"torque/{joint} [N m]"
-        k = next(k for k, one in enumerate(solution.torque_names) if one.startswith(joint))
+        k = next(
+            k for k, one in enumerate(solution.torque_names) if one.startswith(joint)
+        )
         seen = measured[label].to_numpy()
         at = measured["time [s]"].to_numpy()
         model = np.interp(at, solution.time, solution.torque[:, k])

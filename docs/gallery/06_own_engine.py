@@ -20,10 +20,22 @@ import pandas as pd
 
 folder = Path(tempfile.mkdtemp())
 crosscheck = [sys.executable, "-m", "crosscheck"]
-case = ["corpus", "double_pendulum/swing", "--engines", "flexinv,pinocchio", "--out", folder / "corpus"]
+case = [
+    "corpus",
+    "double_pendulum/swing",
+    "--engines",
+    "flexinv,pinocchio",
+    "--out",
+    folder / "corpus",
+]
 subprocess.run(crosscheck + case, check=True, capture_output=True)
 kit = folder / "corpus" / "kits" / "double_pendulum-swing"
-print(*sorted(path.relative_to(kit).as_posix() for path in kit.rglob("*") if path.is_file()), sep="\n")
+print(
+    *sorted(
+        path.relative_to(kit).as_posix() for path in kit.rglob("*") if path.is_file()
+    ),
+    sep="\n",
+)
 
 # %%
 # The engine knows one formula, two rods in a plane. It is a program of its own, reads two files of the kit, and writes one.
@@ -54,22 +66,34 @@ pd.DataFrame(table).to_csv(f"{out}/series.csv", index=False)
 answers = folder / "answers"
 (answers / kit.name).mkdir(parents=True)
 (folder / "engine.py").write_text(ENGINE)
-subprocess.run([sys.executable, folder / "engine.py", kit, answers / kit.name], check=True)
+subprocess.run(
+    [sys.executable, folder / "engine.py", kit, answers / kit.name], check=True
+)
 
 # %%
 # The corpus judges the answer from its own files: no engine runs.
 
 judge = ["corpus", "--judge", answers, "--against", folder / "corpus"]
-print(subprocess.run(crosscheck + judge, check=True, capture_output=True, text=True).stdout)
+print(
+    subprocess.run(
+        crosscheck + judge, check=True, capture_output=True, text=True
+    ).stdout
+)
 
 # %%
 # The torques, and below them how far the answer is from the middle of the consensus, against its half-width (dashed).
 
 answer = pd.read_csv(answers / kit.name / "series.csv")
 consensus = pd.read_csv(kit / "expected" / "series.csv")
-figure, (above, below) = plt.subplots(2, 1, figsize=(9, 5), sharex=True, layout="constrained")
+figure, (above, below) = plt.subplots(
+    2, 1, figsize=(9, 5), sharex=True, layout="constrained"
+)
 for name, colour in (("torque/pivot", "C0"), ("torque/knee", "C1")):
-    mine, middle, half = answer[f"{name} [N m]"], consensus[f"{name} [N m]"], consensus[f"{name} error [N m]"]
+    mine, middle, half = (
+        answer[f"{name} [N m]"],
+        consensus[f"{name} [N m]"],
+        consensus[f"{name} error [N m]"],
+    )
     above.plot(answer["time [s]"], mine, colour, label=name)
     below.semilogy(answer["time [s]"], abs(mine - middle).clip(lower=1e-18), colour)
     below.semilogy(answer["time [s]"], half, f"{colour}--")

@@ -43,5 +43,8 @@ assert crosscheck.compare(first, first).equal
 table = result.frame()[["cause", "place", "size", "unit"]]
 figure, axes = plt.subplots(figsize=(8, 0.6 + 0.4 * len(table)), layout="constrained")
 axes.axis("off")
-cells = [[f"{cell:.4g}" if isinstance(cell, float) else str(cell)[:60] for cell in row] for row in table.to_numpy()]
+cells = [
+    [f"{cell:.4g}" if isinstance(cell, float) else str(cell)[:60] for cell in row]
+    for row in table.to_numpy()
+]
 axes.table(cells, colLabels=list(table.columns), loc="center")

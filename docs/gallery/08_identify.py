@@ -13,7 +13,9 @@ import crosscheck
 from crosscheck.identification.logs.log import read_log
 
 log = "models/kuka_kr300/run_A.csv.gz"
-found = crosscheck.identify("models/kuka_kr300", [f"{log}@0:6.9"], hold_out=[f"{log}@6.9:8.2"])
+found = crosscheck.identify(
+    "models/kuka_kr300", [f"{log}@0:6.9"], hold_out=[f"{log}@6.9:8.2"]
+)
 found
 
 # %%
@@ -26,6 +28,8 @@ for k, axes in enumerate(rows):
     column = held.columns[f"axis{k + 1}_motor_torque_Nm"]
     axes.plot(held.time, column, color="0.7", linewidth=0.8)
     axes.plot(told.time, told.value[:, k], "C0")
-    axes.fill_between(told.time, told.low[:, k], told.high[:, k], color="C0", alpha=0.25)
+    axes.fill_between(
+        told.time, told.low[:, k], told.high[:, k], color="C0", alpha=0.25
+    )
     axes.set(ylabel=f"axis {k + 1} [N m]")
 rows[-1].set(xlabel="time [s]")

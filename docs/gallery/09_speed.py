@@ -32,12 +32,19 @@ counts, per_sample = (100, 1_000, 10_000, 100_000), []
 for count in counts:
     q, qd, qdd = rng.uniform(-1, 1, (3, count, 6))
     tau = np.empty((count, 6))
-    per_sample.append(least(lambda q=q, qd=qd, qdd=qdd, tau=tau: function.torques(q, qd, qdd, out=tau)) / count)
+    per_sample.append(
+        least(
+            lambda q=q, qd=qd, qdd=qdd, tau=tau: function.torques(q, qd, qdd, out=tau)
+        )
+        / count
+    )
 
 figure, axes = plt.subplots(figsize=(6, 3.4), layout="constrained")
 axes.loglog(counts, [1e9 * t for t in per_sample], "o-")
 axes.set(
-    xlabel="samples in a call", ylabel="time of one sample [ns]", title="inverse dynamics of a UR5 on this machine"
+    xlabel="samples in a call",
+    ylabel="time of one sample [ns]",
+    title="inverse dynamics of a UR5 on this machine",
 )
 axes.grid(alpha=0.3)
 

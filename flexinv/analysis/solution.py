@@ -265,7 +265,7 @@ class Solution(Shown, ByValue):
     def plot(self) -> Figure:
         """Return a matplotlib Figure: efforts of the actuators [N m], [N], error bars where there are some, deflections [m].
 
-        Raises InputError where matplotlib is not installed.
+        `whole_frame` has its numbers.  Raises InputError where matplotlib is not installed.
         """
         from flexinv.analysis.views.solution_figures import draw_solution
         from flexinv.display.figures import check_matplotlib

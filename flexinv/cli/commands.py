@@ -72,7 +72,11 @@ def app() -> None:
     "--out", type=FILE, help="Write time, joint motion, torques, tips, deflections and error bars, units in the header, at the "
     "case's sample_s: .csv, .parquet, .json or .npz.",
 )  # fmt: skip
-@click.option("--plot", type=FILE, help="Draw the torques, and the deflections where links bend (.png, .svg or .pdf).")
+@click.option(
+    "--plot",
+    type=FILE,
+    help="Draw the torques, and the deflections where links bend (.png, .svg or .pdf); their numbers go into FILE.csv.",
+)
 @OVERWRITE
 @click.option(
     "--step", type=float,
@@ -93,7 +97,7 @@ def solve(
     Below it stands each limit that is reached or passed, and when: between samples, too, where the motion says what is there.
     """
     _check_plot(plot)
-    check_outputs(out, overwrite, [plot])
+    check_outputs(out, overwrite, _list_plot_files(plot))
     mechanism = load_mechanism(model)
     case = choose(load_cases(resolve_model_folder(model), mechanism), name, model)
     size, asked = _resolve_step(case, step, accuracy)
@@ -116,6 +120,12 @@ def solve(
     if plot is not None:
         draw_solution(solution, f"{mechanism.name}, {case.name}").savefig(plot, dpi=150)
         click.echo(f"drew {plot}")
+        write(solution.whole_frame(), _list_plot_files(plot)[1])
+
+
+def _list_plot_files(plot: Path | None) -> list[Path]:
+    """The picture, and the file of its numbers beside it."""
+    return [] if plot is None else [plot, plot.with_name(f"{plot.name}.csv")]
 
 
 def _resolve_step(case: Case, step: float | None, accuracy: float | None) -> tuple[float | None, float | None]:

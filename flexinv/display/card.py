@@ -102,7 +102,9 @@ def _render_table(card: Card) -> str:
 
 
 def _render_cell(cell: str) -> str:
-    return f'<td style="{CELL}">{convert_to_xml(take_start(cell, LONGEST_CELL))}</td>'
+    """A cell whose names may break after an underscore, so that the table fits narrow pages."""
+    words = convert_to_xml(take_start(cell, LONGEST_CELL)).replace("_", "_<wbr/>")
+    return f'<td style="{CELL}">{words}</td>'
 
 
 def _render_picture(picture: Picture) -> str:

@@ -5,18 +5,22 @@ from __future__ import annotations
 import base64
 import importlib.util
 import io
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cache
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from flexinv.display.curve_table import DrawnCurve
 from flexinv.errors import InputError
 from flexinv.typing import Array
 
 if TYPE_CHECKING:
+    from matplotlib.artist import Artist
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure as Figure
+    from numpy.typing import ArrayLike
 
 PANEL_SIZE = (8.0, 4.5)  # [inch] of one panel
 NEXT_HEIGHT = 2.8  # [inch] of each further one
@@ -77,6 +81,28 @@ def draw_panels(panels: Sequence[Panel], title: str) -> Figure:
             )
     figure.suptitle(title)
     return figure
+
+
+def list_curves(figure: Figure) -> Iterator[DrawnCurve]:
+    """Yield the curves and the stairs of a figure, named by panel, curve and axis [units of the axes].
+
+    A curve is called by its gid, or by its label; what spans a panel at one place is a mark, and no curve.  Panels in space
+    are left out.
+    """
+    for panel in (one for one in figure.axes if one.name != "3d"):
+        drawn = [line for line in panel.lines if line.get_transform() == panel.transData]
+        for k, line in enumerate(drawn, 1):
+            yield _make_curve(panel, line, k, line.get_xdata(), line.get_ydata())
+        for k, steps in enumerate((one for one in panel.patches if hasattr(one, "get_data")), len(drawn) + 1):
+            heights, edges, _ = steps.get_data()
+            yield _make_curve(panel, steps, k, edges, heights)
+
+
+def _make_curve(panel: Axes, drawn: Artist, number: int, places: ArrayLike, values: ArrayLike) -> DrawnCurve:
+    label = str(drawn.get_gid() or drawn.get_label())
+    name = f"curve {number}" if label.startswith("_") else label
+    title = f"{panel.get_title()}: " if panel.get_title() else ""
+    return DrawnCurve(panel.get_xlabel(), f"{title}{name} {panel.get_ylabel()}", np.asarray(places), np.asarray(values))
 
 
 @cache

@@ -17,6 +17,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+import pytest
+
 NAMES = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable", "chrome")
 FLAGS = (
     *("--headless", "--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run", "--disable-dev-shm-usage"),
@@ -29,6 +31,12 @@ PATIENCE = 60.0  # [s] for one answer; a busy machine takes ten to start the bro
 def find() -> str | None:
     """Return the path of an installed Chromium or Chrome."""
     return next((path for name in NAMES if (path := shutil.which(name))), None)
+
+
+MARKS = [
+    pytest.mark.browser,
+    pytest.mark.skipif(find() is None, reason="no Chromium or Chrome on this machine"),
+]
 
 
 @dataclass
@@ -151,6 +159,15 @@ def browser(program: str) -> Iterator[Browser]:
             os.waitpid(process, 0)
             os.close(write)
             os.close(read)
+
+
+def lend_page() -> Iterator[Browser]:
+    """Yield a page of a browser of its own: what a module's fixture ``page`` is.  Skips where there is no browser."""
+    program = find()
+    if program is None:
+        pytest.skip("no Chromium or Chrome on this machine")
+    with browser(program) as page:
+        yield page
 
 
 def _start(program: str, flags: list[str]) -> tuple[int, int, int]:

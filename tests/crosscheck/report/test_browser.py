@@ -6,22 +6,23 @@ import json
 import re
 import shutil
 import urllib.parse
-from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
 import chromium
 import pytest
 import readable
+import uncut
+from arm_texts import arm
+from click.testing import CliRunner
 from crosscheck_examples import Night, night_run
 
+from crosscheck.cli import main
 from crosscheck.report import render
 from crosscheck.verdicts.certificates import judge_by_certificate
 
-pytestmark = [
-    pytest.mark.browser,
-    pytest.mark.skipif(chromium.find() is None, reason="no Chromium or Chrome on this machine"),
-]
+pytestmark = chromium.MARKS
+page = pytest.fixture(scope="module")(chromium.lend_page)
 DRAWN = "document.getElementById('plots').dataset.drawn"
 TRACES = "Array.from(document.querySelectorAll('.plot'), p => (p.data || []).filter(t => t.y && t.y.length).length)"
 WIDE = "document.documentElement.scrollWidth <= innerWidth"
@@ -30,14 +31,6 @@ WIDE = "document.documentElement.scrollWidth <= innerWidth"
 @pytest.fixture(scope="session")
 def night(root: Path, tmp_path_factory: pytest.TempPathFactory) -> Night:
     return night_run(root, tmp_path_factory.getbasetemp())
-
-
-@pytest.fixture(scope="module")
-def page() -> Iterator[chromium.Browser]:
-    program = chromium.find()
-    assert program is not None
-    with chromium.browser(program) as browser:
-        yield browser
 
 
 def address(file: Path) -> str:
@@ -65,9 +58,12 @@ def test_every_page_fits_and_is_quiet(page: chromium.Browser, night: Night, widt
         assert page.evaluate(WIDE), file
         assert page.evaluate("document.documentElement.dataset.theme") == ("dark" if dark else "light")
         quiet(page)
+        page.evaluate(OPEN)
+        assert uncut.list_cut(page, MORE) == [], file
 
 
 OPEN = "document.querySelectorAll('details').forEach(d => d.open = true)"
+MORE = ".scroll.more"  # a box that fades at its side, where there is more: the matrix, which keeps its columns
 WEIGHT = (
     2_000_000  # [bytes] of a page with what it loads, without the plotting script and without the data of its plots
 )
@@ -105,6 +101,53 @@ def test_a_faint_text_and_a_thing_for_mice_alone_would_be_seen(page: chromium.Br
     assert said == ["cannot be reached", "without a name", "before its turn", "focus is not seen"]
 
 
+def test_what_is_cut_or_empty_would_be_seen(page: chromium.Browser, tmp_path: Path) -> None:
+    """Each kind by itself; a box that scrolls is a cut, unless the page marks it as one of which there is more."""
+    box = "<div class='{}' style='width: 300px; overflow-x: auto'>{}</div>"
+    table = "<table style='width: 400px'><tr><td>numbers</td></tr></table>"
+    svg = "<svg viewBox='0 0 100 100' width='{}'><path d='M50 50L{} 50' stroke='red'/></svg>"
+    wrong = {
+        "cut by 100 px: table : numbers": box.format("", table),
+        "cut by": box.format("", f"<pre>{'0123456789' * 9}</pre>"),
+        "not loaded: img : none.png": "<img src='none.png' width='50' height='50'>",
+        "empty: svg": svg.format(0, 60),
+        "reaches out of its frame: svg": svg.format(200, 150),
+        "not drawn: div plot": "<div class='plot' style='height: 90px'></div>",
+    }
+    right = [box.format("more", table), box.format("", "<pre>0123</pre>"), svg.format(200, 60)]
+    file = tmp_path / "cut.html"
+    for said, text in wrong.items():
+        file.write_text(f"<!doctype html>{text}{''.join(right)}")
+        page.open(address(file))
+        found = uncut.list_cut(page, ".more")
+        assert len(found) == 1, said
+        assert found[0].startswith(said)
+
+
+@pytest.mark.parametrize(("width", "dark"), [(1400, True), (500, False)])
+def test_nothing_is_cut_on_the_page_of_a_comparison(
+    page: chromium.Browser, tmp_path: Path, width: int, dark: bool
+) -> None:
+    """Nor where names are long: a table that has no room shows its rows as cards with the titles of the columns."""
+    name = "a_name_of_a_link_that_is_as_long_as_those_of_large_robots"
+    edits = [(f'{tag} {key}="lower"', f'{tag} {key}="{name}"') for tag, key in TAGS]
+    files = [str(arm(tmp_path, *edits)), str(arm(tmp_path, *edits, ('value="2.375"', 'value="2.625"'), name="b.urdf"))]
+    out = tmp_path / "out"
+    CliRunner().invoke(main, ["compare", *files, "--out", str(out)])
+    page.open(address(out / "index.html"), width, dark=dark)
+    assert uncut.list_cut(page) == []
+    assert page.evaluate("document.querySelectorAll('.stacked').length") == (0 if width == 1400 else 2)
+    quiet(page)
+    if width == 500:
+        titles = page.evaluate(
+            "Array.from(document.querySelectorAll('.stacked tbody tr:first-child > *'), c => c.dataset.title)"
+        )
+        assert titles[:5] == ["what", "where", "A", "B", "size"]
+        page.resize(1400)
+        page.wait("!document.querySelector('.stacked')")  # with room again it is a table again
+
+
+TAGS = (("link", "name"), ("child", "link"), ("parent", "link"))
 LOST = "Array.from(document.querySelectorAll('.comparisons'), t => t.parentElement.scrollWidth - t.parentElement.clientWidth)"
 
 

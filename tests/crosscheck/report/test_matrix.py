@@ -58,3 +58,24 @@ def test_an_engine_that_can_do_nothing_has_no_field_but_its_reason_once(night: N
     assert page.text.count(reason) == 1
     assert "comparisons are skipped" in page.text
     assert reason in Page(out / "cases" / f"{case.slug}.html").text
+
+
+def test_a_number_without_a_limit_that_its_engine_explains_is_called_not_judged(night: Night, tmp_path: Path) -> None:
+    """A large number in a field of the matrix reads as a claim; beside a limit, and where nobody explains it, it stays."""
+    rows = tuple(
+        replace(c, verdict="skipped", limit=None, maximum=210.0, scale=1.0) if c.engine == "fine" else c
+        for c in night.results.comparisons
+    )
+    results = replace(night.results, comparisons=rows)
+    case = next(c for c in results.cases if c.case)
+    cell = words.make_cell(results, case, "fine")
+    assert (cell.verdict, cell.headline) == ("skipped", "not judged")
+    assert cell.detail.endswith(" 210 apart")
+    bare = replace(
+        results, comparisons=tuple(replace(c, verdict="unjudged") if c.engine == "fine" else c for c in rows)
+    )
+    assert words.make_cell(bare, case, "fine").headline == "210"
+    out = shutil.copytree(night.out, tmp_path / "out")
+    render(results, out)
+    assert "skipped" in fields(Page(out / "index.html"))
+    assert "explained" not in fields(Page(out / "index.html"))

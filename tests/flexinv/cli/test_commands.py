@@ -97,6 +97,7 @@ def test_solve_writes_what_solve_returns(model: Path, tmp_path: Path, capsys: py
     # by hand: at 0 rad the arm lies along x, and its weight takes m g l/2
     assert table["torque pivot [N m]"][0] == pytest.approx(2.0 * 9.81 * 0.3, rel=1e-14)
     assert plot.read_bytes().startswith(b"\x89PNG")
+    assert (tmp_path / "torque.png.csv").read_text() == out.read_text()  # the numbers of the picture, at every step
     printed = capsys.readouterr().out
     assert "pendulum, case swing: A quarter turn" in printed
     assert f"{np.abs(solution.torque).max():.5g}" in printed

@@ -2,40 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import json
 from pathlib import Path
 
 import chromium
 import numpy as np
 import pytest
+import uncut
 
 import flexinv
 from flexinv.display.drawing import convert_to_file, draw_svg
 
-pytestmark = [
-    pytest.mark.browser,
-    pytest.mark.skipif(chromium.find() is None, reason="no Chromium or Chrome on this machine"),
-]
-# A picture is empty where it has no size, and cut where it or what it draws reaches out of its frame.
-PICTURES = """Array.from(document.querySelectorAll('svg'), svg => {
-  const frame = svg.getBoundingClientRect();
-  const shown = Array.from(svg.querySelectorAll('path, text, rect')).filter(one => one.getClientRects().length);
-  const parts = shown.map(one => one.getBoundingClientRect());
-  const cut = parts.some(p => p.left < frame.left - 2 || p.right > frame.right + 2 || p.top < frame.top - 2
-    || p.bottom > frame.bottom + 2);
-  return [frame.width, frame.height, frame.right <= innerWidth + 1, cut];
-})"""
+pytestmark = chromium.MARKS
+page = pytest.fixture(scope="module")(chromium.lend_page)
+SIZES = "Array.from(document.querySelectorAll('svg'), svg => [svg.clientWidth, svg.clientHeight])"
 FITS = "document.documentElement.scrollWidth <= innerWidth + 1"
-TABLES = """Array.from(document.querySelectorAll('table'), table =>
-  table.scrollWidth <= table.parentElement.clientWidth + 1 || getComputedStyle(table.parentElement).overflowX === 'auto')"""
-
-
-@pytest.fixture(scope="module")
-def page() -> Iterator[chromium.Browser]:
-    program = chromium.find()
-    assert program is not None
-    with chromium.browser(program) as browser:
-        yield browser
 
 
 @pytest.fixture(scope="module")
@@ -62,30 +43,27 @@ def file(root: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_no_table_and_no_picture_is_cut_or_empty(page: chromium.Browser, file: Path, width: int, dark: bool) -> None:
     page.open(f"file://{file}", width, dark=dark)
     assert page.evaluate(FITS)
-    pictures = page.evaluate(PICTURES)
-    assert len(pictures) == (4 + 1) + 3 + (5 + 1)  # the robot's solution has forces beside torques; three modes
-    for wide, high, inside, cut in pictures:
-        assert wide >= 150
-        assert high >= 80
-        assert inside
-        assert not cut
-    assert all(page.evaluate(TABLES))
+    assert uncut.list_cut(page) == []
+    sizes = page.evaluate(SIZES)
+    assert len(sizes) == (4 + 1) + 3 + (5 + 1)  # the robot's solution has forces beside torques; three modes
+    assert [one for one in sizes if one[0] < 150 or one[1] < 80] == []
     assert page.complaints() == []
     assert [address for address in page.requests() if not address.startswith(("file://", "data:"))] == []
 
 
 def test_the_moving_picture_moves(page: chromium.Browser, file: Path) -> None:
+    """By itself, by a way that is seen, and around again: the picture repeats."""
     page.open(f"file://{file}")
-    where = "document.querySelector('circle').cx.animVal.value"
-    before = page.evaluate(where)
-    page.wait(f"{where} !== {before}")
-
-
-def test_a_picture_that_is_cut_is_found(page: chromium.Browser, tmp_path: Path) -> None:
-    wrong = tmp_path / "wrong.html"
-    wrong.write_text('<svg viewBox="0 0 100 100" width="200"><path d="M50 50L150 50" stroke="red"/></svg>')
-    page.open(f"file://{wrong}")
-    assert page.evaluate(PICTURES)[0][3]
+    place = "(c => { const b = c.getBoundingClientRect(); return [b.left, b.top]; })(document.querySelector('circle'))"
+    before = page.evaluate(place)
+    page.wait(f"JSON.stringify({place}) !== {json.dumps(json.dumps(before, separators=(',', ':')))}")
+    assert page.evaluate(place) != before
+    at = "(s => { s.pauseAnimations(); s.setCurrentTime(%r); })(document.querySelector('circle').closest('svg'))"
+    places = []
+    for time in (0.0, 0.2, 0.4):  # [s], within the first round
+        page.evaluate(at % time)
+        places.append(page.evaluate(place))
+    assert np.ptp(np.array(places), axis=0).max() > 5  # [px]
 
 
 @pytest.mark.parametrize("width", [1400, 500])

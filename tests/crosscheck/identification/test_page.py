@@ -1,0 +1,61 @@
+"""The page of an identification: what was asked for comes first, and nothing on it is cut, also on narrow screens."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import chromium
+import logged_arm
+import pandas as pd
+import pytest
+import uncut
+
+import crosscheck
+from crosscheck.identification.page import write_page
+
+page = pytest.fixture(scope="module")(chromium.lend_page)
+
+
+@pytest.fixture(scope="module")
+def out(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    base = tmp_path_factory.mktemp("page")
+    folder = logged_arm.write_arm(base / "arm")
+    for seed, name in enumerate(("one", "two")):
+        logged_arm.frame(folder, seed).to_csv(folder / f"{name}.csv", index=False)
+    found = crosscheck.identify(folder, [folder / "one.csv"], [folder / "two.csv"])
+    (base / "out").mkdir()
+    write_page(found, [], "crosscheck identify arm", base / "out")
+    return base / "out"
+
+
+def test_parameters_come_first_then_how_well_logs_are_explained(out: Path) -> None:
+    text = (out / "index.html").read_text()
+    titles = re.findall(r"<h2>(.*?)</h2>", text.split("arm, identified", 1)[1])
+    assert titles[:2] == ["Parameters before and after", "How well the logs are explained"]
+    assert "Parameters that the logs do not tell" in titles[2:]
+    first = text.split("<h2>Parameters before and after", 1)[1].split("<h2>How well the logs", 1)[0]
+    assert "viscous friction" in first
+    assert "Ixy" not in first  # that of the upper arm no torque shows: it stands further below
+
+
+def test_the_numbers_of_every_picture_lie_beside_it(out: Path) -> None:
+    files = re.findall(r'href="(data/[^"]+\.csv)" download', (out / "index.html").read_text())
+    tables = [pd.read_csv(out / file) for file in files]
+    assert [list(table)[:2] for table in tables[:2]] == [
+        ["time [s]", f"measured: torque/{joint} [N m]"] for joint in ("shoulder", "elbow")
+    ]
+    assert next(iter(tables[2])) == "frequency [Hz]"
+    assert len(tables) == 3
+    assert not any(table.isna().any(axis=None) for table in tables)
+
+
+@pytest.mark.browser
+@pytest.mark.parametrize(("width", "dark"), [(1400, False), (500, True)])
+def test_nothing_is_cut(page: chromium.Browser, out: Path, width: int, dark: bool) -> None:
+    """On a wide screen all tables have their rows; on a narrow one rows are cards, each value beside the title of its column."""
+    page.open(f"file://{out / 'index.html'}", width, dark=dark)
+    page.wait("document.querySelectorAll('.plot[data-drawn]').length === 3")
+    assert uncut.list_cut(page) == []
+    assert page.evaluate("!!document.querySelector('.stacked')") == (width == 500)
+    assert page.complaints() == []
