@@ -20,7 +20,7 @@ from crosscheck.identification.pseudo_inertia import (
 )
 from crosscheck.identification.settings import IdentifyTable, list_matching_names
 from flexinv.errors import InputError
-from flexinv.model.mechanism import Joint, Mechanism
+from flexinv.model.mechanism import Joint, Mechanism, Section
 from flexinv.rigid.torque_regressor import compute_link_parameters
 from flexinv.typing import Array
 from flexinv.validation import find_nearest_word
@@ -248,6 +248,25 @@ def find_prior_value(mechanism: Mechanism, settings: IdentifyTable, kind: Parame
     return kind.known(joint) if joint is not None else 0.0
 
 
+def _apply_section_values(section: Section, beam: str, values: Mapping[Key, float]) -> Section:
+    """A section with factors of its stiffness [-] and a retardation time [s], by which damping follows stiffness."""
+    factor = values.get(("beam stiffness", beam), 1.0)
+    turn = values.get(("torsion stiffness", beam))
+    if turn is not None:
+        section.check_independent(f"identify: torsion stiffness of {beam}")
+
+    def scale(table: Array) -> Array:
+        out = table * factor
+        if turn is not None:
+            out[:, GJ] *= turn
+        return out
+
+    stiff = scale(section.stiffness)
+    rate = values.get(("beam damping", beam))
+    kept = None if section.damping is None else scale(section.damping)
+    return replace(section, stiffness=stiff, damping=kept if rate is None else stiff * rate)
+
+
 def apply_values(mechanism: Mechanism, values: Mapping[Key, float]) -> Mechanism:
     """Return the mechanism with those values [units of the parameters] that time integration has to know."""
 
@@ -266,16 +285,8 @@ def apply_values(mechanism: Mechanism, values: Mapping[Key, float]) -> Mechanism
     for link in mechanism.links:
         beam = link.beam
         if beam is not None:
-            factor = values.get(("beam stiffness", link.name), 1.0)
-            section = beam.section
-            rate = values.get(("beam damping", link.name))
-            stiff = section.stiffness * factor
-            if ("torsion stiffness", link.name) in values:
-                section.check_independent(f"identify: torsion stiffness of {link.name}")
-                stiff[:, GJ] *= values["torsion stiffness", link.name]
-            damping = stiff * rate if rate is not None else section.damping
             length = values.get(("beam length", link.name), beam.length)
-            beam = replace(beam, length=length, section=replace(section, stiffness=stiff, damping=damping))
+            beam = replace(beam, length=length, section=_apply_section_values(beam.section, link.name, values))
             link = replace(link, beam=beam)
         links.append(link)
     return replace(mechanism, joints=tuple(apply_joint_values(j) for j in mechanism.joints), links=tuple(links))

@@ -123,7 +123,8 @@ def build_response(
     """
     alone = remove_rotors_and_friction(mechanism, motion.names)
     passive = any(j.nv and j.name not in motion.names and not j.actuated for j in mechanism.joints)
-    if mechanism.is_rigid and not mechanism.closures and not settings.gauges and not passive:
+    solved = any(KINDS[p.kind].solved for p in space.parameters)
+    if mechanism.is_rigid and not mechanism.closures and not settings.gauges and not passive and not solved:
         return _build_tree_response(alone, space, settings, motion, once)
     return _build_solver_response(alone, space, settings, motion, once)
 
