@@ -45,7 +45,9 @@ FOLD = "Cut the window of the first log into so many blocks; each is judged by w
     help="Log that identifies (.csv, .csv.gz, .parquet, .mat, bag of ROS); LOG@START:END: these seconds. Repeatable.",
 )
 @click.option("--hold-out", multiple=True, help="Log that only judges. Repeatable.")
-@click.option("--predict", "wanted", help="Log whose efforts are predicted; its own efforts are not looked at.")
+@click.option(
+    "--predict", "wanted", multiple=True, help="Log whose efforts are predicted, its own not looked at. Repeatable."
+)
 @click.option("--blocks", "count", type=click.IntRange(min=2), help=FOLD)
 @click.option(
     "--causes", "asked", is_flag=True, help="Name what the logs held out (else the first log) show beside the model."
@@ -66,7 +68,7 @@ def command(
     models: Path,
     logs: tuple[str, ...],
     hold_out: tuple[str, ...],
-    wanted: str | None,
+    wanted: tuple[str, ...],
     count: int | None,
     asked: bool,
     seconds: float | None,
@@ -94,12 +96,11 @@ def command(
                 resolve_toml_file(source, "mechanism.toml"),
                 owned.add_to_folder_list(folder / "identified.toml"),
             )
-            if wanted is not None:
-                log = read_of(identification.machine, _resolve_log_paths(source, (wanted,))[0])
-                write_prediction(
-                    identification.machine,
-                    identification.predict(log),
-                    owned.add_to_folder_list(folder / "prediction.csv"),
+            for asked_log, file in _list_prediction_files(_resolve_log_paths(source, wanted)):
+                prediction = identification.predict(read_of(identification.machine, asked_log))
+                write_prediction(identification.machine, prediction, owned.add_to_folder_list(folder / file))
+                console.print(
+                    f"prediction of {escape(Path(asked_log).name)}: {folder / file}", highlight=False, soft_wrap=True
                 )
             _write_parameters(console, identification)
             causes = _find_causes(console, identification, source, logs, hold_out) if asked else []
@@ -139,6 +140,11 @@ def _write_proposed_motion(console: Console, proposal: Proposal, folder: Path) -
     console.print("\n[bold]a motion that tells more[/bold]: motion.csv, angles [rad] and ways [m]")
     for words in proposal.words:
         console.print(escape(words), highlight=False, soft_wrap=True)
+
+
+def _list_prediction_files(logs: list[str]) -> list[tuple[str, str]]:
+    """Return each log with the name of the file of its prediction: of several, the second on have a number."""
+    return [(log, f"prediction_{k}.csv" if k > 1 else "prediction.csv") for k, log in enumerate(logs, 1)]
 
 
 def _resolve_log_paths(folder: Path, logs: tuple[str, ...]) -> list[str]:

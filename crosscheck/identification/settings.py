@@ -202,8 +202,8 @@ class IdentifyTable(Table):
     block_s: Positive = make_key(
         "length of the blocks that leave-one-out takes away [s]", "block_s = 1.28", default=1.0
     )
-    still_rad_per_s: NotNegative = make_key(
-        "slower than this a joint stands, and friction holds whatever it does [rad/s], [m/s]",
+    still_rad_per_s: Positive = make_key(
+        "slower than this a joint stands, and friction holds whatever it does, > 0 [rad/s], [m/s]",
         "still_rad_per_s = 0.01",
         default=0.01,
     )

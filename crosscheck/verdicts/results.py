@@ -136,6 +136,7 @@ class StudyRow:
     """A table made by a study of its own: columns (key, title, unit), rows by key, each with a verdict.
 
     plot, figures : curves of the table, and beside it; tables : beside the one that is judged; kept : as of a run
+    gist : its figures in one sentence, for readers of the first line
     """
 
     name: str
@@ -151,6 +152,7 @@ class StudyRow:
     printed: str = ""
     elapsed: float = 0.0
     kept: str = ""
+    gist: str = ""
 
     @property
     def verdict(self) -> Verdict:
