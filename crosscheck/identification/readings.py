@@ -18,11 +18,21 @@ import scipy  # its parts are loaded when they are asked for
 from numpy.typing import NDArray
 
 from crosscheck.identification.filters import apply_lag, apply_low_pass_all, low_pass
+from crosscheck.identification.logs.jumps import find_jumps, find_wrap_period
 from crosscheck.identification.logs.log import Log
 from crosscheck.identification.parameters import KINDS, Key, ParameterSpace, find_prior_value
 from crosscheck.identification.points import PointSensor, list_point_sensors
 from crosscheck.identification.response import MeasuredMotion, Response, build_response
-from crosscheck.identification.settings import ACCELERATIONS, ANGLES, EFFORTS, LENGTHS, RATES, IdentifyTable, RateTable
+from crosscheck.identification.settings import (
+    ACCELERATIONS,
+    ANGLES,
+    EFFORTS,
+    LENGTHS,
+    RATES,
+    AngleTable,
+    IdentifyTable,
+    RateTable,
+)
 from crosscheck.identification.wide_response import WideResponse, compute_wide_response
 from flexinv.errors import InputError
 from flexinv.model.mechanism import Mechanism
@@ -182,11 +192,28 @@ def _read_rate(log: Log, name: str, table: RateTable, angle: Array) -> Array:
 
 def _check_angle(machine: Machine, log: Log, name: str, raw: Array) -> None:
     table = machine.settings.joints[name].angle
+    _check_wraps(log, name, table, raw)
     if table.unit == "rad" and np.ptp(raw) > 20.0 * np.pi and np.abs(np.gradient(raw, log.spacing)).max() > 60.0:
         raise InputError(
             f"{log.name}: column {table.column!r} of joint {name} goes over {np.ptp(raw):.4g} rad at up to "
             f"{np.abs(np.gradient(raw, log.spacing)).max():.3g} rad/s, expected an angle in rad; "
             f'write unit = "deg" in [joints.{name}] angle if it is in degrees, or over = the gear ratio if it is the motor\'s'
+        )
+
+
+def _check_wraps(log: Log, name: str, table: AngleTable, raw: Array) -> None:
+    """Raise InputError where an angle (samples,) [rad], [m] of a joint begins anew at the end of an encoder's range."""
+    column = raw * table.over
+    wraps = [
+        (k, period) for k in find_jumps(column) if (period := find_wrap_period(column, k, table.unit in ("rad", "deg")))
+    ]
+    if wraps:
+        k, period = wraps[0]
+        size = abs(column[k + 1] - column[k]) / ANGLES[table.unit]
+        raise InputError(
+            f"{log.name}: column {table.column!r} of joint {name} leaps by {size:.4g} {table.unit} at {log.time[k + 1]:g} s "
+            f"({len(wraps)} times in all), as an encoder does at the end of its range, expected an angle that goes on; "
+            f"unwrap the column (numpy.unwrap(column, period={period / ANGLES[table.unit]:.4g})), or cut the log there"
         )
 
 

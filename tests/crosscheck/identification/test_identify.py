@@ -168,63 +168,6 @@ def test_a_copy_as_hold_out_is_said(folder: Path) -> None:
     assert any("no test" in text for text in words)
 
 
-def spoiled(folder: Path, tmp_path: Path, change: str) -> Path:
-    table = pd.read_csv(folder / "one.csv")
-    if change == "missing":
-        table = table.drop(columns=["t1"])
-    elif change == "backwards":
-        table.loc[500, "time_s"] = 0.0
-    elif change == "jump":
-        table.loc[500:, "time_s"] += 1.0
-    elif change == "nan":
-        table.loc[500, "q1"] = np.nan
-    elif change == "constant":
-        table["t1"] = 1.0
-    elif change == "still":
-        table["q1"] = 0.5
-    elif change == "degrees":
-        table["q1"] = np.degrees(table["q1"])
-    elif change == "slow":
-        table = table[::20]
-    elif change == "words":
-        table["time_s"] = table["time_s"].map("{:.3f} s".format)
-    table.to_csv(tmp_path / "bad.csv", index=False)
-    return tmp_path / "bad.csv"
-
-
-@pytest.mark.parametrize(
-    ("change", "says"),
-    [
-        ("missing", "no column 't1'"),
-        ("backwards", "times run backwards"),
-        ("jump", "times jump"),
-        ("nan", "has no number at 2 s"),
-        ("constant", "is constant"),
-        ("still", "hardly moves"),
-        ("degrees", 'write unit = "deg"'),
-        ("slow", "too slow for a bandwidth of 10 Hz; write bandwidth_Hz = 3.75 or less"),
-        ("words", "holds words such as '"),
-    ],
-)
-def test_logs_that_cannot_be_used_are_refused_in_words(folder: Path, tmp_path: Path, change: str, says: str) -> None:
-    with pytest.raises(InputError, match=says):
-        crosscheck.identify(folder, [spoiled(folder, tmp_path, change)])
-
-
-def test_few_degrees_that_are_promised_as_radians_are_said(folder: Path, tmp_path: Path) -> None:
-    """An arm that moves by half a turn at most: 90 rad are possible by themselves, and no model explains torques with them."""
-    table = pd.read_csv(folder / "two.csv")
-    table["q1"] = np.degrees(0.3 * table["q1"])
-    assert 2.0 * np.pi < np.ptp(table["q1"]) < 20.0 * np.pi
-    table.to_csv(tmp_path / "degrees.csv", index=False)
-    words = crosscheck.identify(folder, [folder / "one.csv"], [tmp_path / "degrees.csv"]).words
-    assert "torque/shoulder" in words[0]
-    assert "worse than a constant" in words[0]
-    assert "column 'q1' goes over" in words[1]
-    assert 'write unit = "deg" in [joints.shoulder] angle' in words[1]
-    assert not any("worse" in text for text in crosscheck.identify(folder, [folder / "one.csv"]).words)
-
-
 def test_a_doubled_column_is_refused(folder: Path, tmp_path: Path) -> None:
     text = (folder / "one.csv").read_text().replace("q2", "q1", 1)
     (tmp_path / "twice.csv").write_text(text)
