@@ -135,7 +135,7 @@ def _build_tree_response(
     if still := [j.name for j in mechanism.joints if j.nv and j.name not in motion.names]:
         raise InputError(
             f"joint {still[0]} moves and no column says how; write [joints.{still[0]}] with angle = {{ column = ... }} in "
-            "identify.toml, or make it a fixed joint"
+            f"identify.toml, or stands.{still[0]} = {{ deg = 0 }} where it stands during all logs"
         )
     q, qd, qdd = _build_states(mechanism, motion)
     rows = [mechanism.v_slices[name].start for name in motion.names]

@@ -139,7 +139,7 @@ class FreeTable(Table):
 
 
 class StartTable(Table):
-    """Coordinate of a passive joint at the first sample."""
+    """Coordinate of a joint: of a passive one at the first sample, or of one that stands all the time."""
 
     deg: Number | None = make_key("its angle [deg]", "deg = -85", default=None)
     rad: Number | None = make_key("its angle [rad]", "rad = -1.48", default=None)
@@ -220,6 +220,11 @@ class IdentifyTable(Table):
     start: dict[str, StartTable] = make_key(
         "coordinates of passive joints of loops at the first sample", "start.left_elbow = { deg = -85 }", default={}
     )
+    stands: dict[str, StartTable] = make_key(
+        "joints that no column measures, and where they stand during all logs",
+        "stands.wrist = { deg = 30 }",
+        default={},
+    )
     initial: Literal["consistent", "static"] = make_key(
         "how beams and springs begin: without force, or in equilibrium", 'initial = "static"', default="consistent"
     )
@@ -244,6 +249,7 @@ def read_settings(path: Path, mechanism: Mechanism) -> IdentifyTable:
     top = Location(file)
     table = check_table(IdentifyTable, read_toml(file), top)
     _check_joints(table, mechanism, top)
+    _check_standing_joints(table, mechanism, top)
     for kind, points in (("markers", table.markers), ("accelerometers", table.accelerometers)):
         for name, point in points.items():
             _check_point(point, mechanism, top.make_inner_location(kind).make_inner_location(name))
@@ -268,6 +274,31 @@ def _check_joints(table: IdentifyTable, mechanism: Mechanism, top: Location) -> 
             raise top.make_inner_location("joints").make_error(
                 name, f'"{name}"', expected, f"[joints.{find_nearest_word(name, joints) or joints[0]}]"
             )
+
+
+def _check_standing_joints(table: IdentifyTable, mechanism: Mechanism, top: Location) -> None:
+    """Raise InputError where a joint that stands is none of one coordinate, is measured, is coupled, or has another unit."""
+    joints = [j.name for j in mechanism.joints if j.nv == 1]
+    coupled = {name for closure in mechanism.closures for name, _ in closure.factors}
+    where = top.make_inner_location("stands")
+    for name, at in table.stands.items():
+        near = find_nearest_word(name, joints) or joints[0]
+        if name not in joints:
+            expected = f"a joint of one coordinate: {', '.join(joints)}"
+            raise where.make_error(name, f'"{name}"', expected, f"stands.{near} = {{ deg = 30 }}")
+        if name in table.joints or name in coupled:
+            given = f"[joints.{name}], which measures it" if name in table.joints else "a coupling that moves it"
+            raise where.make_error(name, given, "a joint that stands during all logs", "one of the two")
+        _check_standing_unit(at, name, mechanism.joint_of[name].kind == "prismatic", where)
+
+
+def _check_standing_unit(at: StartTable, name: str, slides: bool, where: Location) -> None:
+    """Raise InputError where a coordinate is not in one unit of its joint: m of one that slides, deg or rad of one that turns."""
+    stated = {unit for unit, value in (("m", at.m), ("deg", at.deg), ("rad", at.rad)) if value is not None}
+    if len(stated) != 1 or (stated == {"m"}) != slides:
+        given = " and ".join(sorted(stated)) or "nothing"
+        expected = "m of a joint that slides" if slides else "deg or rad of a joint that turns"
+        raise where.make_error(name, given, expected, f"stands.{name} = {'{ m = 0.1 }' if slides else '{ deg = 30 }'}")
 
 
 def _check_point(point: MarkerTable | AccelerometerTable, mechanism: Mechanism, where: Location) -> None:
