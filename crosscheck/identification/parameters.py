@@ -18,7 +18,7 @@ from crosscheck.identification.pseudo_inertia import (
     compute_upper_factor,
     make_plausible,
 )
-from crosscheck.identification.settings import IdentifyTable, list_matching_names
+from crosscheck.identification.settings import STRAINS, IdentifyTable, list_matching_names
 from flexinv.errors import InputError
 from flexinv.model.mechanism import Joint, Mechanism, Section
 from flexinv.rigid.torque_regressor import compute_link_parameters
@@ -213,7 +213,8 @@ def _make_parameter(
 ) -> Parameter:
     joint = mechanism.joint_of.get(place)
     slides = joint is not None and joint.kind == "prismatic"
-    unit = kind.unit[slides]
+    strained = kind.places == "gauge" and settings.gauges[place].unit in STRAINS
+    unit = {"rad": "m/m", "rad/rad": "1/rad"}.get(kind.unit[0], kind.unit[0]) if strained else kind.unit[slides]
     known = find_prior_value(mechanism, settings, kind, place) if value is None else value
     if kind.positive and known <= 0.0:
         raise InputError(

@@ -3,7 +3,7 @@
 effort at the joint   tau(mechanism) + rotor qdd + viscous v + dry
 dry                   coulomb tanh(v / v_t) (1 + share exp(-(v / v_s)^2)) + asymmetry |tanh(v / v_t)|
 its sensor            gain * delayed(lagged(effort / ratio + offset)),   both sides behind the same zero-phase low-pass
-gauge                 gain * delayed(lagged(M L / (3 EI))) + zero + slope q,   through the rig's own low-pass
+gauge                 gain * delayed(lagged(sign M L / (3 EI))) + zero + slope q,   through the rig's low-pass; strain: M h / EI
 marker, accelerometer gain * delayed(lagged(signal)) + zero
 """
 
@@ -29,6 +29,7 @@ from crosscheck.identification.settings import (
     EFFORTS,
     LENGTHS,
     RATES,
+    STRAINS,
     AngleTable,
     IdentifyTable,
     RateTable,
@@ -109,7 +110,8 @@ class Machine:
                 )
             )
         for name, gauge in self.settings.gauges.items():
-            out.append(Channel(f"gauge/{name}", "rad", name, "gauge", 1.0, ANGLES[gauge.unit], gauge.column))
+            unit = "m/m" if gauge.unit in STRAINS else "rad"
+            out.append(Channel(f"gauge/{name}", unit, name, "gauge", 1.0, (ANGLES | STRAINS)[gauge.unit], gauge.column))
         for one in list_point_sensors(self.settings):
             name = f"{one.kind}/{one.place}"
             unit = POINT_UNITS[one.kind]
@@ -386,10 +388,10 @@ def _compute_gauge_signal(
 
 
 def compute_gauge_flexibility(machine: Machine, gauge: str) -> float:
-    """Return ``L / (3 EI)`` of a gauge's beam [rad/(N m)], as its table or the mechanism states it."""
+    """Return signed ``L / (3 EI)`` of a gauge's beam [rad/(N m)], of a strain ``h / EI`` [1/(N m)], by its table or the beam."""
     table = machine.settings.gauges[gauge]
     if table.flexibility_rad_per_Nm is not None:
-        return table.flexibility_rad_per_Nm
+        return table.sign * table.flexibility_rad_per_Nm
     link = machine.mechanism.link_of.get(table.beam)
     if link is None or link.beam is None:
         raise InputError(
@@ -397,9 +399,11 @@ def compute_gauge_flexibility(machine: Machine, gauge: str) -> float:
             "write flexibility_rad_per_Nm, what the rig makes of a moment"
         )
     section = link.beam.section
-    if section.has_coupled_strains:  # 1 / EI with no stress but the moment, whatever bending is coupled with
-        return float(link.beam.length / 3.0 * np.linalg.inv(section.stiffness_matrices[0])[5, 5])
-    return float(link.beam.length / (3.0 * section.stiffness[0, 5]))
+    # 1 / EI with no stress but the moment, whatever bending is coupled with
+    coupled = section.has_coupled_strains
+    across = np.linalg.inv(section.stiffness_matrices)[:, 5, 5] if coupled else 1.0 / section.stiffness[:, 5]
+    bent = float(np.interp(table.station or 0.0, section.stations, across))
+    return table.sign * bent * (link.beam.length / 3.0 if table.height_m is None else table.height_m)
 
 
 def apply_delay(values: Array, spacing: float, delay: float) -> Array:
