@@ -75,6 +75,7 @@ def write_identified(identification: Identification, base: Path, file: Path) -> 
         *_fill_link_tables(identification, layer, rows, tables),
         *_fill_joint_tables(layer, rows, tables),
         *_fill_beam_tables(layer, rows, tables, "damping" in data),
+        *_fill_payload_tables(layer, rows, tables),
         *_fill_load_tables(mechanism, rows, data, tables),
     }
     rest = [row for key, row in rows.items() if key not in done]
@@ -208,6 +209,32 @@ def _apply_to_section(section: dict[str, tuple[Any, str]], kind: str, row: Row) 
         before = f"{section[key][1]}; " if section[key][1] else ""
         words = f"{before}times {format_short(row.value)}; {_describe_row(row)}"
         section[key] = (_scale_value(section[key][0], row.value), words)
+
+
+def _fill_payload_tables(layer: Layer, rows: Mapping[Any, Row], tables: Tables) -> Iterator[tuple[str, str]]:
+    """All payloads of each beam that carries one whose mass was free [kg]; inertia follows the mass [kg m^2]."""
+    for (kind, place), row in rows.items():
+        beam, _, name = place.partition("/")
+        stated = layer.links.get(beam, {}).get("payload", [])
+        if kind != "payload mass" or name not in [body["name"] for body in stated]:
+            continue
+        table = tables.setdefault(layer.format_table_name("links", beam), {})
+        bodies, before = table.get("payload", (stated, ""))
+        changed = [_scale_body(body, row.value) if body["name"] == name else body for body in bodies]
+        words = f"mass of {name} {_describe_row(row)}"
+        table["payload"] = (changed, f"{before}; {words}" if before else words)
+        yield kind, place
+
+
+def _scale_body(body: Mapping[str, Any], mass: float) -> dict[str, Any]:
+    """The table of a body with another mass [kg]; a stated inertia follows it [kg m^2], and that of a shape does by itself."""
+    out = {**body, "mass_kg": mass}
+    factor = mass / body["mass_kg"]
+    if "inertia_kgm2" in body:
+        out["inertia_kgm2"] = _scale_value(body["inertia_kgm2"], factor)
+    if "axial_inertia_kgm2" in body.get("rod", {}):
+        out["rod"] = {**body["rod"], "axial_inertia_kgm2": body["rod"]["axial_inertia_kgm2"] * factor}
+    return out
 
 
 def _fill_load_tables(

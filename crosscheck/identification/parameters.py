@@ -20,7 +20,7 @@ from crosscheck.identification.pseudo_inertia import (
 )
 from crosscheck.identification.settings import STRAINS, IdentifyTable, list_matching_names
 from flexinv.errors import InputError
-from flexinv.model.mechanism import Joint, Mechanism, Section
+from flexinv.model.mechanism import Body, Inertia, Joint, Mechanism, Section
 from flexinv.rigid.torque_regressor import compute_link_parameters
 from flexinv.typing import Array
 from flexinv.validation import find_nearest_word
@@ -37,7 +37,7 @@ ELSEWHERE = {
     "gravity direction": 'write parameter = "gravity tilt x", and another table with "gravity tilt y"',
     "angle offset": "angles are taken as they are: correct the column, or the placement of the joint in mechanism.toml",
     "marker position": 'it is the zero of the marker: write parameter = "marker zero"',
-    "payload": f'it is part of the link that carries it: write parameter = "{MASS}" with that link as place',
+    "payload": f'on a beam write parameter = "payload mass"; on a rigid link it is part of that link: "{MASS}"',
 }
 
 
@@ -46,7 +46,7 @@ class ParameterKind:
     """A kind of parameter.
 
     unit : of one that turns and of one that slides; positive : by its nature
-    places : "joint" measured, "any joint", "link", "beam", "spring", "gauge", "marker", "accelerometer",
+    places : "joint" measured, "any joint", "link", "beam", "payload" of a beam, "spring", "gauge", "marker", "accelerometer",
         "world"; class_ : of the synthetic campaign
     known : joint -> value before, where the mechanism has one
     """
@@ -97,6 +97,7 @@ KINDS = {
         _make_kind("torsion stiffness", "-", True, "beam", "beams", solved=True),
         _make_kind("beam damping", "s", True, "beam", "beams", solved=True),
         _make_kind("beam length", "m", True, "beam", "beams", solved=True),
+        _make_kind("payload mass", "kg", True, "payload", "mass properties", solved=True),
         _make_kind("spring force", "-", True, "spring", "drives"),
         _make_kind("gravity tilt x", "rad", False, "world", "sensors"),
         _make_kind("gravity tilt y", "rad", False, "world", "sensors"),
@@ -195,11 +196,31 @@ def list_places(mechanism: Mechanism, settings: IdentifyTable, kind: ParameterKi
             link.name for link in mechanism.links if link.beam is None and sum(b.inertia.mass for b in link.bodies) > 0
         ],
         "beam": [link.name for link in mechanism.beams],
+        "payload": list(_list_payloads(mechanism)),
         "spring": [s.name for s in mechanism.springs],
         "gauge": list(settings.gauges),
         **{kind: [one.place for one in list_point_sensors(settings) if one.kind == kind] for kind in ZEROS},
         "world": ["world"],
     }[kind.places]
+
+
+def _find_beam_value(mechanism: Mechanism, kind: ParameterKind, place: str) -> float:
+    """Length [m] or retardation time [s] of a beam, or the mass of a payload on it [kg]."""
+    if kind.name == "payload mass":
+        return float(_list_payloads(mechanism)[place].inertia.mass)
+    beam = mechanism.link_of[place].beam
+    if beam is None:
+        return 0.0
+    if kind.name == "beam length":
+        return beam.length
+    if beam.section.damping is None:
+        return 0.0
+    return float(beam.section.damping_matrices[0, 5, 5] / beam.section.stiffness_matrices[0, 5, 5])
+
+
+def _list_payloads(mechanism: Mechanism) -> dict[str, Body]:
+    """The bodies that beams carry, by the place ``beam/payload`` of their mass."""
+    return {f"{link.name}/{body.name}": body for link in mechanism.beams for body in link.bodies}
 
 
 def _make_parameter(
@@ -236,14 +257,8 @@ def find_prior_value(mechanism: Mechanism, settings: IdentifyTable, kind: Parame
         return settings.still_rad_per_s * (1.0 if kind.name == "transition rate" else 10.0)
     if kind.name in ("beam stiffness", "torsion stiffness", "spring force") or kind.name.endswith(" gain"):
         return 1.0
-    if kind.name == "beam length":
-        beam = mechanism.link_of[place].beam
-        return beam.length if beam else 0.0
-    if kind.name == "beam damping":
-        section = getattr(mechanism.link_of[place].beam, "section", None)
-        if section is None or section.damping is None:
-            return 0.0
-        return float(section.damping_matrices[0, 5, 5] / section.stiffness_matrices[0, 5, 5])
+    if kind.places in ("beam", "payload"):
+        return _find_beam_value(mechanism, kind, place)
     if kind.name == "place x" and joint is not None:
         return float(joint.placement.position[0])
     return kind.known(joint) if joint is not None else 0.0
@@ -268,6 +283,15 @@ def _apply_section_values(section: Section, beam: str, values: Mapping[Key, floa
     return replace(section, stiffness=stiff, damping=kept if rate is None else stiff * rate)
 
 
+def _apply_payload_mass(body: Body, beam: str, values: Mapping[Key, float]) -> Body:
+    """A body that a beam carries, with another mass [kg]: its centre and its radii of gyration stay."""
+    mass = values.get(("payload mass", f"{beam}/{body.name}"))
+    if mass is None:
+        return body
+    own = body.inertia
+    return replace(body, inertia=Inertia(mass, own.com, own.tensor * (mass / own.mass)))
+
+
 def apply_values(mechanism: Mechanism, values: Mapping[Key, float]) -> Mechanism:
     """Return the mechanism with those values [units of the parameters] that time integration has to know."""
 
@@ -288,6 +312,8 @@ def apply_values(mechanism: Mechanism, values: Mapping[Key, float]) -> Mechanism
         if beam is not None:
             length = values.get(("beam length", link.name), beam.length)
             beam = replace(beam, length=length, section=_apply_section_values(beam.section, link.name, values))
-            link = replace(link, beam=beam)
+            link = replace(
+                link, beam=beam, bodies=tuple(_apply_payload_mass(b, link.name, values) for b in link.bodies)
+            )
         links.append(link)
     return replace(mechanism, joints=tuple(apply_joint_values(j) for j in mechanism.joints), links=tuple(links))

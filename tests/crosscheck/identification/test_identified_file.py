@@ -88,6 +88,10 @@ length_m = 0.3
 section = [{{ at = 0, section = "strip" }}, {{ at = 1, section = "strip" }}]
 elements = 1
 order = 2
+payload = [
+  {{ name = "tip", station = 1, mass_kg = 0.4, com_m = [0, 0, 0.01], inertia_kgm2 = {{ xx = 1e-3, yy = 1e-3, zz = 1e-3 }} }},
+  {{ name = "ring", station = 0.5, mass_kg = 0.2, com_m = [0, 0, 0], sphere = {{ radius_m = 0.03 }} }},
+]
 """
 ELBOW = "rotor_inertia_kgm2 = 0.1\ndamping_Nms_per_rad = 1.0\nfriction_Nm = 1.0\n"
 ELASTIC = 'moves = "motor"\nstiffness_Nm_per_rad = 4e3\ndamping_Nms_per_rad = 5\n'
@@ -106,7 +110,7 @@ CASES = {
     "a URDF": (OVER_A_URDF, TREE, 200),
     "a URDF with a beam": (BENDING_URDF, BENT, 40),
     "beams and elastic drives": (
-        BENDING, (*BENT, "torsion stiffness", "beam length", "joint stiffness", "joint damping", "place x"), 40,
+        BENDING, (*BENT, "torsion stiffness", "beam length", "joint stiffness", "joint damping", "place x", "payload mass"), 40,
     ),
     "damping follows stiffness": (BENDING, ("beam stiffness", "torsion stiffness"), 40),
 }  # fmt: skip
