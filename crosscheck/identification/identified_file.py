@@ -31,9 +31,10 @@ JOINTS = {
     "coulomb friction": ("friction_Nm", "friction_N", "coulomb_Nm"),
     "joint stiffness": ("stiffness_Nm_per_rad", "stiffness_N_per_m", ""),
     "joint damping": ("damping_Nms_per_rad", "damping_Ns_per_m", "viscous_Nms_per_rad"),
+    "joint friction": ("friction_Nm", "friction_N", "coulomb_Nm"),
 }
 # Of the gear ratio, from the joint to the motor.
-POWER = {"rotor inertia": 2, "viscous friction": 2, "joint damping": 2, "coulomb friction": 1}
+POWER = {"rotor inertia": 2, "viscous friction": 2, "joint damping": 2, "coulomb friction": 1, "joint friction": 1}
 SCALED = {"stiffness_N_per_m", "force_N"}
 OF_SECTION = {"EA_N", "GA_N", "GJ_Nm2", "EI_Nm2", "E_Pa", "G_Pa", "stiffness_matrix"}
 Tables = dict[str, dict[str, tuple[Any, str]]]

@@ -46,8 +46,8 @@ class ParameterKind:
     """A kind of parameter.
 
     unit : of one that turns and of one that slides; positive : by its nature
-    places : "joint" measured, "any joint", "link", "beam", "payload" of a beam, "spring", "gauge", "marker", "accelerometer",
-        "world"; class_ : of the synthetic campaign
+    places : "joint" measured, "any joint", "other joint" that no column measures, "link", "beam", "payload"
+        of a beam, "spring", "gauge", "marker", "accelerometer", "world"; class_ : of the synthetic campaign
     known : joint -> value before, where the mechanism has one
     """
 
@@ -91,6 +91,9 @@ KINDS = {
         ),
         _make_kind(
             "joint damping", "N m s/rad", True, "any joint", "drives", "N s/m", known=lambda j: j.damping, solved=True
+        ),
+        _make_kind(
+            "joint friction", "N m", True, "other joint", "friction", "N", known=lambda j: j.friction, solved=True
         ),
         _make_kind("place x", "m", True, "any joint", "beams", solved=True),
         _make_kind("beam stiffness", "-", True, "beam", "beams", solved=True),
@@ -192,6 +195,7 @@ def list_places(mechanism: Mechanism, settings: IdentifyTable, kind: ParameterKi
     return {
         "joint": [j.name for j in mechanism.joints if j.name in settings.joints],
         "any joint": [j.name for j in mechanism.joints],
+        "other joint": [j.name for j in mechanism.joints if j.nv and j.name not in settings.joints],
         "link": [
             link.name for link in mechanism.links if link.beam is None and sum(b.inertia.mass for b in link.bodies) > 0
         ],
@@ -297,7 +301,8 @@ def apply_values(mechanism: Mechanism, values: Mapping[Key, float]) -> Mechanism
 
     def apply_joint_values(joint: Joint) -> Joint:
         changes: dict[str, object] = {}
-        for kind, name in (("joint stiffness", "stiffness"), ("joint damping", "damping")):
+        for name in ("stiffness", "damping", "friction"):
+            kind = f"joint {name}"
             if (kind, joint.name) in values:
                 changes[name] = values[kind, joint.name]
         if ("place x", joint.name) in values:

@@ -99,11 +99,35 @@ ARM = logged_arm.MECHANISM.format(**logged_arm.KNOWN)
 DRIVEN = ARM.replace(ELBOW, f"[joints.elbow.{DRIVE}") + SPRING
 BENDING = logged_arm.MECHANISM.replace(FORE, BEAM).format(**logged_arm.KNOWN)
 BENDING = BENDING.replace(ELBOW, f"[joints.elbow.{DRIVE}{ELASTIC}") + STRIP
+COUPLED = (
+    ARM
+    + """[links.disc]
+kind = "rigid"
+mass_kg = 1
+com_m = [0, 0, 0]
+inertia_kgm2 = { xx = 0.01, yy = 0.01, zz = 0.02 }
+[joints.wheel]
+kind = "revolute"
+parent = "upper"
+child = "disc"
+axis = [0, 1, 0]
+actuated = false
+[closures.belt]
+kind = "coupling"
+factors = { wheel = 1, elbow = -3 }
+"""
+)
 TREE = (
     *("mass properties", "rotor inertia", "viscous friction", "coulomb friction", "stribeck share", "spring force"),
     *("gravity tilt x", "gravity tilt y", "effort offset"),
 )
 BENT = ("beam stiffness", "beam damping", "viscous friction", "mass properties")
+PLACES = {
+    "joint stiffness": '["elbow.spring"]',
+    "joint damping": '["elbow.spring", "wheel"]',
+    "joint friction": '["wheel"]',
+    "place x": '["elbow"]',
+}
 # What stands below, what is free, and how many of its samples of 4 ms are looked at.
 CASES = {
     "a mechanism file": (DRIVEN, TREE, 200),
@@ -112,6 +136,7 @@ CASES = {
     "beams and elastic drives": (
         BENDING, (*BENT, "torsion stiffness", "beam length", "joint stiffness", "joint damping", "place x", "payload mass"), 40,
     ),
+    "a passive joint in a coupling": (COUPLED, ("joint friction", "joint damping", "viscous friction"), 100),
     "damping follows stiffness": (BENDING, ("beam stiffness", "torsion stiffness"), 40),
 }  # fmt: skip
 
@@ -122,11 +147,7 @@ def write_folder(folder: Path, mechanism: str, free: tuple[str, ...]) -> None:
     (folder / "mechanism.toml").write_text(mechanism)
     tables = []
     for kind in free:
-        places = {
-            "joint stiffness": '["elbow.spring"]',
-            "joint damping": '["elbow.spring"]',
-            "place x": '["elbow"]',
-        }.get(kind, '["*"]')
+        places = PLACES.get(kind, '["*"]')
         value = "value = 0.2\n" if "friction" in kind or "damping" in kind or kind.startswith("rotor") else ""
         tables.append(f'[[free]]\nparameter = "{kind}"\nplace = {places}\n{value}error = 0.02\n')
     if "mass properties" in free:
@@ -188,6 +209,7 @@ def list_in_comments(text: str, rows: list[Row]) -> list[tuple[tuple[str, str], 
         ("a URDF", {"stribeck share", "effort offset"}),
         ("a URDF with a beam", set()),
         ("beams and elastic drives", set()),
+        ("a passive joint in a coupling", set()),
     ],
 )
 def test_only_what_no_file_can_say_stands_in_comments(case: str, expected: set[str], tmp_path: Path) -> None:
@@ -214,3 +236,15 @@ def test_a_mass_beside_a_beam_is_refused(tmp_path: Path) -> None:
     write_folder(tmp_path, BENDING_URDF + "[overlay.links.fore]\nmass_kg = 1\n", BENT)
     with pytest.raises(InputError, match=r"\[overlay.links.fore\], key mass_kg(.|\n)*that of a beam is its section's"):
         load_mechanism(tmp_path)
+
+
+def test_friction_of_a_passive_joint_is_felt_through_its_coupling(tmp_path: Path) -> None:
+    """A wheel that turns three times as fast as the elbow: 3 c of its dry friction at the elbow, and nothing at the shoulder."""
+    write_folder(tmp_path, COUPLED, ("joint friction",))
+    machine = read_machine(tmp_path)
+    run = make_run(machine, make_log(150), efforts=False)
+    less, more = (compute_readings(machine, run, {("joint friction", "wheel"): c}) for c in (0.1, 0.5))
+    middle = slice(60, 90)  # the elbow turns at 1.2 rad/s and more
+    assert (
+        np.abs((more - less)[middle] - [0.0, 3.0 * 0.4]).max() < 1e-3
+    )  # the low-pass at 10 Hz, 0.2 s from where it began
