@@ -277,7 +277,7 @@ def _format_file_lines(
         yield from _format_table_lines(table)
     if rest:
         yield ""
-        yield "# Identified, and no part of a mechanism file: parameters of sensors, laws that it does not have."
+        yield "# Identified, and no part of a mechanism file: parameters of sensors, and laws that it does not have."
         yield from (
             f"#   {row.parameter} of {row.place}: {format_short(row.value)} {row.unit}, {_describe_row(row)}"
             for row in rest
