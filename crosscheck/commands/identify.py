@@ -45,7 +45,9 @@ FOLD = "Cut the window of the first log into so many blocks; each is judged by w
     help="Log that identifies (.csv, .csv.gz, .parquet, .mat, bag of ROS); LOG@START:END: these seconds. Repeatable.",
 )
 @click.option("--hold-out", multiple=True, help="Log that only judges. Repeatable.")
-@click.option("--predict", "wanted", help="Log whose efforts are predicted; its own efforts are not looked at.")
+@click.option(
+    "--predict", "wanted", multiple=True, help="Log whose efforts are predicted, its own not looked at. Repeatable."
+)
 @click.option("--blocks", "count", type=click.IntRange(min=2), help=FOLD)
 @click.option(
     "--causes", "asked", is_flag=True, help="Name what the logs held out (else the first log) show beside the model."
@@ -66,7 +68,7 @@ def command(
     models: Path,
     logs: tuple[str, ...],
     hold_out: tuple[str, ...],
-    wanted: str | None,
+    wanted: tuple[str, ...],
     count: int | None,
     asked: bool,
     seconds: float | None,
@@ -94,15 +96,11 @@ def command(
                 resolve_toml_file(source, "mechanism.toml"),
                 owned.add_to_folder_list(folder / "identified.toml"),
             )
-            if wanted is not None:
-                log = read_of(identification.machine, _resolve_log_paths(source, (wanted,))[0])
-                write_prediction(
-                    identification.machine,
-                    identification.predict(log),
-                    owned.add_to_folder_list(folder / "prediction.csv"),
-                )
+            _write_predictions(console, identification, _resolve_log_paths(source, wanted), folder)
             _write_parameters(console, identification)
-            causes = _find_causes(console, identification, source, logs, hold_out) if asked else []
+            given = _resolve_log_paths(source, logs)
+            doubtful = _list_logs_in_question(identification, given, _resolve_log_paths(source, hold_out), asked)
+            causes = _find_causes(console, identification, doubtful, asked)
             if count is not None:
                 log = read_of(identification.machine, _resolve_log_paths(source, logs[:1])[0])
                 _write_table(console, f"{count} blocks in turn", judge_blocks(read_machine(source), log, count))
@@ -143,6 +141,15 @@ def _write_proposed_motion(console: Console, proposal: Proposal, folder: Path) -
         console.print(escape(words), highlight=False, soft_wrap=True)
 
 
+def _write_predictions(console: Console, identification: Identification, logs: list[str], folder: Path) -> None:
+    """Write the prediction of each log [s, units of the channels]; of several, the files from the second on have a number."""
+    for k, log in enumerate(logs, 1):
+        file = folder / (f"prediction_{k}.csv" if k > 1 else "prediction.csv")
+        told = identification.predict(read_of(identification.machine, log))
+        write_prediction(identification.machine, told, owned.add_to_folder_list(file))
+        console.print(f"prediction of {escape(Path(log).name)}: {file}", highlight=False, soft_wrap=True)
+
+
 def _resolve_log_paths(folder: Path, logs: tuple[str, ...]) -> list[str]:
     """Return logs by their paths; one that is not there is looked for beside the mechanism."""
     return [
@@ -174,18 +181,32 @@ def _write_parameters(console: Console, identification: Identification) -> None:
         console.print(escape(words), highlight=False, soft_wrap=True, style="dim")
 
 
+def _list_logs_in_question(
+    identification: Identification, given: list[str], held: list[str], asked: bool
+) -> list[tuple[str, bool]]:
+    """Return the logs whose causes are looked for, and whether each identified: the ones asked for, and those that failed."""
+    logs = [(log, True) for log in given] + [(log, False) for log in held]
+    chosen = [one for one in logs if not one[1]] or logs[:1]
+    failed = {row.log for row in (*identification.seen, *identification.judged) if row.explained < 0.0}
+    names = [run.name for run, _ in (*identification.shown, *identification.held)]
+    worse = [one for one, name in zip(logs, names, strict=True) if name in failed]
+    return list(dict.fromkeys([*(chosen if asked else ()), *worse]))
+
+
 def _find_causes(
-    console: Console, identification: Identification, source: Path, logs: tuple[str, ...], hold_out: tuple[str, ...]
+    console: Console, identification: Identification, logs: list[tuple[str, bool]], asked: bool
 ) -> list[tuple[str, CauseFindings]]:
     out = []
-    for log in _resolve_log_paths(source, hold_out) or _resolve_log_paths(source, logs[:1]):
-        rest = find_remaining_causes(identification, read_of(identification.machine, log), not hold_out)
+    for log, seen in logs:
+        rest = find_remaining_causes(identification, read_of(identification.machine, log), seen, hidden=asked)
         console.print(f"\n[bold]what remains of {escape(Path(log).name)}[/bold]")
         for words in [one.words for one in rest.named] or ["no cause of the dictionary explains what remains: unknown"]:
             console.print(escape(words), highlight=False, soft_wrap=True)
-        console.print(
-            "what is smaller than this would hide in that log (– : nothing that was tried would be seen):", style="dim"
-        )
+        if asked:
+            console.print(
+                "what is smaller than this would hide in that log (– : nothing that was tried would be seen):",
+                style="dim",
+            )
         for words in describe_least_sizes(rest.least):
             console.print(escape(words), highlight=False, soft_wrap=True, style="dim")
         out.append((Path(log).name, rest))

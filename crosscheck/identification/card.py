@@ -32,32 +32,44 @@ def _list_parameter_row(row: Row) -> tuple[str, ...]:
 
 def _describe_logs(found: Identification) -> Iterator[str]:
     """Yield how much of the readings is explained, of logs that identified and of those held out, and doubts."""
+    yield from _describe_shares(found)
+    yield from found.words
+
+
+def _describe_shares(found: Identification) -> Iterator[str]:
     for words, judged in (("identified from", found.seen), ("held out", found.judged)):
         if judged:
             yield f"{words}: {_describe_share(judged)}"
-    yield from found.words
+
+
+def describe_gist(found: Identification) -> str:
+    """Return in one sentence how many parameters are told, and what is explained and covered [%] of the logs that judge."""
+    told = sum(row.identifiable for row in found.parameters)
+    *_, last = _describe_shares(found)
+    return f"{told} of {format_count(len(found.parameters), 'parameter')} told by the logs; {last}."
 
 
 def _describe_share(judged: list[ChannelJudgement]) -> str:
     worst = min(judged, key=lambda one: one.explained)
     share = format_number(100.0 * worst.explained)
     inside = format_number(100.0 * min(one.coverage for one in judged))
-    channels = format_count(len(judged), "channel")
+    channels = format_count(len({one.channel for one in judged}), "channel")
     return (
         f"{channels}, {share} % explained at least ({worst.channel}), {inside} % of samples inside 90 % bands at least"
     )
 
 
 def _draw_reading(found: Identification) -> tuple[Picture, ...]:
-    """The first channel of the first log that was held out, or else of the first one: measured and told."""
-    for runs, what in ((found.held, "held out"), (found.shown, "identified from")):
-        for run, prediction in runs:
-            if run.measured is not None and found.machine.channels:
-                channel = found.machine.channels[0]
-                curves = [
-                    ("measured", run.time, run.measured[:, 0]),
-                    ("told", prediction.time, prediction.value[:, 0]),
-                ]
-                words = f"{channel.name} [{channel.unit}], {what}"
-                return (Picture(draw_curves(curves, channel.unit, words), words, 420),)
-    return ()
+    """The first channel of each log that was held out, or else of the first log: measured and told."""
+    runs, what = (found.held, "held out") if found.held else (found.shown[:1], "identified from")
+    pictures = []
+    for run, prediction in runs if found.machine.channels else ():
+        if run.measured is not None:
+            channel = found.machine.channels[0]
+            curves = [
+                ("measured", run.time, run.measured[:, 0]),
+                ("told", prediction.time, prediction.value[:, 0]),
+            ]
+            words = f"{channel.name} [{channel.unit}], {run.name}, {what}"
+            pictures.append(Picture(draw_curves(curves, channel.unit, words), words, 420))
+    return tuple(pictures)

@@ -1,6 +1,6 @@
 """identified.toml: what was identified, laid over the mechanism file, with intervals in comments; it loads like any mechanism.
 
-Parameters of sensors, and laws of friction that a mechanism file does not have, stand in comments at its end.
+Parameters of sensors, laws of friction that a mechanism file does not have, and places in a URDF stand in comments at its end.
 """
 
 from __future__ import annotations
@@ -8,6 +8,7 @@ from __future__ import annotations
 import json
 import os
 from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -18,8 +19,9 @@ from crosscheck.identification.identify import Identification
 from crosscheck.identification.response import compute_link_inertias, turn_gravity
 from crosscheck.identification.table import Row
 from crosscheck.report.words import format_short
+from flexinv.files.joints import DRIVES
 from flexinv.files.load_mechanism import read_layers
-from flexinv.model.mechanism import Mechanism
+from flexinv.model.mechanism import SPRING, Mechanism
 
 LINKS = ("mass", "com x", "com y", "com z", "Ixx", "Ixy", "Iyy", "Ixz", "Iyz", "Izz")
 # kind -> key of a joint that turns, of one that slides, key of its drive
@@ -28,31 +30,55 @@ JOINTS = {
     "viscous friction": ("damping_Nms_per_rad", "damping_Ns_per_m", "viscous_Nms_per_rad"),
     "coulomb friction": ("friction_Nm", "friction_N", "coulomb_Nm"),
     "joint stiffness": ("stiffness_Nm_per_rad", "stiffness_N_per_m", ""),
-    "joint damping": ("damping_Nms_per_rad", "damping_Ns_per_m", ""),
+    "joint damping": ("damping_Nms_per_rad", "damping_Ns_per_m", "viscous_Nms_per_rad"),
+    "joint friction": ("friction_Nm", "friction_N", "coulomb_Nm"),
 }
-POWER = {
-    "rotor inertia": 2,
-    "viscous friction": 2,
-    "coulomb friction": 1,
-}  # of the gear ratio: from the joint to the motor
+# Of the gear ratio, from the joint to the motor.
+POWER = {"rotor inertia": 2, "viscous friction": 2, "joint damping": 2, "coulomb friction": 1, "joint friction": 1}
 SCALED = {"stiffness_N_per_m", "force_N"}
 OF_SECTION = {"EA_N", "GA_N", "GJ_Nm2", "EI_Nm2", "E_Pa", "G_Pa", "stiffness_matrix"}
 Tables = dict[str, dict[str, tuple[Any, str]]]
 
 
+@dataclass(frozen=True)
+class Layer:
+    """A mechanism, and the tables of links, joints and sections of the file that it was read from.
+
+    prefix : of the tables laid over it, "overlay." of a URDF
+    """
+
+    mechanism: Mechanism
+    prefix: str
+    links: Mapping[str, Any]
+    joints: Mapping[str, Any]
+    sections: Mapping[str, Any]
+
+    @classmethod
+    def build(cls, mechanism: Mechanism, data: Mapping[str, Any]) -> Layer:
+        """Build the layer of a mechanism file's ``data`` [any unit]."""
+        own = data.get("overlay", {}) if "urdf" in data else data
+        tables = (own.get("links", {}), own.get("joints", {}), data.get("sections", {}))
+        return cls(mechanism, "overlay." if "urdf" in data else "", *tables)
+
+    def format_table_name(self, kind: str, name: str, *inner: str) -> str:
+        """Return the name of a table of a link or a joint [-]: ``links.arm``, ``overlay.joints.elbow.drive``."""
+        return ".".join((f"{self.prefix}{kind}", _format_key(name), *inner))
+
+
 def write_identified(identification: Identification, base: Path, file: Path) -> None:
     """Write the overlay of a mechanism file [kg], [m], [kg m^2], [N m s/rad], [N m]; base : that file; file : where to write."""
     mechanism = identification.machine.mechanism
-    space = identification.machine.space
     data = read_layers(base)[0]
+    layer = Layer.build(mechanism, data)
     rows = {(row.parameter, row.place): row for row in identification.parameters}
     tables: Tables = {}
-    done: set[tuple[str, str]] = set()
-    _fill_link_tables(identification, rows, data, tables)
-    done |= {key for key in rows if key[0] in LINKS and key[1] in space.factors and "urdf" not in data}
-    done |= set(_fill_joint_tables(mechanism, rows, data, tables))
-    done |= set(_fill_beam_tables(rows, data, tables))
-    done |= set(_fill_load_tables(mechanism, rows, data, tables))
+    done = {
+        *_fill_link_tables(identification, layer, rows, tables),
+        *_fill_joint_tables(layer, rows, tables),
+        *_fill_beam_tables(layer, rows, tables, "damping" in data),
+        *_fill_payload_tables(layer, rows, tables),
+        *_fill_load_tables(mechanism, rows, data, tables),
+    }
     rest = [row for key, row in rows.items() if key not in done]
     logs = [run.name for run, _ in identification.shown]
     over = os.path.relpath(base.resolve(), file.resolve().parent)
@@ -67,89 +93,149 @@ def _describe_row(row: Row) -> str:
 
 
 def _fill_link_tables(
-    identification: Identification, rows: Mapping[Any, Row], data: Mapping[str, Any], tables: Tables
-) -> None:
-    if "urdf" in data:
-        return
-    mechanism = identification.machine.mechanism
+    identification: Identification, layer: Layer, rows: Mapping[Any, Row], tables: Tables
+) -> Iterator[tuple[str, str]]:
+    """Mass, centre and inertia about it of each link whose mass properties were free; its payloads are part of them."""
     space = identification.machine.space
-    ten = compute_link_inertias(space, mechanism, space.compute_values(identification.fit.z))
-    for k, link in enumerate(mechanism.links):
+    ten = compute_link_inertias(space, layer.mechanism, space.compute_values(identification.fit.z))
+    for k, link in enumerate(layer.mechanism.links):
         if link.name not in space.factors:
             continue
-        mass = float(ten[k][0])
         com = ten[k][1:4] / ten[k][0]
         own = {q: rows[q, link.name] for q in LINKS}
         inertia = {n: own[f"I{n}"].value for n in ("xx", "yy", "zz", "xy", "xz", "yz")}
         inside = "; ".join(f"{n} {_describe_row(own[f'I{n}'])}" for n in ("xx", "yy", "zz"))
         places = "; ".join(_describe_row(own[f"com {a}"]) for a in "xyz")
-        tables[f"links.{_format_key(link.name)}"] = {
-            "mass_kg": (mass, _describe_row(own["mass"])),
+        tables[layer.format_table_name("links", link.name)] = {
+            "mass_kg": (float(ten[k][0]), _describe_row(own["mass"])),
             "com_m": (com.tolist(), places),
             "inertia_kgm2": (inertia, inside),
             "payload": ([], "part of the numbers above"),
         }
+        yield from ((quantity, link.name) for quantity in LINKS)
 
 
-def _fill_joint_tables(
-    mechanism: Mechanism, rows: Mapping[Any, Row], data: Mapping[str, Any], tables: Tables
-) -> Iterator[tuple[str, str]]:
-    prefix = "overlay.joints" if "urdf" in data else "joints"
-    known = data.get("overlay", {}).get("joints", {}) if "urdf" in data else data.get("joints", {})
+def _fill_joint_tables(layer: Layer, rows: Mapping[Any, Row], tables: Tables) -> Iterator[tuple[str, str]]:
     for (kind, place), row in rows.items():
-        stated = known.get(place, {})
-        if kind == "place x" and "urdf" not in data:
+        stated = layer.joints.get(place, {})
+        if kind == "place x" and place in layer.joints and not layer.prefix:
             xyz = [row.value, *stated.get("placement", {}).get("xyz_m", [0.0, 0.0, 0.0])[1:]]
-            tables.setdefault(f"joints.{_format_key(place)}.placement", {})["xyz_m"] = (xyz, _describe_row(row))
-        elif kind in JOINTS and (place in known or "urdf" in data):
-            joint = mechanism.joint_of[place]
-            turning, sliding, own = JOINTS[kind]
-            if "drive" in stated and own and joint.drive is not None:
-                value = row.value / joint.drive.ratio ** POWER[kind]
-                words = f"at the joint {format_short(row.value)} {row.unit}, {_describe_row(row)}"
-                tables.setdefault(f"{prefix}.{_format_key(place)}.drive", {})[own] = (value, words)
-            else:
-                key = sliding if joint.kind == "prismatic" else turning
-                tables.setdefault(f"{prefix}.{_format_key(place)}", {})[key] = (row.value, _describe_row(row))
+            tables.setdefault(layer.format_table_name("joints", place, "placement"), {})["xyz_m"] = (
+                xyz,
+                _describe_row(row),
+            )
+        elif kind in JOINTS and (found := _find_joint_key(layer, kind, place)) is not None:
+            name, key, ratio = found
+            words = _describe_row(row) if ratio == 1.0 else f"at the joint {format_short(row.value)} {row.unit}, "
+            words += "" if ratio == 1.0 else _describe_row(row)
+            before, others = tables.setdefault(name, {}).get(key, (0.0, ""))  # damping may be one of two laws
+            tables[name][key] = (before + row.value / ratio, f"{others}; {words}" if others else words)
+            if key == "coulomb_Nm" and stated["drive"].get("static_Nm", 0.0) > 0.0:
+                static = max(tables[name][key][0], float(stated["drive"]["static_Nm"]))
+                tables[name]["static_Nm"] = (static, "not below coulomb_Nm")
         else:
             continue
         yield kind, place
 
 
-def _fill_beam_tables(rows: Mapping[Any, Row], data: Mapping[str, Any], tables: Tables) -> Iterator[tuple[str, str]]:
-    """Lengths, and a section of its own for each beam whose stiffness or damping was free."""
+def _find_joint_key(layer: Layer, kind: str, place: str) -> tuple[str, str, float] | None:
+    """Table and key that say a parameter of a joint, and what its value is divided by there; None where none does."""
+    joint = layer.mechanism.joint_of[place]
+    turning, sliding, own = JOINTS[kind]
+    key = sliding if joint.kind == "prismatic" else turning
+    owner = place.removesuffix(SPRING)
+    if owner != place and "drive" in layer.joints.get(owner, {}):  # the spring between a motor and its link
+        return layer.format_table_name("joints", owner, "drive"), key, 1.0
+    if "drive" in layer.joints.get(place, {}) and joint.drive is not None:
+        ratio = float(joint.drive.ratio) ** POWER.get(kind, 0)
+        return (layer.format_table_name("joints", place, "drive"), own, ratio) if own else None
+    if joint.kind not in DRIVES or key not in DRIVES[joint.kind].model_fields:
+        return None
+    return layer.format_table_name("joints", place), key, 1.0
+
+
+def _fill_beam_tables(layer: Layer, rows: Mapping[Any, Row], tables: Tables, damped: bool) -> Iterator[tuple[str, str]]:
+    """Lengths, and sections of its own for each beam whose stiffness or damping was free.
+
+    damped : by a table of the whole file, beside which no section may state its damping
+    """
+    inner = ("beam",) if layer.prefix else ()
     for (kind, place), row in rows.items():
-        table = data.get("links", {}).get(place, {})
-        if kind == "beam length" and table:
-            tables.setdefault(f"links.{_format_key(place)}", {})["length_m"] = (row.value, _describe_row(row))
-        elif _is_section_parameter(kind, data, table):
-            name = f"{table['section']} of {place}"
-            tables.setdefault(f"links.{_format_key(place)}", {})["section"] = (name, "as identified")
-            section = tables.setdefault(f"sections.{_format_key(name)}", {})
-            for key, value in data["sections"][table["section"]].items():
-                section.setdefault(key, (value, ""))
-            if kind == "beam damping":
-                section.pop("damping_matrix", None)  # in whose place the time is
-                section["retardation_s"] = (row.value, _describe_row(row))
-                yield kind, place
-                continue
-            for key in ({"GJ_Nm2"} if kind == "torsion stiffness" else OF_SECTION) & section.keys():
-                before = f"{section[key][1]}; " if section[key][1] else ""
-                section[key] = (
-                    _scale_value(section[key][0], row.value),
-                    f"{before}times {format_short(row.value)}; {_describe_row(row)}",
-                )
+        stated = layer.links.get(place, {})
+        table = stated.get("beam", {}) if layer.prefix else stated
+        names = _list_section_names(table)
+        link = layer.format_table_name("links", place, *inner)
+        if kind == "beam length" and "length_m" in table:
+            tables.setdefault(link, {})["length_m"] = (row.value, _describe_row(row))
+        elif names and all(_is_section_parameter(kind, layer.sections[name], damped) for name in names):
+            tables.setdefault(link, {})["section"] = (_replace_section_names(table["section"], place), "as identified")
+            for name in dict.fromkeys(names):
+                section = tables.setdefault(f"sections.{_format_key(f'{name} of {place}')}", {})
+                for key, value in layer.sections[name].items():
+                    section.setdefault(key, (value, ""))
+                _apply_to_section(section, kind, row)
         else:
             continue
         yield kind, place
 
 
-def _is_section_parameter(kind: str, data: Mapping[str, Any], table: Mapping[str, Any]) -> bool:
-    """Return true for parameters of a section: GJ apart from EI only where the section states it as a number."""
-    if not isinstance(table.get("section"), str):
-        return False
-    stated = data["sections"][table["section"]]
-    return kind in ("beam stiffness", "beam damping") or (kind == "torsion stiffness" and "GJ_Nm2" in stated)
+def _list_section_names(table: Mapping[str, Any]) -> list[str]:
+    """The sections of a beam: one, or one for each of its stations."""
+    said = table.get("section", [])
+    return [said] if isinstance(said, str) else [station["section"] for station in said]
+
+
+def _replace_section_names(said: Any, place: str) -> Any:
+    """The section of a beam, or its stations, with the names of sections that are its own."""
+    if isinstance(said, str):
+        return f"{said} of {place}"
+    return [station | {"section": f"{station['section']} of {place}"} for station in said]
+
+
+def _is_section_parameter(kind: str, section: Mapping[str, Any], damped: bool) -> bool:
+    """Return true for parameters that a section can say: GJ apart from EI only where it states GJ as a number."""
+    if kind == "beam damping":
+        return not damped
+    return kind == "beam stiffness" or (kind == "torsion stiffness" and "GJ_Nm2" in section)
+
+
+def _apply_to_section(section: dict[str, tuple[Any, str]], kind: str, row: Row) -> None:
+    """Give a section the stiffness [N], [N m^2], [Pa] or the damping [s] that was found."""
+    if kind == "beam damping":
+        section.pop("damping_matrix", None)  # in whose place the time is
+        section["retardation_s"] = (row.value, _describe_row(row))
+        return
+    scaled = {"GJ_Nm2"} if kind == "torsion stiffness" else OF_SECTION | {"damping_matrix"}
+    for key in scaled & section.keys():
+        before = f"{section[key][1]}; " if section[key][1] else ""
+        words = f"{before}times {format_short(row.value)}; {_describe_row(row)}"
+        section[key] = (_scale_value(section[key][0], row.value), words)
+
+
+def _fill_payload_tables(layer: Layer, rows: Mapping[Any, Row], tables: Tables) -> Iterator[tuple[str, str]]:
+    """All payloads of each beam that carries one whose mass was free [kg]; inertia follows the mass [kg m^2]."""
+    for (kind, place), row in rows.items():
+        beam, _, name = place.partition("/")
+        stated = layer.links.get(beam, {}).get("payload", [])
+        if kind != "payload mass" or name not in [body["name"] for body in stated]:
+            continue
+        table = tables.setdefault(layer.format_table_name("links", beam), {})
+        bodies, before = table.get("payload", (stated, ""))
+        changed = [_scale_body(body, row.value) if body["name"] == name else body for body in bodies]
+        words = f"mass of {name} {_describe_row(row)}"
+        table["payload"] = (changed, f"{before}; {words}" if before else words)
+        yield kind, place
+
+
+def _scale_body(body: Mapping[str, Any], mass: float) -> dict[str, Any]:
+    """The table of a body with another mass [kg]; a stated inertia follows it [kg m^2], and that of a shape does by itself."""
+    out = {**body, "mass_kg": mass}
+    factor = mass / body["mass_kg"]
+    if "inertia_kgm2" in body:
+        out["inertia_kgm2"] = _scale_value(body["inertia_kgm2"], factor)
+    if "axial_inertia_kgm2" in body.get("rod", {}):
+        out["rod"] = {**body["rod"], "axial_inertia_kgm2": body["rod"]["axial_inertia_kgm2"] * factor}
+    return out
 
 
 def _fill_load_tables(
@@ -214,4 +300,4 @@ def _format_value(value: Any) -> str:
         return "[" + ", ".join(_format_value(one) for one in value) + "]"
     if isinstance(value, bool | str):
         return json.dumps(value, ensure_ascii=False)
-    return f"{float(value):.9g}"
+    return repr(float(value))  # with all its digits: what is loaded gives the torques of the run

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from crosscheck.identification.bands import (
     ChannelJudgement,
@@ -29,7 +30,7 @@ from crosscheck.identification.table import Row, describe_conflicts, describe_un
 from flexinv.display.card import Card, Shown
 from flexinv.errors import InputError
 from flexinv.files.load_mechanism import load_mechanism
-from flexinv.model.mechanism import Mechanism
+from flexinv.model.mechanism import Joint, Mechanism, Placement
 from flexinv.validation import check_path as path_of
 from flexinv.validation import refuse
 
@@ -76,13 +77,33 @@ def read_machine(mechanism: Mechanism | str | Path, settings: IdentifyTable | No
                 f"identify: mechanism '{mechanism.name}' without settings, expected the folder that holds its identify.toml; "
                 "write crosscheck.identify('models/NAME', ...) or settings=read_settings(path, mechanism)"
             )
-        return Machine(mechanism, settings, build_space(mechanism, settings))
+        return _build_machine(mechanism, settings)
     folder = Path(
         path_of("mechanism", mechanism, "a folder that has a mechanism.toml and an identify.toml, or a Mechanism")
     )
     read = load_mechanism(folder)
     table = read_settings(folder.parent if folder.suffix == ".toml" else folder, read) if settings is None else settings
-    return Machine(read, table, build_space(read, table))
+    return _build_machine(read, table)
+
+
+def _build_machine(mechanism: Mechanism, settings: IdentifyTable) -> Machine:
+    """The machine of a log: joints that stand during all of it are fixed where they stand."""
+    joints = tuple(
+        _make_fixed_joint(joint, settings.stands[joint.name].value) if joint.name in settings.stands else joint
+        for joint in mechanism.joints
+    )
+    fixed = replace(mechanism, joints=joints) if settings.stands else mechanism
+    return Machine(fixed, settings, build_space(fixed, settings))
+
+
+def _make_fixed_joint(joint: Joint, value: float) -> Joint:
+    """The fixed joint that a joint of one coordinate is at a value of it [rad], [m]."""
+    slides = joint.kind == "prismatic"
+    way = value if slides else joint.pitch * value / (2.0 * np.pi)
+    turn = np.eye(3) if slides else Rotation.from_rotvec(value * joint.axis).as_matrix()
+    at = joint.placement
+    placement = Placement(at.position + at.rotation @ (way * joint.axis), at.rotation @ turn)
+    return Joint(joint.name, "fixed", joint.parent, joint.child, placement, joint.station, actuated=False)
 
 
 def identify(

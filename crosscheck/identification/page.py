@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from crosscheck.identification.bands import ChannelJudgement, Prediction
+from crosscheck.identification.card import describe_gist
 from crosscheck.identification.causes.name_causes import CauseFindings
 from crosscheck.identification.identify import Identification
 from crosscheck.identification.readings import Machine, Run
@@ -97,6 +98,7 @@ def build_study_row(identification: Identification, causes: Sequence[tuple[str, 
         figures=tuple(figures),
         tables=tuple(tables),
         heading="How well the logs are explained",
+        gist=describe_gist(identification),
     )
 
 
@@ -131,8 +133,12 @@ def _list_channel_rows(identification: Identification) -> Iterator[Line]:
 
 
 def _list_band_figures(identification: Identification) -> Iterator[StudyFigure]:
-    """One figure per sensor: of the first log held out, or the first one."""
-    run, told = (identification.held or identification.shown)[0]
+    """One figure per sensor of each log held out, or of the first one."""
+    for run, told in identification.held or identification.shown[:1]:
+        yield from _list_band_figures_of_log(identification, run, told)
+
+
+def _list_band_figures_of_log(identification: Identification, run: Run, told: Prediction) -> Iterator[StudyFigure]:
     every = max(1, len(run.time) // POINTS)
     time = run.time[::every].round(4).tolist()
     for c, channel in enumerate(identification.machine.channels):
@@ -149,24 +155,27 @@ def _list_band_figures(identification: Identification) -> Iterator[StudyFigure]:
 
 
 def _list_spectrum_figures(identification: Identification) -> Iterator[StudyFigure]:
-    """Amplitude spectra of what remains, each over the RMS of what was measured."""
-    run, told = (identification.held or identification.shown)[0]
-    if run.measured is None:
-        return
+    """Amplitude spectra of what remains of each log held out, or of the first one, each over the RMS of what was measured."""
+    for run, told in identification.held or identification.shown[:1]:
+        if run.measured is not None:
+            yield _build_spectrum_figure(identification, run, told, run.measured)
+
+
+def _build_spectrum_figure(identification: Identification, run: Run, told: Prediction, measured: Array) -> StudyFigure:
     spacing = float(run.time[1] - run.time[0])
     frequency = np.fft.rfftfreq(len(run.time), spacing)
     kept = frequency <= 1.5 * identification.machine.settings.bandwidth_Hz
     every = max(1, int(kept.sum()) // FREQUENCIES)
     curves: dict[str, Curve] = {}
     for c, channel in enumerate(identification.machine.channels):
-        rest = np.where(run.counted[:, c], run.measured[:, c] - told.value[:, c], 0.0)
-        whole = np.where(run.counted[:, c], run.measured[:, c], 0.0)
+        rest = np.where(run.counted[:, c], measured[:, c] - told.value[:, c], 0.0)
+        whole = np.where(run.counted[:, c], measured[:, c], 0.0)
         amplitude = 2.0 * np.abs(np.fft.rfft(rest * np.hanning(len(rest)))) / max(1.0, 0.5 * run.counted[:, c].sum())
         curves[channel.name] = {
             "x": frequency[kept][::every].round(4).tolist(),
             "y": _drop_digits(amplitude[kept][::every] / (np.std(whole[run.counted[:, c]]) + 1e-300)),
         }
-    yield {
+    return {
         "title": f"What remains, by frequency: {run.name}",
         "x": "frequency [Hz]",
         "y": "amplitude over spread of the reading [-]",

@@ -18,9 +18,9 @@ from crosscheck.identification.pseudo_inertia import (
     compute_upper_factor,
     make_plausible,
 )
-from crosscheck.identification.settings import IdentifyTable, list_matching_names
+from crosscheck.identification.settings import STRAINS, IdentifyTable, list_matching_names
 from flexinv.errors import InputError
-from flexinv.model.mechanism import Joint, Mechanism
+from flexinv.model.mechanism import Body, Inertia, Joint, Mechanism, Section
 from flexinv.rigid.torque_regressor import compute_link_parameters
 from flexinv.typing import Array
 from flexinv.validation import find_nearest_word
@@ -37,7 +37,7 @@ ELSEWHERE = {
     "gravity direction": 'write parameter = "gravity tilt x", and another table with "gravity tilt y"',
     "angle offset": "angles are taken as they are: correct the column, or the placement of the joint in mechanism.toml",
     "marker position": 'it is the zero of the marker: write parameter = "marker zero"',
-    "payload": f'it is part of the link that carries it: write parameter = "{MASS}" with that link as place',
+    "payload": f'on a beam write parameter = "payload mass"; on a rigid link it is part of that link: "{MASS}"',
 }
 
 
@@ -46,8 +46,8 @@ class ParameterKind:
     """A kind of parameter.
 
     unit : of one that turns and of one that slides; positive : by its nature
-    places : "joint" measured, "any joint", "link", "beam", "spring", "gauge", "marker", "accelerometer",
-        "world"; class_ : of the synthetic campaign
+    places : "joint" measured, "any joint", "other joint" that no column measures, "link", "beam", "payload"
+        of a beam, "spring", "gauge", "marker", "accelerometer", "world"; class_ : of the synthetic campaign
     known : joint -> value before, where the mechanism has one
     """
 
@@ -92,11 +92,15 @@ KINDS = {
         _make_kind(
             "joint damping", "N m s/rad", True, "any joint", "drives", "N s/m", known=lambda j: j.damping, solved=True
         ),
+        _make_kind(
+            "joint friction", "N m", True, "other joint", "friction", "N", known=lambda j: j.friction, solved=True
+        ),
         _make_kind("place x", "m", True, "any joint", "beams", solved=True),
         _make_kind("beam stiffness", "-", True, "beam", "beams", solved=True),
         _make_kind("torsion stiffness", "-", True, "beam", "beams", solved=True),
         _make_kind("beam damping", "s", True, "beam", "beams", solved=True),
         _make_kind("beam length", "m", True, "beam", "beams", solved=True),
+        _make_kind("payload mass", "kg", True, "payload", "mass properties", solved=True),
         _make_kind("spring force", "-", True, "spring", "drives"),
         _make_kind("gravity tilt x", "rad", False, "world", "sensors"),
         _make_kind("gravity tilt y", "rad", False, "world", "sensors"),
@@ -191,15 +195,36 @@ def list_places(mechanism: Mechanism, settings: IdentifyTable, kind: ParameterKi
     return {
         "joint": [j.name for j in mechanism.joints if j.name in settings.joints],
         "any joint": [j.name for j in mechanism.joints],
+        "other joint": [j.name for j in mechanism.joints if j.nv and j.name not in settings.joints],
         "link": [
             link.name for link in mechanism.links if link.beam is None and sum(b.inertia.mass for b in link.bodies) > 0
         ],
         "beam": [link.name for link in mechanism.beams],
+        "payload": list(_list_payloads(mechanism)),
         "spring": [s.name for s in mechanism.springs],
         "gauge": list(settings.gauges),
         **{kind: [one.place for one in list_point_sensors(settings) if one.kind == kind] for kind in ZEROS},
         "world": ["world"],
     }[kind.places]
+
+
+def _find_beam_value(mechanism: Mechanism, kind: ParameterKind, place: str) -> float:
+    """Length [m] or retardation time [s] of a beam, or the mass of a payload on it [kg]."""
+    if kind.name == "payload mass":
+        return float(_list_payloads(mechanism)[place].inertia.mass)
+    beam = mechanism.link_of[place].beam
+    if beam is None:
+        return 0.0
+    if kind.name == "beam length":
+        return beam.length
+    if beam.section.damping is None:
+        return 0.0
+    return float(beam.section.damping_matrices[0, 5, 5] / beam.section.stiffness_matrices[0, 5, 5])
+
+
+def _list_payloads(mechanism: Mechanism) -> dict[str, Body]:
+    """The bodies that beams carry, by the place ``beam/payload`` of their mass."""
+    return {f"{link.name}/{body.name}": body for link in mechanism.beams for body in link.bodies}
 
 
 def _make_parameter(
@@ -213,7 +238,8 @@ def _make_parameter(
 ) -> Parameter:
     joint = mechanism.joint_of.get(place)
     slides = joint is not None and joint.kind == "prismatic"
-    unit = kind.unit[slides]
+    strained = kind.places == "gauge" and settings.gauges[place].unit in STRAINS
+    unit = {"rad": "m/m", "rad/rad": "1/rad"}.get(kind.unit[0], kind.unit[0]) if strained else kind.unit[slides]
     known = find_prior_value(mechanism, settings, kind, place) if value is None else value
     if kind.positive and known <= 0.0:
         raise InputError(
@@ -235,17 +261,39 @@ def find_prior_value(mechanism: Mechanism, settings: IdentifyTable, kind: Parame
         return settings.still_rad_per_s * (1.0 if kind.name == "transition rate" else 10.0)
     if kind.name in ("beam stiffness", "torsion stiffness", "spring force") or kind.name.endswith(" gain"):
         return 1.0
-    if kind.name == "beam length":
-        beam = mechanism.link_of[place].beam
-        return beam.length if beam else 0.0
-    if kind.name == "beam damping":
-        section = getattr(mechanism.link_of[place].beam, "section", None)
-        if section is None or section.damping is None:
-            return 0.0
-        return float(section.damping_matrices[0, 5, 5] / section.stiffness_matrices[0, 5, 5])
+    if kind.places in ("beam", "payload"):
+        return _find_beam_value(mechanism, kind, place)
     if kind.name == "place x" and joint is not None:
         return float(joint.placement.position[0])
     return kind.known(joint) if joint is not None else 0.0
+
+
+def _apply_section_values(section: Section, beam: str, values: Mapping[Key, float]) -> Section:
+    """A section with factors of its stiffness [-] and a retardation time [s], by which damping follows stiffness."""
+    factor = values.get(("beam stiffness", beam), 1.0)
+    turn = values.get(("torsion stiffness", beam))
+    if turn is not None:
+        section.check_independent(f"identify: torsion stiffness of {beam}")
+
+    def scale(table: Array) -> Array:
+        out = table * factor
+        if turn is not None:
+            out[:, GJ] *= turn
+        return out
+
+    stiff = scale(section.stiffness)
+    rate = values.get(("beam damping", beam))
+    kept = None if section.damping is None else scale(section.damping)
+    return replace(section, stiffness=stiff, damping=kept if rate is None else stiff * rate)
+
+
+def _apply_payload_mass(body: Body, beam: str, values: Mapping[Key, float]) -> Body:
+    """A body that a beam carries, with another mass [kg]: its centre and its radii of gyration stay."""
+    mass = values.get(("payload mass", f"{beam}/{body.name}"))
+    if mass is None:
+        return body
+    own = body.inertia
+    return replace(body, inertia=Inertia(mass, own.com, own.tensor * (mass / own.mass)))
 
 
 def apply_values(mechanism: Mechanism, values: Mapping[Key, float]) -> Mechanism:
@@ -253,7 +301,8 @@ def apply_values(mechanism: Mechanism, values: Mapping[Key, float]) -> Mechanism
 
     def apply_joint_values(joint: Joint) -> Joint:
         changes: dict[str, object] = {}
-        for kind, name in (("joint stiffness", "stiffness"), ("joint damping", "damping")):
+        for name in ("stiffness", "damping", "friction"):
+            kind = f"joint {name}"
             if (kind, joint.name) in values:
                 changes[name] = values[kind, joint.name]
         if ("place x", joint.name) in values:
@@ -266,16 +315,10 @@ def apply_values(mechanism: Mechanism, values: Mapping[Key, float]) -> Mechanism
     for link in mechanism.links:
         beam = link.beam
         if beam is not None:
-            factor = values.get(("beam stiffness", link.name), 1.0)
-            section = beam.section
-            rate = values.get(("beam damping", link.name))
-            stiff = section.stiffness * factor
-            if ("torsion stiffness", link.name) in values:
-                section.check_independent(f"identify: torsion stiffness of {link.name}")
-                stiff[:, GJ] *= values["torsion stiffness", link.name]
-            damping = stiff * rate if rate is not None else section.damping
             length = values.get(("beam length", link.name), beam.length)
-            beam = replace(beam, length=length, section=replace(section, stiffness=stiff, damping=damping))
-            link = replace(link, beam=beam)
+            beam = replace(beam, length=length, section=_apply_section_values(beam.section, link.name, values))
+            link = replace(
+                link, beam=beam, bodies=tuple(_apply_payload_mass(b, link.name, values) for b in link.bodies)
+            )
         links.append(link)
     return replace(mechanism, joints=tuple(apply_joint_values(j) for j in mechanism.joints), links=tuple(links))

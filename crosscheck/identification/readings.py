@@ -3,7 +3,7 @@
 effort at the joint   tau(mechanism) + rotor qdd + viscous v + dry
 dry                   coulomb tanh(v / v_t) (1 + share exp(-(v / v_s)^2)) + asymmetry |tanh(v / v_t)|
 its sensor            gain * delayed(lagged(effort / ratio + offset)),   both sides behind the same zero-phase low-pass
-gauge                 gain * delayed(lagged(M L / (3 EI))) + zero + slope q,   through the rig's own low-pass
+gauge                 gain * delayed(lagged(sign M L / (3 EI))) + zero + slope q,   through the rig's low-pass; strain: M h / EI
 marker, accelerometer gain * delayed(lagged(signal)) + zero
 """
 
@@ -18,11 +18,22 @@ import scipy  # its parts are loaded when they are asked for
 from numpy.typing import NDArray
 
 from crosscheck.identification.filters import apply_lag, apply_low_pass_all, low_pass
+from crosscheck.identification.logs.jumps import find_jumps, find_wrap_period
 from crosscheck.identification.logs.log import Log
 from crosscheck.identification.parameters import KINDS, Key, ParameterSpace, find_prior_value
 from crosscheck.identification.points import PointSensor, list_point_sensors
 from crosscheck.identification.response import MeasuredMotion, Response, build_response
-from crosscheck.identification.settings import ACCELERATIONS, ANGLES, EFFORTS, LENGTHS, RATES, IdentifyTable, RateTable
+from crosscheck.identification.settings import (
+    ACCELERATIONS,
+    ANGLES,
+    EFFORTS,
+    LENGTHS,
+    RATES,
+    STRAINS,
+    AngleTable,
+    IdentifyTable,
+    RateTable,
+)
 from crosscheck.identification.wide_response import WideResponse, compute_wide_response
 from flexinv.errors import InputError
 from flexinv.model.mechanism import Mechanism
@@ -99,7 +110,8 @@ class Machine:
                 )
             )
         for name, gauge in self.settings.gauges.items():
-            out.append(Channel(f"gauge/{name}", "rad", name, "gauge", 1.0, ANGLES[gauge.unit], gauge.column))
+            unit = "m/m" if gauge.unit in STRAINS else "rad"
+            out.append(Channel(f"gauge/{name}", unit, name, "gauge", 1.0, (ANGLES | STRAINS)[gauge.unit], gauge.column))
         for one in list_point_sensors(self.settings):
             name = f"{one.kind}/{one.place}"
             unit = POINT_UNITS[one.kind]
@@ -182,11 +194,28 @@ def _read_rate(log: Log, name: str, table: RateTable, angle: Array) -> Array:
 
 def _check_angle(machine: Machine, log: Log, name: str, raw: Array) -> None:
     table = machine.settings.joints[name].angle
+    _check_wraps(log, name, table, raw)
     if table.unit == "rad" and np.ptp(raw) > 20.0 * np.pi and np.abs(np.gradient(raw, log.spacing)).max() > 60.0:
         raise InputError(
             f"{log.name}: column {table.column!r} of joint {name} goes over {np.ptp(raw):.4g} rad at up to "
             f"{np.abs(np.gradient(raw, log.spacing)).max():.3g} rad/s, expected an angle in rad; "
             f'write unit = "deg" in [joints.{name}] angle if it is in degrees, or over = the gear ratio if it is the motor\'s'
+        )
+
+
+def _check_wraps(log: Log, name: str, table: AngleTable, raw: Array) -> None:
+    """Raise InputError where an angle (samples,) [rad], [m] of a joint begins anew at the end of an encoder's range."""
+    column = raw * table.over
+    wraps = [
+        (k, period) for k in find_jumps(column) if (period := find_wrap_period(column, k, table.unit in ("rad", "deg")))
+    ]
+    if wraps:
+        k, period = wraps[0]
+        size = abs(column[k + 1] - column[k]) / ANGLES[table.unit]
+        raise InputError(
+            f"{log.name}: column {table.column!r} of joint {name} leaps by {size:.4g} {table.unit} at {log.time[k + 1]:g} s "
+            f"({len(wraps)} times in all), as an encoder does at the end of its range, expected an angle that goes on; "
+            f"unwrap the column (numpy.unwrap(column, period={period / ANGLES[table.unit]:.4g})), or cut the log there"
         )
 
 
@@ -359,10 +388,10 @@ def _compute_gauge_signal(
 
 
 def compute_gauge_flexibility(machine: Machine, gauge: str) -> float:
-    """Return ``L / (3 EI)`` of a gauge's beam [rad/(N m)], as its table or the mechanism states it."""
+    """Return signed ``L / (3 EI)`` of a gauge's beam [rad/(N m)], of a strain ``h / EI`` [1/(N m)], by its table or the beam."""
     table = machine.settings.gauges[gauge]
     if table.flexibility_rad_per_Nm is not None:
-        return table.flexibility_rad_per_Nm
+        return table.sign * table.flexibility_rad_per_Nm
     link = machine.mechanism.link_of.get(table.beam)
     if link is None or link.beam is None:
         raise InputError(
@@ -370,9 +399,11 @@ def compute_gauge_flexibility(machine: Machine, gauge: str) -> float:
             "write flexibility_rad_per_Nm, what the rig makes of a moment"
         )
     section = link.beam.section
-    if section.has_coupled_strains:  # 1 / EI with no stress but the moment, whatever bending is coupled with
-        return float(link.beam.length / 3.0 * np.linalg.inv(section.stiffness_matrices[0])[5, 5])
-    return float(link.beam.length / (3.0 * section.stiffness[0, 5]))
+    # 1 / EI with no stress but the moment, whatever bending is coupled with
+    coupled = section.has_coupled_strains
+    across = np.linalg.inv(section.stiffness_matrices)[:, 5, 5] if coupled else 1.0 / section.stiffness[:, 5]
+    bent = float(np.interp(table.station or 0.0, section.stations, across))
+    return table.sign * bent * (link.beam.length / 3.0 if table.height_m is None else table.height_m)
 
 
 def apply_delay(values: Array, spacing: float, delay: float) -> Array:

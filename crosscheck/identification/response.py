@@ -12,11 +12,13 @@ from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
+import scipy  # its parts are loaded when they are asked for
 
 from crosscheck.identification.parameters import KINDS, MASS, Key, ParameterSpace, apply_values
 from crosscheck.identification.points import PointMotion, add_sensor_bodies, build_point_motion, list_point_sensors
 from crosscheck.identification.pseudo_inertia import COLUMNS, NAMES, ROWS, move_mass_properties
-from crosscheck.identification.settings import IdentifyTable
+from crosscheck.identification.settings import GaugeTable, IdentifyTable
+from flexinv.analysis.solution import Solution
 from flexinv.analysis.solve import solve
 from flexinv.errors import InputError
 from flexinv.kinematics.mesh import build
@@ -123,7 +125,8 @@ def build_response(
     """
     alone = remove_rotors_and_friction(mechanism, motion.names)
     passive = any(j.nv and j.name not in motion.names and not j.actuated for j in mechanism.joints)
-    if mechanism.is_rigid and not mechanism.closures and not settings.gauges and not passive:
+    solved = any(KINDS[p.kind].solved for p in space.parameters)
+    if mechanism.is_rigid and not mechanism.closures and not settings.gauges and not passive and not solved:
         return _build_tree_response(alone, space, settings, motion, once)
     return _build_solver_response(alone, space, settings, motion, once)
 
@@ -134,7 +137,7 @@ def _build_tree_response(
     if still := [j.name for j in mechanism.joints if j.nv and j.name not in motion.names]:
         raise InputError(
             f"joint {still[0]} moves and no column says how; write [joints.{still[0]}] with angle = {{ column = ... }} in "
-            "identify.toml, or make it a fixed joint"
+            f"identify.toml, or stands.{still[0]} = {{ deg = 0 }} where it stands during all logs"
         )
     q, qd, qdd = _build_states(mechanism, motion)
     rows = [mechanism.v_slices[name].start for name in motion.names]
@@ -276,7 +279,7 @@ class SolverModel:
         step = float(self.time[1] - self.time[0]) / every
         start = {name: table.value for name, table in self.settings.start.items()}
         solution = solve(changed, self.given, step, every=every, initial=self.settings.initial, start=start or None)
-        moments = [-solution.wrench[g.joint][:, 5] for g in self.settings.gauges.values()]
+        moments = [_compute_gauge_moment(solution, gauge) for gauge in self.settings.gauges.values()]
         points = build_point_motion(self.settings, solution.mesh, solution.nodes)
         told = (
             solution.torque_all[:, self.rows],
@@ -291,6 +294,20 @@ class SolverModel:
             return joint_torques(self.apply(values, ten), *state)[:, self.rows]
         except InputError:  # forces over time, closures that act for a while
             return self.solve_in_time(values, ten)[0][0]
+
+
+def _compute_gauge_moment(solution: Solution, gauge: GaugeTable) -> Array:
+    """The moment about z (samples,) [N m] that bends a beam where its gauge is: at its root that of the joint there.
+
+    Elsewhere it is linear between the Gauss points, and beyond them.
+    """
+    if gauge.station is None:
+        return np.asarray(-solution.wrench[gauge.joint][:, 5])
+    points = solution.internal_stations[gauge.beam]
+    if len(points) == 1:
+        return np.asarray(solution.internal[gauge.beam][:, 0, 5])
+    line = scipy.interpolate.make_interp_spline(points, solution.internal[gauge.beam][:, :, 5], k=1, axis=1)
+    return np.asarray(line(gauge.station))
 
 
 def _build_solver_response(

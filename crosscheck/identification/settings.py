@@ -11,7 +11,7 @@ from pydantic import Field
 from flexinv.errors import InputError
 from flexinv.files.closures import EndTable, read_end
 from flexinv.files.toml_tables import Location, Table, check_table, make_key, read_toml
-from flexinv.files.values import Format, NotNegative, Number, Positive, Text
+from flexinv.files.values import Format, Fraction, NotNegative, Number, Positive, Text
 from flexinv.model.links import WORLD
 from flexinv.model.mechanism import Mechanism
 from flexinv.validation import find_nearest_word
@@ -23,6 +23,7 @@ RATES = {f"{unit}/s": factor for unit, factor in ANGLES.items()}
 EFFORTS = {"N m": 1.0, "N": 1.0, "A": 1.0, "mN m": 1e-3}
 LENGTHS = {"m": 1.0, "mm": 1e-3}
 TIMES = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
+STRAINS = {"um/m": 1e-6}
 ACCELERATIONS = {"m/s^2": 1.0, "g": 9.80665}
 
 
@@ -79,12 +80,23 @@ class JointTable(Table):
 
 
 class GaugeTable(Table):
-    """A strain gauge at the root of a beam: what it reads is gain M L / (3 EI) + zero + slope q of a joint."""
+    """A strain gauge on a beam: what it reads is gain sign M L / (3 EI), or of a strain gain sign M h / EI, + zero + slope q."""
 
     beam: Text = make_key("the link that is a beam", 'beam = "link1"')
-    joint: Text = make_key("the joint whose moment bends its root", 'joint = "clamp1"')
+    joint: Text = make_key("of a gauge at the root, the joint whose moment bends it", 'joint = "clamp1"', default="")
+    station: Fraction | None = make_key(
+        "of a gauge elsewhere: the fraction 0..1 of the beam's length [-]", "station = 0.3", default=None
+    )
     column: Text = make_key("name of the column", 'column = "gauge1_deg"')
-    unit: Literal["rad", "deg"] = make_key("its unit", 'unit = "deg"', default="rad")
+    unit: Literal["rad", "deg", "um/m"] = make_key(
+        "its unit: of a rig that is calibrated as an angle of the tip, or of a strain", 'unit = "um/m"', default="rad"
+    )
+    height_m: Positive | None = make_key(
+        "of a strain: how far the gauge is from the beam's axis, across the axis of bending [m]",
+        "height_m = 0.001",
+        default=None,
+    )
+    sign: Literal[1, -1] = make_key("-1 of a gauge that falls where the moment rises [-]", "sign = -1", default=1)
     slope_joint: Text = make_key("the joint with whose angle its zero drifts", 'slope_joint = "shoulder"', default="")
     flexibility_rad_per_Nm: Positive | None = make_key(
         "what the rig makes of a moment; L / (3 EI) of the beam when absent [rad/(N m)]",
@@ -139,7 +151,7 @@ class FreeTable(Table):
 
 
 class StartTable(Table):
-    """Coordinate of a passive joint at the first sample."""
+    """Coordinate of a joint: of a passive one at the first sample, or of one that stands all the time."""
 
     deg: Number | None = make_key("its angle [deg]", "deg = -85", default=None)
     rad: Number | None = make_key("its angle [rad]", "rad = -1.48", default=None)
@@ -202,8 +214,8 @@ class IdentifyTable(Table):
     block_s: Positive = make_key(
         "length of the blocks that leave-one-out takes away [s]", "block_s = 1.28", default=1.0
     )
-    still_rad_per_s: NotNegative = make_key(
-        "slower than this a joint stands, and friction holds whatever it does [rad/s], [m/s]",
+    still_rad_per_s: Positive = make_key(
+        "slower than this a joint stands, and friction holds whatever it does, > 0 [rad/s], [m/s]",
         "still_rad_per_s = 0.01",
         default=0.01,
     )
@@ -219,6 +231,11 @@ class IdentifyTable(Table):
     every: int = make_key("steps of the march per sample [-]", "every = 1", default=1)
     start: dict[str, StartTable] = make_key(
         "coordinates of passive joints of loops at the first sample", "start.left_elbow = { deg = -85 }", default={}
+    )
+    stands: dict[str, StartTable] = make_key(
+        "joints that no column measures, and where they stand during all logs",
+        "stands.wrist = { deg = 30 }",
+        default={},
     )
     initial: Literal["consistent", "static"] = make_key(
         "how beams and springs begin: without force, or in equilibrium", 'initial = "static"', default="consistent"
@@ -244,9 +261,14 @@ def read_settings(path: Path, mechanism: Mechanism) -> IdentifyTable:
     top = Location(file)
     table = check_table(IdentifyTable, read_toml(file), top)
     _check_joints(table, mechanism, top)
+    _check_standing_joints(table, mechanism, top)
     for kind, points in (("markers", table.markers), ("accelerometers", table.accelerometers)):
         for name, point in points.items():
             _check_point(point, mechanism, top.make_inner_location(kind).make_inner_location(name))
+    for name, gauge in table.gauges.items():
+        place = top.make_inner_location("gauges").make_inner_location(name)
+        _check_gauge_place(gauge, mechanism, place)
+        _check_gauge_unit(gauge, mechanism, place)
     for free in table.free:
         if free.relative is None and free.error is None:
             given = f"[[free]] {free.parameter} without either"
@@ -268,6 +290,54 @@ def _check_joints(table: IdentifyTable, mechanism: Mechanism, top: Location) -> 
             raise top.make_inner_location("joints").make_error(
                 name, f'"{name}"', expected, f"[joints.{find_nearest_word(name, joints) or joints[0]}]"
             )
+
+
+def _check_standing_joints(table: IdentifyTable, mechanism: Mechanism, top: Location) -> None:
+    """Raise InputError where a joint that stands is none of one coordinate, is measured, is coupled, or has another unit."""
+    joints = [j.name for j in mechanism.joints if j.nv == 1]
+    coupled = {name for closure in mechanism.closures for name, _ in closure.factors}
+    where = top.make_inner_location("stands")
+    for name, at in table.stands.items():
+        near = find_nearest_word(name, joints) or joints[0]
+        if name not in joints:
+            expected = f"a joint of one coordinate: {', '.join(joints)}"
+            raise where.make_error(name, f'"{name}"', expected, f"stands.{near} = {{ deg = 30 }}")
+        if name in table.joints or name in coupled:
+            given = f"[joints.{name}], which measures it" if name in table.joints else "a coupling that moves it"
+            raise where.make_error(name, given, "a joint that stands during all logs", "one of the two")
+        _check_standing_unit(at, name, mechanism.joint_of[name].kind == "prismatic", where)
+
+
+def _check_standing_unit(at: StartTable, name: str, slides: bool, where: Location) -> None:
+    """Raise InputError where a coordinate is not in one unit of its joint: m of one that slides, deg or rad of one that turns."""
+    stated = {unit for unit, value in (("m", at.m), ("deg", at.deg), ("rad", at.rad)) if value is not None}
+    if len(stated) != 1 or (stated == {"m"}) != slides:
+        given = " and ".join(sorted(stated)) or "nothing"
+        expected = "m of a joint that slides" if slides else "deg or rad of a joint that turns"
+        raise where.make_error(name, given, expected, f"stands.{name} = {'{ m = 0.1 }' if slides else '{ deg = 30 }'}")
+
+
+def _check_gauge_place(gauge: GaugeTable, mechanism: Mechanism, where: Location) -> None:
+    """Raise InputError where a gauge has no place or two, or its joint is none of the mechanism."""
+    if bool(gauge.joint) == (gauge.station is not None):
+        given = "both joint and station" if gauge.joint else "neither joint nor station"
+        expected = "joint of a gauge at the root of the beam, or station of one elsewhere"
+        raise where.make_error("station", given, expected, "station = 0.3")
+    if gauge.joint and gauge.joint not in mechanism.joint_of:
+        near = find_nearest_word(gauge.joint, list(mechanism.joint_of)) or mechanism.joints[0].name
+        raise where.make_error("joint", f'"{gauge.joint}"', "a joint of the mechanism", f'joint = "{near}"')
+
+
+def _check_gauge_unit(gauge: GaugeTable, mechanism: Mechanism, where: Location) -> None:
+    """Raise InputError where the unit of a gauge lacks what makes a reading of a moment: a height, a beam."""
+    strained = gauge.unit in STRAINS
+    if strained != (gauge.height_m is not None) or (strained and gauge.flexibility_rad_per_Nm is not None):
+        expected = "height_m [m] and no flexibility with a strain, none with an angle"
+        raise where.make_error("height_m", f'unit = "{gauge.unit}"', expected, 'unit = "um/m" with height_m = 0.001')
+    beams = [link.name for link in mechanism.beams]
+    if (strained or gauge.station is not None) and gauge.beam not in beams:
+        expected = f"a link that is a beam: {', '.join(beams) or 'the mechanism has none'}"
+        raise where.make_error("beam", f'"{gauge.beam}"', expected, f'beam = "{(beams or ["arm"])[0]}"')
 
 
 def _check_point(point: MarkerTable | AccelerometerTable, mechanism: Mechanism, where: Location) -> None:

@@ -163,6 +163,7 @@ class IndexView(SingleStudy):
     results: Results
     root: str
     sentence: str
+    verdict: Verdict
     scope: str
     unchanged: str
     counts: dict[Verdict, int]
@@ -201,6 +202,7 @@ def build_index_view(results: Results, out: Path, trends: bool = False) -> Index
         "results": results,
         "root": "",
         "sentence": words.describe_run(results),
+        "verdict": words.find_run_verdict(results),
         "scope": words.describe_scope(results),
         "unchanged": words.describe_unchanged(results),
         "counts": words.count_verdicts(results),

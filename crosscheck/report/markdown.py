@@ -75,6 +75,8 @@ def _render_troubles(results: Results) -> list[str]:
 
 
 def _render_matrix(results: Results) -> Iterator[str]:
+    if results.studies and not results.cases:  # nothing was compared, and nothing was to be
+        return
     yield from ("## Matrix", "", "Largest error over the range of the signal, for the quantity nearest its limit.", "")
     yield from render_table(("case", *(e.name for e in results.engines)), _list_matrix_rows(results))
 
@@ -95,12 +97,14 @@ def _render_studies(results: Results) -> list[str]:
 
 
 def _render_comparisons(results: Results) -> list[str]:
+    if results.studies and not results.cases:
+        return []
     return _render_section("Comparisons", HEAD, _list_comparison_rows(results))
 
 
 def _render_engines(results: Results) -> list[str]:
     rows = [(e.name, e.version or "–", e.message or e.abilities) for e in results.engines]
-    return _render_section("Engines", ("engine", "version", "what it can do"), rows)
+    return _render_section("Engines", ("engine", "version", "what it can do"), rows) if rows else []
 
 
 SECTIONS: tuple[Callable[[Results], Iterable[str]], ...] = (

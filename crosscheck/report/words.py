@@ -192,8 +192,22 @@ def describe_unchanged(results: Results) -> str:
     return f"{words}; --fresh computes all"
 
 
+def find_run_verdict(results: Results) -> Verdict:
+    """Return the verdict that stands beside the summary of a run: "skipped" where all is well and nothing was judged."""
+    if results.exit_code:
+        return ("deviation", "error")[results.exit_code - 1]
+    judged = [c.verdict for c in results.comparisons] + [s.verdict for s in results.studies]
+    return "within" if any(verdict != "skipped" for verdict in judged) else "skipped"
+
+
 def describe_run(results: Results) -> str:
     """Return the summary of a run that a reader has to know first."""
+    gists = [study.gist for study in results.studies if study.gist]
+    return " ".join([_describe_verdicts(results), *gists[:NAMED]])
+
+
+def _describe_verdicts(results: Results) -> str:
+    """Return the verdicts of a run in one sentence."""
     tally = count_verdicts(results)
     judged = sum(tally.values()) - tally["skipped"] - tally["explained"]
     wrong = [part for part in (*_count_comparison_troubles(results), *_count_other_troubles(results)) if part]
@@ -333,7 +347,7 @@ def describe_study(study: StudyRow) -> str:
     if study.status != "ok":
         return f"{study.status}: {study.message}"
     tally = {v: sum(row.get("verdict") == v for row in study.rows) for v in reversed(VERDICTS)}
-    return ", ".join(f"{n} {v}" for v, n in tally.items() if n)
+    return ", ".join(f"{n} {v}" for v, n in tally.items() if n) + (f". {study.gist}" if study.gist else "")
 
 
 def join_alike_comparisons(rows: Iterable[Comparison]) -> list[Comparison]:

@@ -137,6 +137,7 @@ class StudyRow:
 
     plot, figures : curves of the table, and beside it; tables : beside the one that is judged; kept : as of a run
     heading : what stands over the table that is judged, where others lead
+    gist : its figures in one sentence, for readers of the first line
     """
 
     name: str
@@ -153,6 +154,7 @@ class StudyRow:
     elapsed: float = 0.0
     kept: str = ""
     heading: str = ""
+    gist: str = ""
 
     @property
     def verdict(self) -> Verdict:

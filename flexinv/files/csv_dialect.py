@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import gzip
 import warnings
+import zlib
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -44,7 +45,7 @@ def read_csv_dialect(path: Path) -> CsvDialect:
             second = stream.readline(LONGEST_LINE)
     except UnicodeDecodeError as error:
         raise InputError(f"{path.name}: the header is not UTF-8 ({error}); save it as UTF-8") from error
-    except (OSError, EOFError) as error:
+    except (OSError, EOFError, zlib.error) as error:
         raise InputError(f"{path.name}: it cannot be read ({error}); write the log anew") from error
     if max(len(first), len(second)) >= LONGEST_LINE:
         raise InputError(f"{path.name}: a line of more than {LONGEST_LINE} characters; expected a line for each sample")

@@ -34,7 +34,7 @@ from flexinv.files.toml_tables import (
     read_toml,
     resolve_toml_file,
 )
-from flexinv.model.links import WORLD, Beam, Body, Inertia, Link, Placement
+from flexinv.model.links import REPLACED, WORLD, Beam, Body, Inertia, Link, Placement
 from flexinv.model.mechanism import Joint, Mechanism, ModalDamping, build_drive_model, with_retardation
 from flexinv.validation import find_nearest_word
 
@@ -200,7 +200,7 @@ def _build_from_urdf(table: schema.MechanismTable, sections: Mapping[str, CrossS
 def _apply_overlay(
     mechanism: Mechanism, table: schema.OverlayTable, sections: Mapping[str, CrossSection], top: Location
 ) -> Mechanism:
-    """The mechanism under payloads [kg, m, kg m^2], drives [kg m^2, N m s/rad, N m] and beams; undeformed its geometry stays."""
+    """The mechanism under masses [kg, m, kg m^2], drives [kg m^2, N m s/rad, N m] and beams; undeformed its geometry stays."""
     links = dict(mechanism.link_of)
     joints = dict(mechanism.joint_of)
     notes = list(mechanism.notes)
@@ -214,8 +214,8 @@ def _apply_overlay(
                 )
     for name, data in table.links.items():
         where = top.make_inner_location(f"links.{name}")
-        link = links[name]
         laid = check_table(schema.OverlayLinkTable, data, where)
+        link = _replace_own_body(links[name], laid, where)
         if laid.beam is not None and laid.tip_m is not None:
             given = f"tip_m = {laid.tip_m} beside a beam"
             expected = "no tip: a beam reports its end"
@@ -226,7 +226,8 @@ def _apply_overlay(
             )
             joints.update(changed)
             notes.append(note)
-        payload = read_payloads(laid.payload, laid.beam is not None, name, where)
+        own = link.bodies[0].name if link.bodies else name
+        payload = read_payloads(laid.payload, laid.beam is not None, own, where)
         tip = link.tip if laid.tip_m is None else np.array(laid.tip_m, dtype=np.float64)
         links[name] = replace(link, bodies=(*link.bodies, *payload), tip=tip)
     driven = {
@@ -235,6 +236,17 @@ def _apply_overlay(
     }
     moving = tuple((joints | driven).values())
     return replace(mechanism, links=tuple(links.values()), joints=moving, notes=tuple(notes))
+
+
+def _replace_own_body(link: Link, table: schema.OverlayLinkTable, where: Location) -> Link:
+    """The link with the mass, centre and inertia [kg, m, kg m^2] of its overlay, if that states any, in place of the URDF's."""
+    stated = [key for key in ("mass_kg", "com_m", *INERTIA_SHAPES) if getattr(table, key) is not None]
+    if not stated:
+        return link
+    if table.beam is not None:
+        expected = "no mass of its own: that of a beam is its section's"
+        raise where.make_error(stated[0], f"{stated[0]} beside a beam", expected, "the beam alone, or a payload on it")
+    return replace(link, bodies=(Body(REPLACED, read_inertia(table, where)),))
 
 
 def _apply_drive(joint: Joint, data: Any, where: Location) -> Joint:

@@ -274,15 +274,14 @@ class OverlayBeamTable(MeshTable):
     source: Text = SOURCE
 
 
-class OverlayLinkTable(Table):
-    """Overlay of one link of the URDF."""
+class OverlayLinkTable(BodyTable):
+    """Overlay of one link of the URDF; a mass, with centre and inertia, stands in place of the URDF's own."""
 
     beam: OverlayBeamTable | None = make_optional_key("a table [overlay.links.NAME.beam]", "[overlay.links.NAME.beam]")
     payload: list[PayloadTable] = make_key(
         "tables [[overlay.links.NAME.payload]]", "[[overlay.links.NAME.payload]]", []
     )
     tip_m: Vector | None = make_optional_key("the point whose motion is reported, three numbers [m]", "[0.1, 0, 0]")
-    source: Text = SOURCE
 
 
 class OverlayTable(Table):

@@ -170,6 +170,10 @@ class Inertia(Frozen):
         return Inertia.build_unchecked(self.mass if mass is None else mass, place, moments)
 
 
+# What a body is called that stands in place of the one that a URDF states for its link.
+REPLACED = "in place of the URDF's own"
+
+
 @dataclass(frozen=True, eq=False)
 class Body(Frozen):
     """A rigid body carried by a link: the link itself, a payload, a flange, a motor.

@@ -9,6 +9,7 @@ import pandas as pd
 
 from flexinv.files.load_mechanism import load_mechanism
 from flexinv.rigid.joint_torques import joint_torques
+from flexinv.typing import Array
 
 MECHANISM = """title = "two links"
 source = "test"
@@ -94,3 +95,13 @@ def frame(
     torque = rigid + law[0] * qd + law[1] * np.tanh(qd / 0.02)
     torque += noise * random.normal(size=torque.shape)
     return pd.DataFrame({"time_s": time, "q1": q[:, 0], "q2": q[:, 1], "t1": torque[:, 0], "t2": torque[:, 1]})
+
+
+def jitter(time: Array, seed: int) -> Array:
+    """Return the times [s] of which 40 % are off by up to 30 % of a step, and 2 % are missing."""
+    random = np.random.default_rng(seed)
+    step = time[1] - time[0]
+    off = np.where(random.random(len(time)) < 0.4, random.uniform(-0.3, 0.3, len(time)) * step, 0.0)
+    there = random.random(len(time)) > 0.02
+    off[[0, -1]], there[[0, -1]] = 0.0, True
+    return np.asarray((time + off)[there])

@@ -10,6 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from flexinv.files.from_urdf import from_urdf
 from flexinv.files.load_cases import Case
+from flexinv.model.links import REPLACED
 from flexinv.model.mechanism import WORLD, Body, Inertia, Joint, Link, Mechanism, Placement
 from flexinv.model.motion import Motion
 from flexinv.typing import Array
@@ -137,6 +138,13 @@ def overlaid(mechanism: Mechanism) -> Mechanism:
     )
     joints = tuple(replace(j, rotor_inertia=0.5) if j.name == "mid" else j for j in mechanism.joints)
     return replace(mechanism, links=links, joints=joints)
+
+
+def reweighed(mechanism: Mechanism) -> Mechanism:
+    """Other bodies in place of the URDF's own: on a link with inertia, which has a payload too, and on one without."""
+    own = Body(REPLACED, Inertia(2.5, np.array([0.1, -0.1, 0.2]), 0.02 * np.eye(3)))
+    links = tuple(replace(k, bodies=(own, *k.bodies[1:])) if k.name in ("hand", "tool") else k for k in mechanism.links)
+    return replace(mechanism, links=links)
 
 
 def footed(folder: Path, mass: float) -> Mechanism:

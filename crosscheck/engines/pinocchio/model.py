@@ -84,9 +84,9 @@ def _build_from_data(mechanism: Mechanism) -> tuple[Any, dict[str, tuple[int, An
 def _build_from_urdf(mechanism: Mechanism) -> tuple[Any, dict[str, tuple[int, Any]]]:
     """Return the model that Pinocchio's parser makes of the URDF, with the bodies that the mechanism lays over it."""
     base = [pin.JointModelFreeFlyer()] if mechanism.joints[0].kind == "free" else []
-    model = pin.buildModelFromUrdf(str(mechanism.urdf), *base)
-    check_joints(mechanism, "Pinocchio", [n for n in list(model.names)[1:] if n != "root_joint"])
     source = read_source(mechanism)
+    model = pin.buildModelFromXML(source.whole, *base)
+    check_joints(mechanism, "Pinocchio", [n for n in list(model.names)[1:] if n != "root_joint"])
     at: dict[str, tuple[int, Any]] = {}
     for name, theirs in source.named.items():
         frame = model.frames[model.getFrameId(theirs, pin.FrameType.BODY)]

@@ -13,6 +13,7 @@ from xml.etree.ElementTree import Element, ParseError, tostring
 from defusedxml.ElementTree import fromstring
 
 from flexinv.files.lenient_xml import replace_invalid_xml
+from flexinv.model.links import REPLACED
 from flexinv.model.mechanism import WORLD, Body, Mechanism
 
 KEPT = ("link", "joint")
@@ -24,11 +25,13 @@ class UrdfSource:
     """Contents of a mechanism's URDF.
 
     text : links, inertials and joints only: no geometry, limits, mimic, joint dynamics; link names are the mechanism's
+    whole : all of the URDF but the inertials that the mechanism replaces
     named : what the URDF calls each link of the mechanism
-    overlays : (link, body) of every body that the mechanism adds to the URDF
+    overlays : (link, body) of every body that the mechanism adds to the URDF, or has in place of its own
     """
 
     text: str
+    whole: str
     named: dict[str, str]
     overlays: tuple[tuple[str, Body], ...]
 
@@ -37,14 +40,17 @@ def read_source(mechanism: Mechanism) -> UrdfSource:
     """Read the URDF behind a mechanism.
 
     A moving root that the URDF calls "world" has another name in the mechanism.  A link's first body is the URDF's own
-    where the URDF states a mass or an inertia for it; all others were laid over it.
+    where the URDF states a mass or an inertia for it that is not replaced; all others were laid over it.
     """
     robot = _read_root(mechanism.urdf)
+    theirs = {link.get("name", "") for link in robot.iter("link")}
+    named = {link.name: link.name if link.name in theirs else WORLD for link in mechanism.links}
+    _drop_inertials(robot, {named[k.name] for k in mechanism.links if k.bodies and k.bodies[0].name == REPLACED})
+    whole = tostring(robot, encoding="unicode")
     stated = {link.get("name", ""): _has_inertia(link) for link in robot.iter("link")}
-    named = {link.name: link.name if link.name in stated else WORLD for link in mechanism.links}
     overlays = [(k.name, body) for k in mechanism.links for body in k.bodies[1 if stated[named[k.name]] else 0 :]]
-    other = {theirs: ours for ours, theirs in named.items() if ours != theirs}
-    return UrdfSource(_write_plain_urdf(robot, other), named, tuple(overlays))
+    other = {their: our for our, their in named.items() if our != their}
+    return UrdfSource(_write_plain_urdf(robot, other), whole, named, tuple(overlays))
 
 
 def _read_root(path: Path | None) -> Element:
@@ -56,6 +62,13 @@ def _read_root(path: Path | None) -> Element:
     except ParseError:
         element = fromstring(replace_invalid_xml(data)[0])
     return element
+
+
+def _drop_inertials(robot: Element, links: set[str]) -> None:
+    """Leave links without the inertia that the URDF states for them: the mechanism has another one."""
+    for link in robot.iter("link"):
+        for own in link.findall("inertial") if link.get("name") in links else ():
+            link.remove(own)
 
 
 def _has_inertia(link: Element) -> bool:

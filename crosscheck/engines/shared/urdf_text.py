@@ -18,7 +18,7 @@ from typing import Any
 from xml.etree import ElementTree as ET
 
 import numpy as np
-from defusedxml.ElementTree import parse
+from defusedxml.ElementTree import fromstring
 
 from crosscheck.engines.shared.export_files import NotExported, check_rigid
 from crosscheck.engines.shared.urdf_source import read_source
@@ -98,7 +98,7 @@ def _add_mimic(element: ET.Element, closure: Closure) -> None:
 
 def _update_source_urdf(mechanism: Mechanism) -> ET.Element:
     source = read_source(mechanism)
-    robot: ET.Element = parse(str(mechanism.urdf)).getroot()
+    robot: ET.Element = fromstring(source.whole)
     for part in list(robot):
         if part.tag not in ("link", "joint"):
             robot.remove(part)

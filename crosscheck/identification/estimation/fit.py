@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from crosscheck.identification.estimation.noise import Noise, compute_noise
 from crosscheck.identification.parameters import KINDS
 from crosscheck.identification.readings import Machine, Run, compute_readings
-from flexinv.errors import InputError
+from flexinv.errors import ConvergenceError, InputError
 from flexinv.typing import Array
 
 STEP = 1e-4  # of the difference quotients, in standard errors of the priors
@@ -29,7 +29,8 @@ CLOSE = 1e-4  # relative change of cost, and of z, at which the optimiser stops:
 EVALUATIONS = 40
 WIDER = 10.0  # times the priors' widths: where the search looks whether they hold it at a place that leaves much
 SMALLEST = 1e-2  # of its value that one step leaves of what is positive
-LESS = 0.9  # of the residual: what is left there, if it is worth a fit of its own
+# What is left there of a residual, if it is worth a fit of its own.  Wider priors take a half away from noise that lasts, too.
+LESS = 0.3
 PER_PERIOD = 4.0  # samples kept per period of the bandwidth: the low-pass leaves no news between them
 # Below this part of its prior's width an interval is what the log tells: the log's own error is a third of the prior's width or
 # less, and nine tenths of the information are the log's.  A prior that is wrong by two of its widths pulls an estimate by 2 r of
@@ -157,11 +158,20 @@ def _find_mode(task: Problem, measured: list[Array], z: Array, mean: Array, root
 
 
 def _find_start_by_scan(task: Problem, measured: list[Array], z: Array) -> Array:
-    """A start beyond valleys: natural frequencies that pass one of the motion's make the cost of stiffnesses rough."""
+    """A start beyond valleys: natural frequencies that pass one of the motion's make the cost of stiffnesses rough.
+
+    A candidate whose march fails is none.  Raises InputError where all of them fail.
+    """
+    failed: list[str] = []
 
     def compute_cost(x: Array) -> float:
-        told = task.collect_counted_samples(task.predict(x))
-        return float(sum(np.log(np.mean((m - p) ** 2)) for m, p in zip(measured, told, strict=True)))
+        try:
+            told = task.collect_counted_samples(task.predict(x))
+        except ConvergenceError as error:
+            failed.append(str(error).partition("; write")[0])  # its advice is for another command
+            return np.inf
+        cost = float(sum(np.log(np.mean((m - p) ** 2)) for m, p in zip(measured, told, strict=True)))
+        return np.inf if np.isnan(cost) else cost
 
     least = compute_cost(z)
     for k, parameter in enumerate(task.machine.space.parameters):
@@ -175,6 +185,14 @@ def _find_start_by_scan(task: Problem, measured: list[Array], z: Array) -> Array
             if cost < least:
                 z = tried
                 least = cost
+    if least == np.inf:
+        first = failed[0] if failed else "its readings are no numbers"
+        raise InputError(
+            f"{', '.join(run.name for run in task.runs)}: the machine cannot be marched along the log, neither with what was "
+            f"known before nor with other stiffnesses, dampings or lengths ({first}); write "
+            f"every = {2 * task.machine.settings.every} or more (steps per sample), a smaller motion_Hz, initial = "
+            '"static", or better values of [[free]] into identify.toml'
+        )
     return z
 
 

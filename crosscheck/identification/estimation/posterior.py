@@ -75,7 +75,7 @@ def sample_posterior(space: ParameterSpace, fit: Fit, random: np.random.Generato
 
 @dataclass(frozen=True)
 class _Cost:
-    """The cost in effects: level y(z^), data A, pull b, root R, half C^(1/2), all of the parameters [-]."""
+    """The cost in effects: level y(z^), data A, pull b, root R, half C^(1/2), back C^(-1/2), mix R^T A, of the parameters [-]."""
 
     space: ParameterSpace
     level: Array
@@ -83,6 +83,8 @@ class _Cost:
     pull: Array
     root: Array
     half: Array
+    back: Array
+    mix: Array
 
     def solve(self, u: Array, start: Array) -> tuple[Array, NDArray[np.bool_]]:
         """Return z(u) (chains, parameters) [-] by Newton's method from a start, and where it is found (chains,)."""
@@ -91,7 +93,8 @@ class _Cost:
         active = np.arange(len(z))
         for _ in range(ROUNDS):
             left = self._map(z[active]) - u[active]
-            step = -np.asarray(np.linalg.solve(self._compute_slopes(z[active]), left[..., None])[..., 0])
+            uphill = np.linalg.solve(self._compute_slopes(z[active]), (left @ self.back)[..., None])
+            step = -np.asarray(uphill[..., 0])
             step = step * np.minimum(1.0, FARTHEST / np.maximum(np.abs(step).max(axis=1, keepdims=True), FARTHEST))
             error[active], z[active] = self._take_halved_step(
                 z[active], step, u[active], np.sqrt(np.sum(left**2, axis=1))
@@ -118,7 +121,7 @@ class _Cost:
         return best, out
 
     def compute_weight(self, z: Array, u: Array) -> Array:
-        """Return log w (chains,) [-]."""
+        """Return log w (chains,) [-], but for a constant."""
         square = np.sum(u**2, axis=1) - np.sum(z**2, axis=1) - np.sum(self._compute_left(z) ** 2, axis=1)
         return np.asarray(0.5 * square - np.linalg.slogdet(self._compute_slopes(z))[1])
 
@@ -130,20 +133,26 @@ class _Cost:
         return (z + self._compute_left(z) @ self.root) @ self.half
 
     def _compute_slopes(self, z: Array) -> Array:
-        """Slopes (chains, parameters, parameters) of u by z."""
-        return self.half @ (np.eye(z.shape[1]) + (self.root.T @ self.data) @ _compute_effect_slopes(self.space, z))
+        """Slopes 1 + R^T A dy/dz (chains, parameters, parameters); dy/dz has blocks, each of a link, and a diagonal."""
+        diagonal = np.array([_compute_scalar_slope(one, z[:, k]) for k, one in enumerate(self.space.parameters)]).T
+        out = self.mix * diagonal[:, None, :]
+        for name, at, errors in _list_mass_blocks(self.space):
+            block = compute_mass_property_slopes(self.space.factors[name], errors * z[:, at]) * errors
+            out[:, :, at] = self.mix[:, at] @ block
+        return np.asarray(out + np.eye(z.shape[1]))
 
 
 def _build_cost(space: ParameterSpace, fit: Fit) -> _Cost:
-    slope = _compute_effect_slopes(space, fit.z[None])
+    slope = _compute_effect_slopes(space, fit.z)
     values, vectors = np.linalg.eigh(fit.covariance)
     values = np.clip(values, 1e-300, 1.0)
     root = np.sqrt(1.0 / values - 1.0)[:, None] * vectors.T
     # R^T b = z^ where the logs tell anything; elsewhere z^ is 0 but for the end of the search.
     pull = np.linalg.lstsq(root.T, fit.z, rcond=1e-9)[0]
-    data = np.linalg.solve(slope[0].T, root.T).T
+    data = np.linalg.solve(slope.T, root.T).T
     half = (vectors * np.sqrt(values)) @ vectors.T
-    return _Cost(space, _compute_effects(space, fit.z), data, pull, root, half)
+    back = (vectors / np.sqrt(values)) @ vectors.T
+    return _Cost(space, _compute_effects(space, fit.z), data, pull, root, half, back, root.T @ data)
 
 
 def _compute_effects(space: ParameterSpace, z: Array) -> Array:
@@ -158,14 +167,16 @@ def _compute_effects(space: ParameterSpace, z: Array) -> Array:
 
 
 def _compute_effect_slopes(space: ParameterSpace, z: Array) -> Array:
-    """Slopes (chains, parameters, parameters) of the effects by z (chains, parameters)."""
-    slope = np.zeros((*z.shape, z.shape[1]))
-    for k, one in enumerate(space.parameters):
-        slope[:, k, k] = one.error * one.known * np.exp(one.error * z[:, k]) if _is_linear(one) else 1.0
+    """Slopes (parameters, parameters) of the effects by z (parameters,)."""
+    slope = np.diag([float(_compute_scalar_slope(one, z[k])) for k, one in enumerate(space.parameters)])
     for name, at, errors in _list_mass_blocks(space):
-        block = compute_mass_property_slopes(space.factors[name], errors * z[:, at]) * errors
-        slope[np.ix_(range(len(z)), at, at)] = block
+        slope[np.ix_(at, at)] = compute_mass_property_slopes(space.factors[name], errors * z[at]) * errors
     return slope
+
+
+def _compute_scalar_slope(one: Parameter, z: Array) -> Array:
+    """Slope of the effect of a parameter that is no mass property by its own z (...,)."""
+    return one.error * one.known * np.exp(one.error * z) if _is_linear(one) else np.ones_like(z)
 
 
 def _is_linear(one: Parameter) -> bool:

@@ -1,9 +1,8 @@
 """Bags of ROS (rosbag2 folders, .mcap, .db3, rosbag1 .bag): every number that a message holds, over even times.
 
 Columns are called by topic and field: ``/joint_states/elbow/position`` of a JointState, ``/imu/linear_acceleration.x`` of others.
-Times are those of the message's header, else those at which it was received; topics have times of their own, and all are taken,
-linearly between their messages, at even times at the pace of the topic with the most messages.  Where a topic says
-nothing for long there is no number.
+Times are those of the message's header, else those at which it was received; topics have times of their own, and all are taken at
+even times at the pace of the topic with the most messages (`even_times`).  Where a topic is silent for long it has no number.
 """
 
 from __future__ import annotations
@@ -14,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from crosscheck.identification.logs.even_times import Signal, take_even_times
 from flexinv.errors import InputError
 from flexinv.typing import Array
 
@@ -21,7 +21,6 @@ SUFFIXES = (".mcap", ".db3", ".bag")
 STATES = "sensor_msgs/msg/JointState"
 PARTS = ("position", "velocity", "effort")
 MOST = 16  # numbers of an array that become columns: an image is no log
-GAP = 10.0  # times the usual time between messages: longer silence is a gap
 NANO = 1e-9
 
 
@@ -55,7 +54,8 @@ def read_bag_columns(path: Path, time: str) -> dict[str, Array]:
         raise InputError(
             f"{path.name}: no message holds a number; record {STATES}, expected angles and efforts of joints"
         )
-    return _join_signals(signals, time)
+    even, columns = take_even_times(signals)
+    return {time: even - even[0]} | columns
 
 
 def _read_message_time(message: Any, received: int) -> float:
@@ -89,9 +89,7 @@ def _list_field_numbers(value: Any, name: str = "") -> Iterator[tuple[str, float
                 yield from _list_field_numbers(getattr(value, field), ".".join(filter(None, parts)))
 
 
-def _read_topic_signal(
-    path: Path, topic: str, rows: list[tuple[float, dict[str, float]]]
-) -> tuple[Array, dict[str, Array]]:
+def _read_topic_signal(path: Path, topic: str, rows: list[tuple[float, dict[str, float]]]) -> Signal:
     """Times [s] and columns of a topic: those that all of its messages have."""
     at = np.array([seconds for seconds, _ in rows])
     if back := np.flatnonzero(np.diff(at) <= 0.0).tolist():
@@ -101,17 +99,3 @@ def _read_topic_signal(
         )
     names = [name for name in rows[0][1] if all(name in row for _, row in rows)]
     return at, {name: np.array([row[name] for _, row in rows]) for name in names}
-
-
-def _join_signals(signals: list[tuple[Array, dict[str, Array]]], time: str) -> dict[str, Array]:
-    """All columns at the pace of the topic with the most messages; nan where a topic says nothing."""
-    quickest = max(signals, key=lambda signal: len(signal[0]))[0]
-    spacing = float(np.median(np.diff(quickest)))
-    even = quickest[0] + spacing * np.arange(int((quickest[-1] - quickest[0]) / spacing + 1e-6) + 1)
-    columns = {time: even - quickest[0]}
-    for at, own in signals:
-        usual = float(np.median(np.diff(at)))
-        k = np.clip(np.searchsorted(at, even), 1, len(at) - 1)
-        silent = (at[k] - at[k - 1] > GAP * usual) | (even < at[0] - usual) | (even > at[-1] + usual)
-        columns |= {name: np.where(silent, np.nan, np.interp(even, at, values)) for name, values in own.items()}
-    return columns

@@ -1,12 +1,14 @@
-"""Doubts about logs that can be read: overlaps, copies, slow and other rates, constant and saturated columns; each in words."""
+"""Doubts about logs that can be read: overlaps, copies, slow, uneven and other rates, jumps, saturated columns; each in words."""
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from itertools import combinations
 
 import numpy as np
 
 from crosscheck.identification.bands import ChannelJudgement
+from crosscheck.identification.logs.jumps import OUT, find_jumps
 from crosscheck.identification.logs.log import Log
 from crosscheck.identification.readings import Machine
 from flexinv.files.header_words import SLOW_SAMPLES
@@ -16,13 +18,15 @@ from flexinv.typing import Array
 SATURATED = 0.02
 BESIDE = 5.0  # times as many samples stand there as at the next value: the highest level of a coarse signal is no limit
 SAME = 1e-9  # relative, of columns that are copies
+SAID = 3  # jumps of one column: more tell no more
 RATE = 0.01  # relative, of sampling rates that agree
 TURN = 2.0 * np.pi  # [rad]: a joint that goes farther, under a model that fails, is likely one in degrees
 
 
 def describe_log_doubts(machine: Machine, logs: list[Log], held: list[Log]) -> list[str]:
     """Return doubts about the logs in words [-], for readers of the results."""
-    words = [w for log in (*logs, *held) for w in _describe_saturation(machine, log)]
+    words = [w for log in (*logs, *held) for w in (*log.notes, *_list_jumps(machine, log))]
+    words += [w for log in (*logs, *held) for w in _describe_saturation(machine, log)]
     words += [
         _describe_shared_samples(machine, a, b, "both identify: samples count twice") for a, b in combinations(logs, 2)
     ]
@@ -63,12 +67,15 @@ def describe_log_failures(machine: Machine, logs: list[Log], rows: list[ChannelJ
             if np.ptp(log.read_column(t.angle.column)) / t.angle.over > TURN
         ]
         rest = [] if far else ["; --causes looks for wrong signs, units, gears and swapped columns"]
-        out += [f"{log.name}: the model explains {', '.join(failed)} worse than a constant does{''.join(rest)}", *far]
+        columns = {c.name: f"{c.name} (column {c.column!r})" for c in machine.channels}
+        said = ", ".join(columns.get(name, name) for name in failed)
+        out += [f"{log.name}: the model explains {said} worse than a constant does{''.join(rest)}", *far]
     return out
 
 
 def find_clipped_extremes(values: Array) -> list[tuple[float, float]]:
     """Return the extremes at which a column (samples,) [any unit] stands as a clipped signal does, and the share of samples."""
+    values = values[np.isfinite(values)]
     if len(values) < 20 or np.ptp(values) == 0.0:
         return []
     levels, counts = np.unique(values, return_counts=True)
@@ -78,6 +85,20 @@ def find_clipped_extremes(values: Array) -> list[tuple[float, float]]:
         if share > SATURATED and counts[end] > BESIDE * counts[beside]:
             out.append((float(levels[end]), share))
     return out
+
+
+def _list_jumps(machine: Machine, log: Log) -> Iterator[str]:
+    """Yield words about angles that leap; those that begin anew are refused where the motion is read."""
+    for name, table in machine.settings.joints.items():
+        for angle in filter(None, (table.angle, table.link_angle)):
+            values = log.columns.get(angle.column, np.zeros(0))
+            for k in find_jumps(values)[:SAID] if np.isfinite(values).all() else ():
+                size = f"{values[k + 1] - values[k]:.4g} {angle.unit}"
+                yield (
+                    f"{log.name}: column {angle.column!r} of joint {name} leaps by {size} at {log.time[k + 1]:g} s, more than "
+                    f"{OUT:g} times as far as it moves beside: an encoder that slipped, or samples that are missing; mend the "
+                    f"column, or take the log in parts (LOG@{log.time[0]:g}:{log.time[k + 1]:g})"
+                )
 
 
 def _describe_saturation(machine: Machine, log: Log) -> list[str]:

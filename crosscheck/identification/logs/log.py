@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+import gzip
+import re
+import warnings
+import zlib
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -9,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from crosscheck.identification.logs.bag import SUFFIXES, is_bag, read_bag_columns
+from crosscheck.identification.logs.even_times import GAP, take_even_times
 from crosscheck.identification.settings import TIMES
 from flexinv.errors import InputError
 from flexinv.files.csv_dialect import read_csv_dialect
@@ -21,6 +26,7 @@ LARGEST_FILE = 1 << 30  # [byte]
 MOST_SAMPLES = 10_000_000  # what a packed file may swell to: three hours at 1 kHz
 # Times are written with few decimals: their steps are even to a tenth.
 EVEN = 0.1
+LARGEST_NUMBER = 1e30  # of any unit: the square of what no sensor measures still is a number
 
 
 @dataclass(frozen=True)
@@ -28,11 +34,13 @@ class Log:
     """Samples of a machine at work, equally spaced.
 
     time : (samples,) [s]; columns : name -> (samples,) in the unit that identify.toml gives
+    notes : what was done to the samples as they were written, in words
     """
 
     name: str
     time: Array
     columns: dict[str, Array]
+    notes: tuple[str, ...] = ()
 
     @property
     def spacing(self) -> float:
@@ -40,7 +48,7 @@ class Log:
         return float(self.time[-1] - self.time[0]) / (len(self.time) - 1)
 
     def read_column(self, name: str) -> Array:
-        """Return a column (samples,) [unit of identify.toml].  Raises InputError: there is none, or it has gaps."""
+        """Return a column (samples,) [unit of identify.toml].  Raises InputError: none there, gaps, numbers too large."""
         if name not in self.columns:
             near = find_nearest_word(name, list(self.columns))
             raise InputError(
@@ -53,6 +61,11 @@ class Log:
                 f"{self.name}: column {name!r} has no number at {self.time[bad[0]]:g} s ({len(bad)} of {len(values)} samples); "
                 "fill the gap, or cut the log there"
             )
+        if far := np.flatnonzero(np.abs(values) > LARGEST_NUMBER).tolist():
+            raise InputError(
+                f"{self.name}: column {name!r} is {values[far[0]]:g} at {self.time[far[0]]:g} s ({len(far)} of {len(values)} "
+                f"samples), expected what a sensor measured, below {LARGEST_NUMBER:g}; mend the samples, or cut the log there"
+            )
         return values
 
     def take_interval(self, start: float, end: float) -> Log:
@@ -63,9 +76,8 @@ class Log:
                 f"{self.name}: {start:g} to {end:g} s holds {int(chosen.sum())} samples, expected 20 or more; "
                 f"the log goes from {self.time[0]:g} to {self.time[-1]:g} s"
             )
-        return Log(
-            f"{self.name}[{start:g}:{end:g}]", self.time[chosen], {k: v[chosen] for k, v in self.columns.items()}
-        )
+        columns = {k: v[chosen] for k, v in self.columns.items()}
+        return Log(f"{self.name}[{start:g}:{end:g}]", self.time[chosen], columns, self.notes)
 
 
 def read_log(source: str | Path, time: str = "time_s", unit: str = "s") -> Log:
@@ -83,8 +95,7 @@ def read_log(source: str | Path, time: str = "time_s", unit: str = "s") -> Log:
             f"{path.name}: no column {time!r} of times [s]; it has {', '.join(list(columns)[:40])}; "
             'write time = "NAME" into identify.toml'
         )
-    log = Log(path.name, columns.pop(time) * TIMES[unit], columns)
-    _check_times(log)
+    log = _take_even_times(Log(path.name, columns.pop(time) * TIMES[unit], columns))
     if not part:
         return log
     try:
@@ -143,27 +154,39 @@ def _read_csv(path: Path) -> Any:
     import pandas as pd
 
     dialect = read_csv_dialect(path)
-    try:
-        frame = pd.read_csv(
-            path,
-            names=list(dialect.header),
-            skiprows=1,
-            nrows=MOST_SAMPLES + 1,
-            sep=dialect.mark,
-            decimal=dialect.decimal,
-            encoding="utf-8-sig",
-            skipinitialspace=True,
-        )
-    except (ValueError, OSError, EOFError) as error:
-        words = " ".join(str(error).split())[:200]
-        raise InputError(f"{path.name}: no CSV that can be read ({words}); save it anew as UTF-8") from error
+    if not any(dialect.header):
+        raise InputError(f"{path.name}: its first line is empty, expected the names of columns; export the log anew")
+    options = {"sep": dialect.mark, "decimal": dialect.decimal, "encoding": "utf-8-sig", "skipinitialspace": True}
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", pd.errors.ParserWarning)
+        try:
+            frame = pd.read_csv(
+                path, names=list(dialect.header), skiprows=1, nrows=MOST_SAMPLES + 1, index_col=False, **options
+            )
+        except (ValueError, OSError, EOFError, zlib.error, pd.errors.ParserWarning) as error:
+            raise InputError(f"{path.name}: {_describe_csv_error(error, len(dialect.header))}") from error
     if len(frame) > MOST_SAMPLES:
         advice = "cut it into logs of their own, or take every tenth sample"
         raise InputError(f"{path.name}: more than {MOST_SAMPLES} samples; {advice}")
     return frame
 
 
+def _describe_csv_error(error: Exception, count: int) -> str:
+    """Words about a table of ``count`` columns that pandas refuses."""
+    words = " ".join(str(error).split())[:200]
+    if ragged := re.search(r"Expected \d+ fields in line (\d+), saw (\d+)", words):
+        line, cells = ragged.groups()
+        return f"line {line} has {cells} cells, expected {count} as the first line; mend or remove that line"
+    if "Length of header" in words:
+        return f"lines have more cells than the first line names columns ({count}); write a name for each column"
+    if isinstance(error, EOFError | zlib.error | gzip.BadGzipFile):
+        return f"the packed file is damaged or ends too early ({words}); copy it again, or pack it anew"
+    return f"no CSV that can be read ({words}); save it anew as UTF-8"
+
+
 def _convert_data_frame(path: Path, frame: Any) -> dict[str, Array]:
+    import pandas as pd
+
     out: dict[str, Array] = {}
     for name in frame.columns:
         try:
@@ -174,6 +197,9 @@ def _convert_data_frame(path: Path, frame: Any) -> dict[str, Array]:
                 raise InputError(
                     f"{path.name}: column {name!r} holds words such as {words!r}, expected numbers"
                 ) from None
+            numbers = pd.to_numeric(frame[name], errors="coerce").to_numpy(dtype=np.float64)
+            if np.isfinite(numbers).any():  # a word among numbers is a gap, and a column of words no signal
+                out[str(name)] = numbers
     return out
 
 
@@ -207,21 +233,39 @@ def _read_mat_arrays(path: Path) -> dict[str, Array]:
     return numbers
 
 
+def _take_even_times(log: Log) -> Log:
+    """The log as it is where its steps are even; else at even times, which a note says.  Raises InputError: times that jump."""
+    _check_times(log)
+    steps = np.diff(log.time)
+    middle = float(np.median(steps))
+    uneven = np.abs(steps - middle) > EVEN * middle
+    if not uneven.any():
+        return log
+    if (gaps := steps > GAP * middle).any():
+        k = int(np.argmax(gaps))
+        raise InputError(
+            f"{log.name}: times jump at {log.time[k]:g} s by {steps[k]:g} s, expected steps of {middle:g} s; "
+            "resample the log evenly, or cut it there (LOG@START:END)"
+        )
+    time, columns = take_even_times([(log.time, log.columns)])
+    found = f"{np.mean(uneven):.1%} of its steps are uneven ({steps.min():.3g} to {steps.max():.3g} s)"
+    note = f"{log.name}: {found}: it was taken at even steps of {middle:.4g} s"
+    return Log(log.name, time, columns, (note,))
+
+
 def _check_times(log: Log) -> None:
     time = log.time
-    if len(time) < 20 or not np.all(np.isfinite(time)):
+    if len(time) < 20:
         raise InputError(f"{log.name}: {len(time)} samples, expected 20 or more, each with a time [s]")
+    if not np.all(np.isfinite(time)):
+        k = int(np.argmin(np.isfinite(time)))
+        raise InputError(
+            f"{log.name}: sample {k + 1} has no time, expected one in each line [s]; write it, or cut the log there"
+        )
     steps = np.diff(time)
     if (steps <= 0).any():
         k = int(np.argmax(steps <= 0))
         raise InputError(
             f"{log.name}: times run backwards or stand still at sample {k + 1} ({time[k]:g} s, then {time[k + 1]:g} s); "
             "sort the log, or give its parts as logs of their own"
-        )
-    middle = float(np.median(steps))
-    if (uneven := np.abs(steps - middle) > EVEN * middle).any():
-        k = int(np.argmax(uneven))
-        raise InputError(
-            f"{log.name}: times jump at {time[k]:g} s by {steps[k]:g} s, expected steps of {middle:g} s; "
-            "resample the log evenly, or cut it there (LOG@START:END)"
         )

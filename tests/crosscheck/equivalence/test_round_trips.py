@@ -11,12 +11,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import rigid_trees as trees
 
 from crosscheck.engines.shared.export_files import NotExported
 from crosscheck.engines.shared.urdf_text import list_unwritten_parts, write_urdf
 from crosscheck.equivalence.compare import compare
 from crosscheck.equivalence.sources import describe
 from crosscheck.lifting.description import Description
+from flexinv.files.from_urdf import from_urdf
 from flexinv.model.mechanism import WORLD, Body, Inertia, Joint, Link, Mechanism, Placement
 
 MODELS = Path(__file__).resolve().parents[3] / "models"
@@ -55,6 +57,14 @@ def written(mechanism: Mechanism, form: str, folder: Path) -> Path:
         text, name = build_mjcf(mechanism)[1], "model.xml"
     (folder / name).write_text(text)
     return folder / name
+
+
+def test_a_body_in_place_of_the_urdfs_own_is_exported(tmp_path: Path) -> None:
+    """The URDF's inertial of that link is gone from the text: it would count twice."""
+    heavy = trees.reweighed(from_urdf(trees.urdf(tmp_path)))
+    again = from_urdf(written(heavy, "urdf", tmp_path))
+    masses = [sum(body.inertia.mass for link in m.links for body in link.bodies) for m in (heavy, again)]
+    assert masses == pytest.approx([11.5, 11.5], rel=1e-15)  # 4 + 1.5 + 1 of the URDF, 2.5 twice
 
 
 @pytest.mark.parametrize("form", ["urdf", "mjcf"])

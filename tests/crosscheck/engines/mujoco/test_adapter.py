@@ -86,10 +86,13 @@ def test_free_joints_that_mujoco_has_not() -> None:
 
 @pytest.mark.parametrize("base", ["fixed", "free"])
 @pytest.mark.parametrize("root", ["pelvis", "world"])
-@pytest.mark.parametrize("payload", [False, True])
-def test_a_urdf_by_its_own_parser(tmp_path: Path, base: str, root: str, payload: bool) -> None:
+@pytest.mark.parametrize("laid", [(), (trees.overlaid,), (trees.overlaid, trees.reweighed)])
+def test_a_urdf_by_its_own_parser(
+    tmp_path: Path, base: str, root: str, laid: tuple[Callable[[Mechanism], Mechanism], ...]
+) -> None:
     mechanism = from_urdf(trees.urdf(tmp_path, root), base=base)
-    mechanism = trees.overlaid(mechanism) if payload else mechanism
+    for lay in laid:
+        mechanism = lay(mechanism)
     state = sample_states(mechanism, 5, np.random.default_rng(1))
     result = mujoco.compute_inverse_dynamics(mechanism, mujoco.build(mechanism), *state).torque
     expected = judged(mechanism, state)

@@ -90,10 +90,12 @@ def test_a_urdf_by_its_own_parser(tmp_path: Path, base: str, root: str) -> None:
     np.testing.assert_allclose(result, expected, rtol=0, atol=ROUNDING * np.abs(expected).max())
 
 
+@pytest.mark.parametrize("reweighed", [False, True])
 @pytest.mark.parametrize("base", ["fixed", "free"])
-def test_what_is_laid_over_a_urdf_reaches_the_model(tmp_path: Path, base: str) -> None:
+def test_what_is_laid_over_a_urdf_reaches_the_model(tmp_path: Path, base: str, reweighed: bool) -> None:
     mechanism = from_urdf(trees.urdf(tmp_path), base=base)
     loaded = trees.overlaid(mechanism)
+    loaded = trees.reweighed(loaded) if reweighed else loaded
     state = sample_states(mechanism, 5, np.random.default_rng(1))
     result = pinocchio.compute_inverse_dynamics(pinocchio.build(loaded), *state).torque
     result += pinocchio.passive_effort(loaded, state[1])

@@ -12,6 +12,9 @@ from crosscheck.identification.logs import log as logs
 from crosscheck.identification.logs.log import read_log
 from flexinv.errors import InputError
 
+LINES = "time_s,a\n" + "".join(f"{k},1\n" for k in range(30))
+PACKED = gzip.compress(("time_s,a\n" + "".join(f"{k},{k * k % 997}\n" for k in range(10**4))).encode())
+
 
 def make_pipe(path: Path) -> None:
     os.mkfifo(path)
@@ -30,6 +33,10 @@ def make_torn(path: Path) -> None:
     path.write_bytes(gzip.compress(b"time_s,a\n" + b"0,1\n" * 10**5)[:-20])
 
 
+def make_damaged(path: Path) -> None:
+    path.write_bytes(PACKED[:200] + b"\xff" * 20 + PACKED[220:])
+
+
 def make_other_letters(path: Path) -> None:
     path.write_bytes(b"time_s,a\n" + b"0,1\n" * 10**5 + b"\xff\xfe,\xe4\n")
 
@@ -41,7 +48,14 @@ BAD = {
     "one line": ("log.csv", lambda path: path.write_text("x" * 3_000_000), "a line of more than 1048576 characters"),
     "one line, packed": ("log.csv.gz", lambda path: path.write_bytes(gzip.compress(b"x" * 10**8)), "a line of more than"),
     "no gzip": ("log.csv.gz", lambda path: path.write_bytes(b"time_s,a\n0,1\n"), "cannot be read"),
-    "torn gzip": ("log.csv.gz", make_torn, "no CSV that|cannot be read"),
+    "torn gzip": ("log.csv.gz", make_torn, "the packed file is damaged or ends too early"),
+    "gzip with other bytes": ("log.csv.gz", make_damaged, "the packed file is damaged|cannot be read"),
+    "gzip of a few bytes": ("log.csv.gz", lambda path: path.write_bytes(PACKED[:30]), "cannot be read"),
+    "empty": ("log.csv", lambda path: path.write_bytes(b""), "its first line is empty, expected the names of columns"),
+    "empty, packed": ("log.csv.gz", lambda path: path.write_bytes(gzip.compress(b"")), "its first line is empty"),
+    "a cell more": ("log.csv", lambda path: path.write_text(LINES + "9,1,2\n" + LINES), "line 32 has 3 cells, expected 2"),
+    "cells more": ("log.csv", lambda path: path.write_text("time_s,a\n" + "0,1,2\n" * 30), "more cells than the first"),
+    "no time": ("log.csv", lambda path: path.write_text(LINES + ",1\n"), "sample 31 has no time"),
     "other letters": ("log.csv", make_other_letters, "no CSV that can be read"),
     "no Parquet": ("log.parquet", lambda path: path.write_bytes(b"PAR1" + bytes(100) + b"PAR1"), "Parquet"),
 }  # fmt: skip
