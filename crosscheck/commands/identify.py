@@ -25,6 +25,7 @@ from crosscheck.identification.logs.log import list_column_names, read_log
 from crosscheck.identification.page import write_page
 from crosscheck.identification.propose import format_identify_toml
 from crosscheck.identification.settings import FILE
+from crosscheck.identification.write_back import write_urdf
 from crosscheck.report.words import format_short
 from flexinv.errors import FlexinvError, InputError
 from flexinv.files.header_words import find_time_column, find_time_unit
@@ -61,6 +62,12 @@ FOLD = "Cut the window of the first log into so many blocks; each is judged by w
 )
 @click.option("--propose", is_flag=True, help="Write a first identify.toml from mechanism and header of the first log.")
 @click.option(
+    "--write-urdf",
+    "urdf",
+    type=click.Path(dir_okay=False, path_type=Path),
+    help="New file: the mechanism's own URDF with the identified masses, damping and friction.",
+)
+@click.option(
     "--out", type=click.Path(file_okay=False, path_type=Path), help="Folder; reports/identify/NAME by default."
 )
 def command(
@@ -73,6 +80,7 @@ def command(
     asked: bool,
     seconds: float | None,
     propose: bool,
+    urdf: Path | None,
     out: Path | None,
 ) -> None:
     """Identify parameters of mechanism NAME from logs, with intervals; predict other logs, with bands.
@@ -98,6 +106,8 @@ def command(
             )
             _write_predictions(console, identification, _resolve_log_paths(source, wanted), folder)
             _write_parameters(console, identification)
+            if urdf is not None:
+                _write_urdf(console, identification, urdf)
             given = _resolve_log_paths(source, logs)
             doubtful = _list_logs_in_question(identification, given, _resolve_log_paths(source, hold_out), asked)
             causes = _find_causes(console, identification, doubtful, asked)
@@ -148,6 +158,13 @@ def _write_predictions(console: Console, identification: Identification, logs: l
         told = identification.predict(read_of(identification.machine, log))
         write_prediction(identification.machine, told, owned.add_to_folder_list(file))
         console.print(f"prediction of {escape(Path(log).name)}: {file}", highlight=False, soft_wrap=True)
+
+
+def _write_urdf(console: Console, identification: Identification, file: Path) -> None:
+    left = write_urdf(identification, file)
+    console.print(f"\n[bold]URDF with what was identified[/bold]: {escape(str(file))}", highlight=False, soft_wrap=True)
+    for words in left:
+        console.print(escape(words), highlight=False, soft_wrap=True, style="dim")
 
 
 def _resolve_log_paths(folder: Path, logs: tuple[str, ...]) -> list[str]:

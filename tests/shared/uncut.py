@@ -37,7 +37,8 @@ CUT = """(async marked => {
     const within = one.matches('pre') ? one.scrollWidth - one.clientWidth : 0;
     const over = Math.round(Math.max(left - box.left, box.right - right, within));
     if (over > 1) found.push(`cut by ${over} px: ${name(one)}`);
-    const parts = one.matches('svg') ? Array.from(one.querySelectorAll('path, text, rect'), p => p.getBoundingClientRect()) : [];
+    const parts = one.matches('svg') ? Array.from(one.querySelectorAll('path, text, rect'))
+      .filter(p => p.getClientRects().length).map(p => p.getBoundingClientRect()) : [];
     const outside = p => p.left < box.left - 2 || p.right > box.right + 2 || p.top < box.top - 2 || p.bottom > box.bottom + 2;
     if (parts.some(outside)) found.push(`reaches out of its frame: ${name(one)}`);
   }

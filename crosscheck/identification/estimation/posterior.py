@@ -86,6 +86,7 @@ class _Cost:
     back: Array
     mix: Array
 
+    @np.errstate(over="ignore", invalid="ignore")  # a step that goes too far ends at no number, and is halved
     def solve(self, u: Array, start: Array) -> tuple[Array, NDArray[np.bool_]]:
         """Return z(u) (chains, parameters) [-] by Newton's method from a start, and where it is found (chains,)."""
         z = start.copy()
