@@ -26,7 +26,13 @@ from crosscheck.identification.logs.log import Log, read_log
 from crosscheck.identification.parameters import build_space
 from crosscheck.identification.readings import Machine, Run, make_run
 from crosscheck.identification.settings import IdentifyTable, read_settings
-from crosscheck.identification.table import Row, describe_conflicts, describe_unidentified, list_parameter_rows
+from crosscheck.identification.table import (
+    Row,
+    describe_conflicts,
+    describe_free_scales,
+    describe_unidentified,
+    list_parameter_rows,
+)
 from flexinv.display.card import Card, Shown
 from flexinv.errors import InputError
 from flexinv.files.load_mechanism import load_mechanism
@@ -131,7 +137,7 @@ def identify(
     found = fit(task)
     q = compute_margins(task, found)
     table = list_parameter_rows(machine.space, found)
-    words += describe_conflicts(table)
+    words += [*describe_conflicts(table), *describe_free_scales(machine.space)]
     words += [*describe_unidentified(table), *(one.words for one in list_combinations(machine.space, found))]
 
     def list_predictions(some: Sequence[Run]) -> list[tuple[Run, Prediction]]:

@@ -29,6 +29,7 @@ from crosscheck.report.words import format_short
 from flexinv.typing import Array
 
 INSIDE = 0.9
+WIDE = 1.0  # relative error of a gain that says that nobody knows it
 # Of a truth drawn from the prior 1.6 % stand farther off; of one that is four widths off, and told, 93 % do.
 CONFLICT = 2.4
 
@@ -77,6 +78,16 @@ def describe_conflicts(table: list[Row]) -> list[str]:
         f"({format_short(row.before_low)} to {format_short(row.before_high)}), and {format_short(row.value)} is between; correct "
         "the value or widen its error in [[free]], or look for what the model lacks"
         for row in sorted(rows, key=lambda row: -abs(row.conflict))
+    ]
+
+
+def describe_free_scales(space: ParameterSpace) -> list[str]:
+    """Return in words which efforts have a scale that no log tells [-]: a wide gain, which masses that are known must hold."""
+    return [
+        f"{one.place}: nobody wrote the torque constant, and efforts alone do not tell their scale: what is known of the masses "
+        "holds it, within the intervals; write constant_Nm_per_A where it is known"
+        for one in space.parameters
+        if one.kind == "effort gain" and one.error >= WIDE
     ]
 
 

@@ -14,7 +14,7 @@ import numpy as np
 
 from crosscheck.identification.causes.cause import Cause, Undo, apply_to_column
 from crosscheck.identification.logs.log import Log
-from crosscheck.identification.parameters import Values
+from crosscheck.identification.parameters import KINDS, Values, find_prior_value
 from crosscheck.identification.readings import (
     Channel,
     Machine,
@@ -24,6 +24,7 @@ from crosscheck.identification.readings import (
     compute_measured_motion,
     remove_first_order_lag,
 )
+from crosscheck.identification.response import compute_link_inertias
 from crosscheck.identification.settings import ANGLES
 from flexinv.model.links import Body, Inertia, Link
 from flexinv.model.mechanism import Mechanism
@@ -38,6 +39,9 @@ LATEST = 0.2
 LARGEST_SCALE = 0.5
 LARGEST_ANGLE = 0.6
 # Places on the line through the centre of mass of a link without a tip, in its distances, from which a payload is looked for.
+# Of what is known, and as a number [unit of the law]: so much less than nothing may be there by the error of a fit.
+LITTLE = 0.1
+TINY = 1e-6
 OUTWARD = (1.0, 0.5, 1.5, 2.0, 2.5, 3.0)
 PAYLOAD = "payload beside what is known"
 
@@ -50,6 +54,7 @@ def list_possible_causes(machine: Machine, values: Values) -> Iterator[Cause]:
         for axis in range(2):
             place = f"the world's {'xy'[axis]} axis"
             yield _make_bounded("tilt of gravity", place, "rad", LARGEST_ANGLE, _make_tilt_undo(axis))
+        yield Cause("size of gravity, relative error", "the world", "-", 1e-3, _scale_gravity, least=-1.0, most=1.0)
     for name, table in machine.settings.joints.items():
         yield from _list_angle_causes(name, table.angle.column, ANGLES[table.angle.unit] / table.angle.over, machine)
     efforts = tuple(channel.column for channel in machine.channels if channel.sense == "effort")
@@ -57,10 +62,18 @@ def list_possible_causes(machine: Machine, values: Values) -> Iterator[Cause]:
         undo = _make_delay_undo(*efforts)
         yield _make_bounded("delay of the efforts", "all joints", "s", LATEST, undo, False, LATE, True)
     yield _make_bounded("slow clock, relative error", "the times", "-", LARGEST_SCALE, _scale_times)
-    yield from _list_payload_causes(machine.mechanism)
+    yield from _list_payload_causes(machine, values)
     for channel in machine.channels:
         if channel.sense == "effort":
             yield from _list_drive_causes(machine, channel, values)
+
+
+def _find_known_law(machine: Machine, values: Values, what: str, joint: str) -> float:
+    """So much friction or rotor inertia [unit of it] a joint has that there may be less of; a spring may push or pull."""
+    if what not in KINDS:
+        return float("inf")
+    known = values.get((what, joint), find_prior_value(machine.mechanism, machine.settings, KINDS[what], joint))
+    return float(known) + LITTLE * abs(float(known)) + TINY
 
 
 def _make_bounded(name: str, place: str, unit: str, most: float, undo: Undo, *more: Any) -> Cause:
@@ -112,32 +125,37 @@ def _list_drive_causes(machine: Machine, channel: Channel, values: Values) -> It
     yield Cause("friction, relative error", name, "-", 1e-3, share, False, least=-1.0)
     for what, unit, law in laws:
         undo = _make_effort_undo(machine, channel, law)
-        yield Cause(f"{what} beside what is known", name, unit, 1e-3, undo, False)
+        least = -_find_known_law(machine, values, what, name)
+        yield Cause(f"{what} beside what is known", name, unit, 1e-3, undo, False, least=least)
 
 
-def _list_payload_causes(mechanism: Mechanism) -> Iterator[Cause]:
+def _list_payload_causes(machine: Machine, values: Values) -> Iterator[Cause]:
     """Yield more mass on rigid links: at the last of several bodies, or on the single one of a link that ends a chain.
 
     Where a single link states no tip, a payload is looked for on the line through its centre of mass.
     """
+    mechanism = machine.mechanism
+    ten = compute_link_inertias(machine.space, mechanism, values)
     parents = {joint.parent for joint in mechanism.joints}
-    for link in mechanism.links:
+    for link, own in zip(mechanism.links, ten, strict=True):
         several = len(link.bodies) > 1
         if link.beam is not None or not link.bodies or not (several or link.name not in parents):
             continue
-        least = -sum(body.inertia.mass for body in link.bodies)
+        if own[0] <= 0.0:
+            continue
+        least = -float(own[0])
         if several or np.any(link.tip):
             where = link.bodies[-1].inertia.com if several else link.tip
             place = f"{link.name}/{link.bodies[-1].name}" if several else f"{link.name}, at its tip"
             yield Cause(PAYLOAD, place, "kg", 0.1, _make_payload_undo(link.name, where), least=least)
         else:
-            yield from (_make_payload_cause(link, least, times) for times in OUTWARD)
+            yield from (_make_payload_cause(link, own[1:4] / own[0], least, times) for times in OUTWARD)
 
 
-def _make_payload_cause(link: Link, least: float, times: float) -> Cause:
-    """More mass on a link, so many times as far out as its centre of mass; least : so much it has [kg]."""
+def _make_payload_cause(link: Link, com: Array, least: float, times: float) -> Cause:
+    """More mass on a link, so many times as far out as its centre of mass (3,) [m]; least : so much it has [kg]."""
     place = f"{link.name}, {times:.2g} times as far out as its centre of mass"
-    undo = _make_payload_undo(link.name, times * link.bodies[-1].inertia.com)
+    undo = _make_payload_undo(link.name, times * com)
     return Cause(
         PAYLOAD,
         place,
@@ -147,7 +165,7 @@ def _make_payload_cause(link: Link, least: float, times: float) -> Cause:
         least=least,
         kin=f"{PAYLOAD} {link.name}",
         spot=times,
-        make_at=lambda other: _make_payload_cause(link, least, other),
+        make_at=lambda other: _make_payload_cause(link, com, least, other),
     )
 
 
@@ -194,6 +212,10 @@ def _make_lag_undo(column: str) -> Undo:
         return apply_to_column(log, column, lambda v: change(v, log.spacing, abs(phi))), mechanism
 
     return remove_lag
+
+
+def _scale_gravity(log: Log, mechanism: Mechanism, phi: float) -> tuple[Log, Mechanism]:
+    return log, replace(mechanism, gravity=np.asarray(mechanism.gravity) * (1.0 + phi))
 
 
 def _make_tilt_undo(axis: int) -> Undo:

@@ -22,13 +22,18 @@ from crosscheck.identification.causes.detection_limits import DetectionLimit, fi
 from crosscheck.identification.causes.dictionary import list_possible_causes
 from crosscheck.identification.causes.encoders import compare_encoders
 from crosscheck.identification.causes.gross_faults import GrossFault, Score, compute_score, list_gross_faults
-from crosscheck.identification.causes.rounds import CauseRound, CauseSearch
-from crosscheck.identification.causes.signals import find_clipped_samples, list_clipped_columns, list_quantised_columns
+from crosscheck.identification.causes.rounds import NOISE, CauseRound, CauseSearch
+from crosscheck.identification.causes.signals import (
+    find_clipped_samples,
+    list_broken_columns,
+    list_clipped_columns,
+    list_quantised_columns,
+)
 from crosscheck.identification.estimation.fit import Problem, compute_jacobian
 from crosscheck.identification.identify import Identification
 from crosscheck.identification.logs.log import Log
 from crosscheck.identification.readings import Channel
-from flexinv.errors import ConvergenceError
+from flexinv.errors import ConvergenceError, InputError
 from flexinv.typing import Array
 
 # Drop of the cost that chance does not give: 12 is one in two thousand for one cause, and of all that are asked for together
@@ -44,6 +49,7 @@ NEAREST = 6  # causes that are followed: at phi = 0 some are alike, a delay and 
 ALIKE = 4.0  # of drops that differ by less than this neither is the better one: the first of the dictionary is named
 LARGEST = 4  # causes named at most
 REACH = 2.0  # times a place from which a better one is looked for, inwards and outwards
+PART = 0.05  # of the largest drop: a further cause that explains less is what the first one leaves, linear as it is
 SURE = 3.0  # standard errors that a size has to be from 0
 UNKNOWN = "no cause that is known"
 
@@ -75,7 +81,8 @@ def find_remaining_causes(known: Identification, log: Log, seen: bool = False, h
     found = known.fit
     before = () if seen else known.task.runs
     search = CauseSearch(machine, found, find_clipped_samples(machine, log), seen, before)
-    named = [*list_clipped_columns(machine, log), *list_quantised_columns(machine, found, log)]
+    broken = list(list_broken_columns(machine, log))
+    named = [*broken, *list_clipped_columns(machine, log), *list_quantised_columns(machine, found, log)]
     for _ in range(LARGEST):
         one = _find_gross_fault(search, log)
         if one is None:
@@ -85,6 +92,8 @@ def find_remaining_causes(known: Identification, log: Log, seen: bool = False, h
         log = fault.undone(log, machine.mechanism, fault.size)[0]
     small, here, at = _find_small_causes(replace(search, seen=False), log)
     least = find_least_sizes(here, at, compute_evidence_threshold(len(here.causes))) if hidden else []
+    if broken:  # which says why more than noise is left
+        small = [one for one in small if one.name != UNKNOWN]
     return CauseFindings([*named, *small, *compare_encoders(machine, found, log)], least)
 
 
@@ -143,12 +152,11 @@ def _find_small_causes(search: CauseSearch, log: Log) -> tuple[list[NamedCause],
     """Causes by their evidence, and the log under them with their sizes; where they leave more than noise, none is named."""
     causes = list(list_possible_causes(search.machine, search.machine.space.compute_values(search.fit.z)))
     at = np.zeros(len(causes))
-    errors = at.copy()
     named: dict[int, NamedCause] = {}
     here = CauseRound(search, log, causes, at, None)
     while len(named) < LARGEST:
         best = _find_strongest_cause(here, at, {causes[k].kin or causes[k].name + causes[k].place for k in named})
-        if best is None:
+        if best is None or best[1].drop < PART * max((other.drop for other in named.values()), default=0.0):
             break
         k, one = best
         if causes[k].make_at is not None:
@@ -160,11 +168,18 @@ def _find_small_causes(search: CauseSearch, log: Log) -> tuple[list[NamedCause],
         if len(named) > 1:
             at, _ = here.fit_named_sizes()
             here = CauseRound(search, log, causes, at, here.wide)
-        errors = here.fit_named_sizes()[1]
+    return _list_sure_causes(here, at, named), here, at
+
+
+def _list_sure_causes(here: CauseRound, at: Array, named: dict[int, NamedCause]) -> list[NamedCause]:
+    """The causes with the sizes that they have together; one that says what is unknown where they do not do."""
+    errors = here.fit_named_sizes()[1]
     found = [replace(one, size=float(at[k]), error=float(errors[k])) for k, one in named.items()]
-    if unexplained := here.list_unexplained_channels():
-        return [_make_unknown_cause(channel, level, found) for channel, level in unexplained], here, at
-    return [one for one in found if abs(one.size) > SURE * one.error], here, at
+    possible = all(here.causes[k].least < at[k] < here.causes[k].most for k in named)
+    if unexplained := here.list_unexplained_channels(NOISE if possible else 0.0):
+        worst = unexplained if possible else unexplained[:1]
+        return [_make_unknown_cause(channel, level, found) for channel, level in worst]
+    return [one for one in found if abs(one.size) > SURE * one.error]
 
 
 def _make_unknown_cause(channel: Channel, level: float, nearest: list[NamedCause]) -> NamedCause:
@@ -185,8 +200,8 @@ def _find_strongest_cause(here: CauseRound, at: Array, known: set[str]) -> tuple
     chosen: dict[int, float] = {}
     for _, k, size in sorted(first, reverse=True):
         chosen.setdefault(k, size)
-    tried = [_fit_cause_size(here, at, k, size, level) for k, size in list(chosen.items())[:NEAREST]]
-    followed = [(k, one) for k, one in tried if _is_possible(here, k, one)]
+    tried = [_fit_possible_size(here, at, k, size, level) for k, size in list(chosen.items())[:NEAREST]]
+    followed = [(k, one) for k, one in filter(None, tried) if _is_possible(here, k, one)]
     if not followed:
         return None
     most = max(_compute_cost_drop(here, *one) for one in followed)
@@ -195,6 +210,16 @@ def _find_strongest_cause(here: CauseRound, at: Array, known: set[str]) -> tuple
     others = [f"{one.name} of {one.place}, {one.size:.3g} {one.unit}" for _, one in alike[1:]]
     words = likely.evidence + (f"; next to as likely: {'; '.join(others)}" if others else "")
     return k, replace(likely, evidence=words)
+
+
+def _fit_possible_size(
+    here: CauseRound, at: Array, k: int, size: float, before: Array
+) -> tuple[int, NamedCause] | None:
+    """The cause at its best size; None where the way there leads to a log or a motion that cannot be."""
+    try:
+        return _fit_cause_size(here, at, k, size, before)
+    except (InputError, ConvergenceError):
+        return None
 
 
 def _is_possible(here: CauseRound, k: int, one: NamedCause) -> bool:

@@ -153,15 +153,16 @@ class CauseRound:
         errors[self.named] = scatter[: len(self.named)]
         return sizes, errors
 
-    def list_unexplained_channels(self) -> list[tuple[Channel, float]]:
-        """Return channels of which more is left than noise, with how many times what blocks left out have left [-]."""
+    def list_unexplained_channels(self, noise: float = NOISE) -> list[tuple[Channel, float]]:
+        """Return channels of which more is left than noise, with how many times what blocks left out leave [-], worst first."""
         parts = np.split(self.compute_weighed_residual(self.at), self.ends)
         channels = self.search.machine.channels
         levels = [
             float(np.sqrt(np.mean(part**2)) / weight / block)
             for part, weight, block in zip(parts[: len(channels)], self.weight, self.search.fit.block, strict=True)
         ]
-        return [(channel, level) for channel, level in zip(channels, levels, strict=True) if level > NOISE]
+        order = np.argsort(levels)[::-1]
+        return [(channels[c], levels[c]) for c in order if levels[c] > noise]
 
     def build_task_at(self, at: Array, level: Problem | None) -> Problem:
         """Return the log and the mechanism at sizes ``at`` of all causes [unit of each]; level : the round's own, if known."""

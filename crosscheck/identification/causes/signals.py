@@ -1,4 +1,4 @@
-"""Signals that show their own fault: clipped at an extreme, or written in steps that are larger than what remains."""
+"""Signals that show their own fault: clipped, held, with jumps or spikes, or written in steps larger than what remains."""
 
 from __future__ import annotations
 
@@ -12,15 +12,66 @@ from crosscheck.identification.causes.cause import NamedCause
 from crosscheck.identification.estimation.fit import Fit
 from crosscheck.identification.filters import low_pass
 from crosscheck.identification.logs.doubts import find_clipped_extremes
+from crosscheck.identification.logs.jumps import find_jumps
 from crosscheck.identification.logs.log import Log
 from crosscheck.identification.readings import Machine, compute_readings, make_run
 from crosscheck.identification.settings import ANGLES
 from flexinv.typing import Array
 
 REACH = 1.0  # periods of the bandwidth over which the low-pass carries a clipped sample
+HELD = 8  # equal samples on end that no measured signal has
+QUIET = 0.95  # of the steps of a signal are none of its spikes
+BESIDE = 12  # samples after a step, whose median says whether it lasts
 LEVELS = 5000  # a signal of more of them is no coarse one
 EXACT = 1e-3  # part of a step by which values may miss its multiples
 HALF = 0.5  # of what remains: an angle's steps that make more of the readings are named
+
+
+def list_broken_columns(machine: Machine, log: Log) -> Iterator[NamedCause]:
+    """Yield jumps, spikes and dropouts of angles and efforts [unit of the channel], [rad], [m]."""
+    for name, table in machine.settings.joints.items():
+        slides = machine.mechanism.joint_of[name].kind == "prismatic"
+        factor = ANGLES[table.angle.unit] / table.angle.over
+        if table.angle.column in log.columns:
+            yield from _list_breaks("angle", name, "m" if slides else "rad", log, table.angle.column, factor)
+    for channel in machine.channels:
+        if channel.column in log.columns:
+            yield from _list_breaks(channel.sense, channel.place, channel.unit, log, channel.column, channel.factor)
+
+
+def _list_breaks(sense: str, place: str, unit: str, log: Log, column: str, factor: float) -> Iterator[NamedCause]:
+    values = log.columns[column]
+    held = _find_held_samples(values)
+    if held.any():
+        words = f"{held.mean():.1%} of the samples repeat the one before, {HELD} times and more on end"
+        yield NamedCause(f"dropouts of the {sense}", place, "-", float(held.mean()), 0.0, np.inf, words)
+    steps = np.diff(values)
+    jumps = [k for k in find_jumps(values, QUIET) if not held[k : k + 2].any()]
+    lasting = [k for k in jumps if abs(np.median(values[k + 1 : k + 1 + BESIDE]) - values[k]) > 0.5 * abs(steps[k])]
+    returning = [k for k in jumps if k not in lasting and k - 1 not in jumps]
+    if returning:
+        words = f"{len(returning)} samples stand out from those beside them, the first at {log.time[returning[0] + 1]:.4g} s"
+        size = float(np.abs(steps[returning]).max()) * abs(factor)
+        yield NamedCause(f"spikes of the {sense}", place, unit, size, 0.0, np.inf, words)
+    lasting = [k for k in lasting if k - 1 not in jumps]
+    if lasting:
+        words = (
+            f"it leaps {len(lasting)} times and goes on from there, the first time at {log.time[lasting[0] + 1]:.4g} s"
+        )
+        yield NamedCause(f"jump of the {sense}", place, unit, float(steps[lasting[0]]) * factor, 0.0, np.inf, words)
+
+
+def _find_held_samples(values: Array) -> NDArray[np.bool_]:
+    """Samples (samples,) that belong to `HELD` equal ones on end, in a signal of which most differ from the one before."""
+    equal = np.concatenate([[False], np.diff(values) == 0.0])
+    if equal.mean() > HALF:
+        return np.zeros(len(values), dtype=bool)
+    ends = np.flatnonzero(np.diff(np.concatenate([[False], equal, [False]]).astype(int)))
+    out = np.zeros(len(values), dtype=bool)
+    for first, last in ends.reshape(-1, 2):
+        if last - first >= HELD:
+            out[max(first - 1, 0) : last] = True
+    return out
 
 
 def list_clipped_columns(machine: Machine, log: Log) -> Iterator[NamedCause]:
@@ -28,6 +79,8 @@ def list_clipped_columns(machine: Machine, log: Log) -> Iterator[NamedCause]:
     for channel in machine.channels:
         values = log.columns.get(channel.column, np.zeros(0))
         for side, share in find_clipped_extremes(values):
+            if side == 0.0:  # no drive has this limit: samples are missing
+                continue
             words = f"{share:.0%} of the samples stand there, and next to none close to it"
             yield NamedCause(
                 f"clipped {channel.sense}", channel.place, channel.unit, side * channel.factor, 0.0, np.inf, words

@@ -9,14 +9,15 @@ one block of time after the other is left out than the formula says (median of w
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 
 import numpy as np
 import scipy  # its parts are loaded when they are asked for
 from numpy.typing import NDArray
 
 from crosscheck.identification.estimation.noise import Noise, compute_noise
-from crosscheck.identification.parameters import KINDS
+from crosscheck.identification.parameters import KINDS, Key
 from crosscheck.identification.readings import Machine, Run, compute_readings
 from flexinv.errors import ConvergenceError, InputError
 from flexinv.typing import Array
@@ -47,6 +48,7 @@ class Fit:
     z : (parameters,) [-]; covariance : (parameters, parameters) of z [-]; spread, agree : (channels,) RMS residual [units of the
     channels], samples that agree [-]; block : RMS of residuals of blocks that were left out (channels,); kappa : [-]
     held : per channel those residuals (counted,); unsure : their standard deviations by the parameters without the block
+    information : (parameters, parameters) of z [-] of the channels that a free gain multiplies, by that gain, and of all others
     """
 
     z: Array
@@ -57,6 +59,7 @@ class Fit:
     block: Array
     held: tuple[Array, ...]
     unsure: tuple[Array, ...]
+    information: Mapping[Key | None, Array] = field(default_factory=dict)
 
     @property
     def identifiable(self) -> NDArray[np.bool_]:
@@ -288,9 +291,20 @@ def _compute_posterior(task: Problem, mode: _Mode, root: Array) -> Fit:
     own = [h / w for h, w in zip(held, noise.weight, strict=True)]
     sides = [np.sqrt(kappa * u) / w for u, w in zip(unsure, noise.weight, strict=True)]
     block = np.array([np.sqrt(np.mean(h**2)) for h in own])
-    return Fit(
-        z, _scale_covariance(base, kappa, root), noise.spread, noise.agree, kappa, block, tuple(own), tuple(sides)
-    )
+    information = _collect_by_gain(task, [j.T @ j / kappa for j in scaled])
+    covariance = _scale_covariance(base, kappa, root)
+    return Fit(z, covariance, noise.spread, noise.agree, kappa, block, tuple(own), tuple(sides), information)
+
+
+def _collect_by_gain(task: Problem, parts: list[Array]) -> dict[Key | None, Array]:
+    """The information of channels (parameters, parameters), summed over those that a free gain multiplies, and all others."""
+    free = {one.key for one in task.machine.space.parameters}
+    out: dict[Key | None, Array] = {}
+    for channel, part in zip(task.machine.channels, parts, strict=True):
+        gain = (f"{channel.sense} gain", channel.place)
+        key = gain if gain in free else None
+        out[key] = out.get(key, np.zeros_like(part)) + part
+    return out
 
 
 def _scale_covariance(base: Array, kappa: float, root: Array) -> Array:

@@ -1,14 +1,16 @@
 """Posterior: draws of the free parameters that follow the curved set which the logs leave, and what the logs alone tell.
 
-Readings are linear in mass properties m, h, I and in friction, rotors and offsets; z is not.  Where the logs tell a sum of such
-effects and the priors are wide, the likely z lie on a curved set that the normal distribution about z^ leaves.  So the cost is
-kept in the effects y(z), in which it is a square:
+Readings are linear in mass properties m, h, I, friction, rotors and offsets, times the gain of their sensor; z is not.  Where the
+logs tell a sum or a product of such effects and the priors are wide, the likely z lie on a curved set that a normal law about z^
+leaves.  So the cost is kept in the effects y_g(z) of the channels of each gain g, in which it is a square:
 
-    cost(z) = |z|^2 + |r(z)|^2,   r = A (y(z) - y(z^)) - b,   A = R T^-1,   T = dy/dz at z^,   R^T R = C^-1 - 1,   R^T b = z^
+    cost(z) = |z|^2 + sum_g |r_g(z)|^2,   r_g = A_g (y_g(z) - y_g(z^)) - b_g,   A_g = R_g T_g^-1,   T_g = dy_g/dz at z^
 
-C : covariance of the fit; b makes z^ the least cost.  With u standard normal, z(u) solves
+    y_g = g (m, h, I, values),   R_g^T R_g : information of the channels about z,   sum_g R_g^T b_g = z^
 
-    C^(1/2) (z + R^T r(z)) = u,    log w = (|u|^2 - |z|^2 - |r|^2) / 2 - log |det C^(1/2) (1 + R^T A dy/dz)|
+b makes z^ the least cost.  With u standard normal and C the covariance of the fit, z(u) solves
+
+    C^(1/2) (z + sum_g R_g^T r_g(z)) = u,    log w = (|u|^2 - cost) / 2 - log |det C^(1/2) (1 + sum_g R_g^T A_g dy_g/dz)|
 
 and w corrects its density: chains move by ``u' = (1 - s^2)^(1/2) u + s normal`` and accept by w' / w.  Where y is linear, w is
 constant and each draw is independent.  Sources: J. Bardsley, A. Solonen, H. Haario, M. Laine, "Randomize-then-optimize", SIAM J.
@@ -18,6 +20,7 @@ Scientific Computing 36 (2014); S. Cotter, G. Roberts, A. Stuart, D. White, "MCM
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -74,17 +77,26 @@ def sample_posterior(space: ParameterSpace, fit: Fit, random: np.random.Generato
 
 
 @dataclass(frozen=True)
-class _Cost:
-    """The cost in effects: level y(z^), data A, pull b, root R, half C^(1/2), back C^(-1/2), mix R^T A, of the parameters [-]."""
+class _Part:
+    """Channels that a free gain multiplies, or all others: number of the gain, level y(z^), A, R, R^T A [-]."""
 
-    space: ParameterSpace
+    gain: int | None
     level: Array
     data: Array
-    pull: Array
     root: Array
+    mix: Array
+
+
+@dataclass(frozen=True)
+class _Cost:
+    """The cost in effects: its parts, their pulls b (parts, parameters), center z^, half C^(1/2), back C^(-1/2) [-]."""
+
+    space: ParameterSpace
+    parts: tuple[_Part, ...]
+    pulls: Array
+    center: Array
     half: Array
     back: Array
-    mix: Array
 
     @np.errstate(over="ignore", invalid="ignore")  # a step that goes too far ends at no number, and is halved
     def solve(self, u: Array, start: Array) -> tuple[Array, NDArray[np.bool_]]:
@@ -123,37 +135,76 @@ class _Cost:
 
     def compute_weight(self, z: Array, u: Array) -> Array:
         """Return log w (chains,) [-], but for a constant."""
-        square = np.sum(u**2, axis=1) - np.sum(z**2, axis=1) - np.sum(self._compute_left(z) ** 2, axis=1)
+        square = np.sum(u**2, axis=1) - np.sum(z**2, axis=1)
+        for left in self._list_left(z):
+            square = square - np.sum(left**2, axis=1)
         return np.asarray(0.5 * square - np.linalg.slogdet(self._compute_slopes(z))[1])
 
-    def _compute_left(self, z: Array) -> Array:
-        return (_compute_effects(self.space, z) - self.level) @ self.data.T - self.pull
+    def _list_left(self, z: Array) -> list[Array]:
+        """r (chains, parameters) of each part."""
+        plain = _compute_effects(self.space, z)
+        return [
+            (_apply_gain(self.space, part.gain, self.center, z, plain) - part.level) @ part.data.T - pull
+            for part, pull in zip(self.parts, self.pulls, strict=True)
+        ]
 
     def _map(self, z: Array) -> Array:
         """u (chains, parameters) of z."""
-        return (z + self._compute_left(z) @ self.root) @ self.half
+        out = z
+        for part, left in zip(self.parts, self._list_left(z), strict=True):
+            out = out + left @ part.root
+        return out @ self.half
 
     def _compute_slopes(self, z: Array) -> Array:
-        """Slopes 1 + R^T A dy/dz (chains, parameters, parameters); dy/dz has blocks, each of a link, and a diagonal."""
-        diagonal = np.array([_compute_scalar_slope(one, z[:, k]) for k, one in enumerate(self.space.parameters)]).T
-        out = self.mix * diagonal[:, None, :]
-        for name, at, errors in _list_mass_blocks(self.space):
-            block = compute_mass_property_slopes(self.space.factors[name], errors * z[:, at]) * errors
-            out[:, :, at] = self.mix[:, at] @ block
+        """Slopes 1 + sum R^T A dy/dz (chains, parameters, parameters); dy/dz has blocks, a diagonal, a gain."""
+        parameters = self.space.parameters
+        diagonal = np.array([_compute_scalar_slope(one, z[:, k]) for k, one in enumerate(parameters)]).T
+        blocks = [
+            (at, compute_mass_property_slopes(self.space.factors[name], errors * z[:, at]) * errors)
+            for name, at, errors in _list_mass_blocks(self.space)
+        ]
+        plain = _compute_effects(self.space, z)
+        out = np.zeros((*z.shape, z.shape[1]))
+        for part in self.parts:
+            slope = part.mix * diagonal[:, None, :]
+            for at, block in blocks:
+                slope[:, :, at] = part.mix[:, at] @ block
+            if part.gain is not None:
+                own = _apply_gain(self.space, part.gain, self.center, z, plain)
+                slope *= plain[:, part.gain, None, None]
+                slope[:, :, part.gain] = parameters[part.gain].error * (
+                    own @ part.mix.T
+                )  # y is proportional to its gain
+            out += slope
         return np.asarray(out + np.eye(z.shape[1]))
 
 
 def _build_cost(space: ParameterSpace, fit: Fit) -> _Cost:
-    slope = _compute_effect_slopes(space, fit.z)
     values, vectors = np.linalg.eigh(fit.covariance)
     values = np.clip(values, 1e-300, 1.0)
-    root = np.sqrt(1.0 / values - 1.0)[:, None] * vectors.T
-    # R^T b = z^ where the logs tell anything; elsewhere z^ is 0 but for the end of the search.
-    pull = np.linalg.lstsq(root.T, fit.z, rcond=1e-9)[0]
+    half = np.asarray((vectors * np.sqrt(values)) @ vectors.T)
+    back = np.asarray((vectors / np.sqrt(values)) @ vectors.T)
+    whole: Mapping[Key | None, Array] = {None: (vectors * (1.0 / values - 1.0)) @ vectors.T}
+    parts = tuple(_build_part(space, fit.z, *one) for one in (fit.information or whole).items())
+    # sum R^T b = z^ where the logs tell anything; elsewhere z^ is 0 but for the end of the search.
+    pull = np.linalg.lstsq(np.vstack([part.root for part in parts]).T, fit.z, rcond=1e-9)[0]
+    return _Cost(space, parts, np.asarray(pull).reshape(len(parts), -1), fit.z, half, back)
+
+
+def _build_part(space: ParameterSpace, center: Array, gain: Key | None, information: Array) -> _Part:
+    values, vectors = np.linalg.eigh(information)
+    root = np.sqrt(np.maximum(values, 0.0))[:, None] * vectors.T
+    at = None if gain is None else [one.key for one in space.parameters].index(gain)
+    plain = _compute_effects(space, center)
+    level = _apply_gain(space, at, center, center, plain)
+    slope = np.diag([float(_compute_scalar_slope(one, center[k])) for k, one in enumerate(space.parameters)])
+    for name, own, errors in _list_mass_blocks(space):
+        slope[np.ix_(own, own)] = compute_mass_property_slopes(space.factors[name], errors * center[own]) * errors
+    if at is not None:
+        slope *= plain[at]
+        slope[:, at] = space.parameters[at].error * level
     data = np.linalg.solve(slope.T, root.T).T
-    half = (vectors * np.sqrt(values)) @ vectors.T
-    back = (vectors / np.sqrt(values)) @ vectors.T
-    return _Cost(space, _compute_effects(space, fit.z), data, pull, root, half, back, root.T @ data)
+    return _Part(at, level, data, root, root.T @ data)
 
 
 def _compute_effects(space: ParameterSpace, z: Array) -> Array:
@@ -167,12 +218,15 @@ def _compute_effects(space: ParameterSpace, z: Array) -> Array:
     return effect
 
 
-def _compute_effect_slopes(space: ParameterSpace, z: Array) -> Array:
-    """Slopes (parameters, parameters) of the effects by z (parameters,)."""
-    slope = np.diag([float(_compute_scalar_slope(one, z[k])) for k, one in enumerate(space.parameters)])
-    for name, at, errors in _list_mass_blocks(space):
-        slope[np.ix_(at, at)] = compute_mass_property_slopes(space.factors[name], errors * z[at]) * errors
-    return slope
+def _apply_gain(space: ParameterSpace, gain: int | None, center: Array, z: Array, plain: Array) -> Array:
+    """Effects (..., parameters) times the gain of number ``gain``; of what is no value only what is beyond z^."""
+    if gain is None:
+        return plain
+    free = [k for k, one in enumerate(space.parameters) if one.kind != MASS and not _is_linear(one)]
+    out = plain.copy()
+    out[..., free] = z[..., free] - center[free]
+    out[..., gain] = 1.0
+    return np.asarray(out * plain[..., gain, None])
 
 
 def _compute_scalar_slope(one: Parameter, z: Array) -> Array:

@@ -13,15 +13,15 @@ NEAR = 0.02  # relative, of a whole turn: the joint moves on while it is counted
 WHOLE = 0.9  # of all that a column covers: a step from one end of the encoder's range to the other
 
 
-def find_jumps(values: Array) -> list[int]:
+def find_jumps(values: Array, quiet: float = 0.99) -> list[int]:
     """Return the numbers of the steps [-] of a column (samples,) [any unit] that stand out: from sample k to k + 1.
 
-    |d_k| > `OUT` times each of: the steps around it, the 99 % quantile of all steps, the smallest step that is no rest
+    |d_k| > `OUT` times each of: the steps around it, the ``quiet`` quantile of all steps [-], the smallest step that is no rest
     """
     steps = np.abs(np.diff(values))
     if not steps.any():
         return []
-    least = OUT * max(float(np.quantile(steps, 0.99)), float(steps[steps > 0.0].min()))
+    least = OUT * max(float(np.quantile(steps, quiet)), float(steps[steps > 0.0].min()))
     return [k for k in np.flatnonzero(steps > least).tolist() if steps[k] > OUT * _find_largest_around(steps, k)]
 
 

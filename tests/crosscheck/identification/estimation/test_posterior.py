@@ -47,7 +47,7 @@ effort = { column = "tau_Nm" }
 
 
 def identify_pendulum(
-    folder: Path, free: str, mass: float = 1.0, rotor: float = 0.0, dry: float = 0.0
+    folder: Path, free: str, mass: float = 1.0, rotor: float = 0.0, dry: float = 0.0, gain: float = 1.0, seed: int = 1
 ) -> Identification:
     """Identify a pendulum [kg, kg m^2, N m] of a log of 20 s with noise of 0.05 N m."""
     (folder / "mechanism.toml").write_text(PENDULUM)
@@ -60,8 +60,8 @@ def identify_pendulum(
     qd = np.cos(turn) @ (sizes * rates)
     qdd = -np.sin(turn) @ (sizes * rates**2)
     effort = mass * (9.81 * 0.3 * np.cos(q) + 0.12 * qdd) + rotor * qdd + dry * np.tanh(qd / 0.05)
-    noise = np.random.default_rng(1).normal(0.0, 0.05, len(time))
-    return crosscheck.identify(folder, [Log("made", time, {"q_rad": q, "tau_Nm": effort + noise})])
+    noise = np.random.default_rng(seed).normal(0.0, 0.05, len(time))
+    return crosscheck.identify(folder, [Log("made", time, {"q_rad": q, "tau_Nm": gain * (effort + noise)})])
 
 
 def find_row(found: Identification, name: str) -> Row:
@@ -155,3 +155,21 @@ def test_data_that_contradict_the_prior_say_so(tmp_path: Path, rotor: float, say
     assert (abs(row.conflict) > CONFLICT) is says
     assert any("contradict" in words and "rotor inertia of q" in words for words in found.words) is says
     assert row.alone == pytest.approx(rotor, rel=0.02)
+
+
+@pytest.mark.parametrize("seed", [0, 1])
+def test_a_free_gain_leaves_the_scale_to_the_masses(tmp_path: Path, seed: int) -> None:
+    """A current of unknown constant tells gain times mass: both intervals hold the truth, and lean to neither side."""
+    free = (
+        '[[free]]\nparameter = "mass properties"\nrelative = 0.2\n'
+        '[[free]]\nparameter = "effort gain"\nrelative = 2.5\n'
+        '[[free]]\nparameter = "coulomb friction"\nvalue = 0.3\nrelative = 1.5\n'
+    )
+    found = identify_pendulum(tmp_path, free, dry=0.5, gain=0.125, seed=seed)
+    table = {row.parameter: row for row in found.parameters}
+    for name, truth in (("effort gain", 0.125), ("mass", 1.0), ("coulomb friction", 0.5)):
+        row = table[name]
+        assert row.low < truth < row.high
+        below = np.log(row.value / row.low)
+        above = np.log(row.high / row.value)
+        assert 0.5 < below / above < 2.0
