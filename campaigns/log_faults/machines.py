@@ -52,9 +52,11 @@ ExtraEffort = Callable[[Motion, Array], Array]
 class World:
     """A machine as it truly is.
 
-    lengths : from joint to joint [m]; rotor [kg m^2], viscous [N m s/rad], coulomb, offset, asymmetry [N m], stribeck [-], growth
-    of friction within the log [-], efficiency [-], backlash [rad] : (joints,); gravity : (x, z) [m/s^2]; spring : of the gear
-    [N m/rad], damper [N m s/rad], zero: stiff; extra : further efforts (samples, joints) [N m] of motion and load
+    lengths : from joint to joint [m]; gravity : (x, z) [m/s^2]; seconds : of a log [s]; noise : of efforts [N m]
+    centre : of the motion of each joint [rad]; spring : of an elastic gear [N m/rad], damper [N m s/rad], no spring: stiff
+    rotor [kg m^2], viscous [N m s/rad], coulomb, offset, asymmetry [N m], stribeck [-], growth of friction within the log [-],
+    efficiency [-], backlash [rad], twist of drives [rad/(N m)] : (joints,)
+    extra : further efforts (samples, joints) [N m] of motion and load
     """
 
     lengths: tuple[float, ...]
@@ -66,6 +68,7 @@ class World:
     noise: float
     centre: tuple[float, ...]
     gravity: tuple[float, float] = (0.0, -GRAVITY)
+    seconds: float = SECONDS
     spring: float = 0.0
     damper: float = 0.0
     asymmetry: Array = field(default_factory=lambda: np.zeros(2))
@@ -73,6 +76,7 @@ class World:
     growth: Array = field(default_factory=lambda: np.zeros(2))
     efficiency: Array = field(default_factory=lambda: np.ones(2))
     backlash: Array = field(default_factory=lambda: np.zeros(2))
+    twist: Array = field(default_factory=lambda: np.zeros(2))
     extra: tuple[ExtraEffort, ...] = ()
 
     @property
@@ -128,40 +132,49 @@ def differentiate_motion(time: Array, angle: Array) -> Motion:
     return Motion(time, angle, spline(time, 1), spline(time, 2))
 
 
+def find_static_moment(world: World) -> complex:
+    """Return the sum of mass times place, x + i z, of a single link [kg m]."""
+    return sum((b.mass * complex(*b.place) for b in world.bodies), 0j)
+
+
 def march_elastic_link(world: World, motor: Motion) -> Motion:
-    """Return the motion of a link behind an elastic gear [rad]: I q'' = m g c cos q - k (q - theta) - d (q' - theta')."""
-    static = sum(b.mass * complex(*b.place) for b in world.bodies)
+    """Return the motion of a link behind an elastic gear [rad]: I q'' = M_g(q) - k (q - theta) - d (q' - theta').
+
+    From rest in equilibrium, by the Runge-Kutta method of fourth order in four steps a sample.
+    """
+    moment, gravity = find_static_moment(world), complex(*world.gravity)
     inertia = sum(b.inertia + b.mass * (b.place[0] ** 2 + b.place[1] ** 2) for b in world.bodies)
-    gx, gz = world.gravity
-
-    def pull(q: float) -> float:
-        x, z = np.cos(q) * static.real + np.sin(q) * static.imag, np.cos(q) * static.imag - np.sin(q) * static.real
-        return float(z * gx - x * gz)
-
-    parts = 4  # steps for each sample
+    parts = 4
     fine = np.linspace(0.0, motor.time[-1], 2 * parts * (len(motor.time) - 1) + 1)
     spline = CubicSpline(motor.time, motor.angle[:, 0])
     theta, omega = spline(fine), spline(fine, 1)
-    q = theta[0]
-    for _ in range(50):
-        q = theta[0] + pull(q) / world.spring
-    state, step = np.array([q, 0.0]), 2 * (fine[1] - fine[0])
 
-    def slope(s: Array, i: int) -> Array:
-        return np.array(
-            [s[1], (pull(s[0]) - world.spring * (s[0] - theta[i]) - world.damper * (s[1] - omega[i])) / inertia]
-        )
+    def pull(q: float) -> float:
+        turned = moment * np.exp(-1j * q)
+        return float((np.conj(gravity) * turned).imag)
 
+    def accelerate(state: Array, i: int) -> Array:
+        elastic = world.spring * (state[0] - theta[i]) + world.damper * (state[1] - omega[i])
+        return np.array([state[1], (pull(state[0]) - elastic) / inertia])
+
+    start = theta[0]
+    for _ in range(50):  # the spring is stiff beside gravity: each round leaves a small part of the error
+        start = theta[0] + pull(start) / world.spring
+    states = _march(accelerate, np.array([start, 0.0]), 2.0 * (fine[1] - fine[0]), len(fine) // 2)
+    return differentiate_motion(motor.time, states[::parts, :1])
+
+
+def _march(slope: Callable[[Array, int], Array], state: Array, step: float, count: int) -> Array:
+    """States (count + 1, 2) by Runge-Kutta; ``slope`` is asked for by the number of half a step."""
     out = [state]
-    for i in range(0, len(fine) - 1, 2):
+    for i in range(0, 2 * count, 2):
         a = slope(state, i)
         b = slope(state + step / 2 * a, i + 1)
         c = slope(state + step / 2 * b, i + 1)
         d = slope(state + step * c, i + 2)
         state = state + step / 6 * (a + 2 * b + 2 * c + d)
-        if (i + 2) % (2 * parts) == 0:
-            out.append(state)
-    return differentiate_motion(motor.time, np.array(out)[:, :1])
+        out.append(state)
+    return np.array(out)
 
 
 def compute_friction(world: World, motion: Motion) -> Array:
@@ -169,8 +182,9 @@ def compute_friction(world: World, motion: Motion) -> Array:
     n = world.joints
     sense = np.tanh(motion.rate / CREEP)
     dry = world.coulomb[:n] * (1.0 + world.stribeck[:n] * np.exp(-((motion.rate / 0.2) ** 2)))
-    warm = 1.0 + world.growth[:n] * motion.time[:, None] / SECONDS
-    return warm * (dry * sense + world.viscous[:n] * motion.rate) + world.asymmetry[:n] * np.abs(sense)
+    warm = 1.0 + world.growth[:n] * motion.time[:, None] / motion.time[-1]
+    both_ways = warm * (dry * sense + world.viscous[:n] * motion.rate)
+    return np.asarray(both_ways + world.asymmetry[:n] * np.abs(sense))
 
 
 def run_machine(world: World, motion: Motion) -> Record:
@@ -179,8 +193,9 @@ def run_machine(world: World, motion: Motion) -> Record:
     link = march_elastic_link(world, motion) if world.spring else motion
     load = compute_load(world, link)
     motor = motion
-    if world.backlash.any():
-        motor = differentiate_motion(motion.time, motion.angle + world.backlash[:n] / 2 * np.tanh(load / TURN))
+    if world.backlash.any() or world.twist.any():
+        play = world.backlash[:n] / 2 * np.tanh(load / TURN)
+        motor = differentiate_motion(motion.time, motion.angle + play + world.twist[:n] * load)
     load = load + sum((extra(link, load) for extra in world.extra), np.zeros_like(load))
     drives = np.tanh(load * motor.rate / 0.05)  # 1 where the motor drives the load, -1 where the load drives it
     behind = load * world.efficiency[:n] ** -drives
@@ -200,7 +215,7 @@ def add_noise(record: Record, world: World, random: np.random.Generator) -> Reco
 
 def sample_motion(world: World, random: np.random.Generator, moves: bool) -> Motion:
     """Return a motion [rad] that begins at rest: sums of sines, or with ``moves`` from point to point with rests."""
-    time = SPACING * np.arange(round(SECONDS / SPACING))
+    time = np.asarray(SPACING * np.arange(round(world.seconds / SPACING)), dtype=np.float64)
     angle = np.column_stack([_sample_angle(time, random, moves) + centre for centre in world.centre])
     return differentiate_motion(time, angle)
 
@@ -211,7 +226,7 @@ def _sample_angle(time: Array, random: np.random.Generator, moves: bool) -> Arra
         for frequency, size in ((0.125, 0.45), (0.25, 0.35), (0.5, 0.25), (0.9, 0.12)):
             size *= random.uniform(0.7, 1.2)
             angle += size * np.sin(2 * np.pi * frequency * time + random.uniform(0, 2 * np.pi))
-        return (angle - angle[0]) * _step(time / 1.0)
+        return np.asarray((angle - angle[0]) * _step(time))
     start, at = 0.2, 0.0
     while start < time[-1] - 1.0:
         goal = float(random.uniform(0.4, 1.0) * (-1 if at > 0 else 1))
@@ -223,7 +238,7 @@ def _sample_angle(time: Array, random: np.random.Generator, moves: bool) -> Arra
 
 def _step(s: Array) -> Array:
     s = np.clip(s, 0.0, 1.0)
-    return s**3 * (10.0 - 15.0 * s + 6.0 * s**2)
+    return np.asarray(s**3 * (10.0 - 15.0 * s + 6.0 * s**2))
 
 
 def redraw_day(world: World, random: np.random.Generator) -> World:
@@ -264,6 +279,7 @@ ELASTIC = World(
     offset=np.array([0.15]),
     noise=0.03,
     centre=(1.0,),
+    seconds=4.5,
     spring=500.0,
     damper=1.5,
 )

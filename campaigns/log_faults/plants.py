@@ -1,7 +1,8 @@
 """Faults of machines and loggers: each is a function that spoils what truly is, or what was written of it.
 
-``@machine_fault`` changes a `World` before it is logged, ``@logger_fault`` a `Record` after that.  A place is a joint from 0 (for
-bodies the link that it moves); the size has the unit that the docstring states; ``other`` is a second number, of a meaning of its own.
+``@machine_fault`` changes a `World` before it is logged, ``@logger_fault`` a `Record` after that.  A place is a joint from 0, for
+bodies the link that it moves; -1 is all joints.  The size has the unit that the docstring states; ``other`` is a second number,
+of a meaning of its own.
 """
 
 from __future__ import annotations
@@ -10,8 +11,8 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
-from machines import SPACING, Body, Motion, Record, World
 
+from campaigns.log_faults.machines import CREEP, SPACING, Body, Motion, Record, World, compute_load
 from flexinv.typing import Array
 
 Random = np.random.Generator
@@ -188,10 +189,20 @@ def apply_spring(world: World, place: int, size: float, other: float) -> World:
     return _add_extra(world, place, lambda motion, load: size * (motion.angle[:, place] - other))
 
 
+def _push_at_end(world: World, place: int, stiffness: float, way: float) -> World:
+    """Add an effort [N m] on the last part of a joint's way [rad], with a stiffness [N m/rad]."""
+
+    def push(motion: Motion, load: Array) -> Array:
+        angle = motion.angle[:, place]
+        return np.asarray(stiffness * np.maximum(angle - (angle.max() - way), 0.0))
+
+    return _add_extra(world, place, push)
+
+
 @machine_fault
 def apply_cable(world: World, place: int, size: float, other: float) -> World:
-    """Add a hose that pulls beyond ``other`` [rad] with a stiffness [N m/rad], and hangs loose before."""
-    return _add_extra(world, place, lambda motion, load: size * np.maximum(motion.angle[:, place] - other, 0.0))
+    """Add a hose that hangs loose but on the last ``other`` [rad], where it pulls with a stiffness [N m/rad]."""
+    return _push_at_end(world, place, size, other)
 
 
 @machine_fault
@@ -221,12 +232,78 @@ def apply_eddy_brake(world: World, place: int, size: float, other: float) -> Wor
 @machine_fault
 def apply_end_stop(world: World, place: int, size: float, other: float) -> World:
     """Let a rubber stop stand ``other`` [rad] below the largest angle, with a stiffness [N m/rad]."""
+    return _push_at_end(world, place, size, other)
 
-    def push(motion: Motion, load: Array) -> Array:
-        angle = motion.angle[:, place]
-        return size * np.maximum(angle - (angle.max() - other), 0.0)
 
-    return _add_extra(world, place, push)
+@machine_fault
+def apply_counterbalance(world: World, place: int, size: float, other: float) -> World:
+    """Add a gas spring that lifts a share [N m] of the weight: an effort with the cosine of the angle, without any inertia."""
+    return _add_extra(world, place, lambda motion, load: size * np.cos(motion.angle[:, place]))
+
+
+@machine_fault
+def apply_dropped_payload(world: World, place: int, size: float, other: float) -> World:
+    """Let a point mass [kg] at 0.3 m be lost at ``other`` [s]."""
+    heavy = replace(world, bodies=(*world.bodies, Body(place, size, (0.3, 0.0))))
+
+    def carry(motion: Motion, load: Array) -> Array:
+        there = (motion.time < other)[:, None]
+        return np.where(there, compute_load(heavy, motion) - compute_load(world, motion), 0.0)
+
+    return replace(world, extra=(*world.extra, carry))
+
+
+@machine_fault
+def apply_belt(world: World, place: int, size: float, other: float) -> World:
+    """Let this part [-] of the elbow's effort be carried by the shoulder's motor: the belt of the elbow runs over its axis."""
+    return _add_extra(world, 0, lambda motion, load: size * load[:, 1])
+
+
+@machine_fault
+def apply_soft_drive(world: World, place: int, size: float, other: float) -> World:
+    """Let a drive that was thought stiff twist by load over a stiffness [N m/rad] between encoder and link."""
+    return replace(world, twist=_shift(world.twist, place, 1.0 / size))
+
+
+@machine_fault
+def apply_longer_link(world: World, place: int, size: float, other: float) -> World:
+    """Let the next joint stand further out by this [m]: a tube of another length."""
+    return replace(world, lengths=tuple(_shift(np.array(world.lengths), place, size)))
+
+
+@machine_fault
+def apply_moved_mass(world: World, place: int, size: float, other: float) -> World:
+    """Move the body of a link outward by this [m]."""
+
+    def move(body: Body) -> Body:
+        return replace(body, place=(body.place[0] + size * (body.link == place), body.place[1]))
+
+    return replace(world, bodies=tuple(move(body) for body in world.bodies))
+
+
+@machine_fault
+def apply_weak_gravity(world: World, place: int, size: float, other: float) -> World:
+    """Let gravity have this part [-] of what was believed."""
+    return replace(world, gravity=(size * world.gravity[0], size * world.gravity[1]))
+
+
+@machine_fault
+def apply_load_friction(world: World, place: int, size: float, other: float) -> World:
+    """Add dry friction of this part [-] of the load: worm gears, bearings."""
+    return _add_extra(
+        world, place, lambda motion, load: size * np.abs(load[:, place]) * np.tanh(motion.rate[:, place] / CREEP)
+    )
+
+
+@machine_fault
+def apply_rough_spot(world: World, place: int, size: float, other: float) -> World:
+    """Add dry friction [N m] that comes and goes with the sine of the angle: a bent shaft."""
+
+    def rub(motion: Motion, load: Array) -> Array:
+        angle, rate = motion.angle[:, place], motion.rate[:, place]
+        return np.asarray(size * np.sin(angle + other) * np.tanh(rate / CREEP))
+
+    return _add_extra(world, place, rub)
 
 
 # What sensors and loggers do
@@ -321,7 +398,7 @@ def apply_effort_unsigned(record: Record, place: int, size: float, other: float,
 
 def _delay(v: Array, late: float) -> Array:
     at = np.arange(len(v)) * SPACING
-    return np.interp(at - late, at, v)
+    return np.asarray(np.interp(at - late, at, v))
 
 
 def _lag(v: Array, constant: float) -> Array:
@@ -497,3 +574,121 @@ def apply_empty_cells(record: Record, place: int, size: float, other: float, ran
         return v
 
     return _change_effort(record, place, empty)
+
+
+@logger_fault
+def apply_iron_saturation(record: Record, place: int, size: float, other: float, random: Random) -> Record:
+    """Let a motor need this part [-] more current at the largest effort, and less of it below, by the square."""
+    return _change_effort(record, place, lambda v: v * (1.0 + size * (v / np.abs(v).max()) ** 2))
+
+
+@logger_fault
+def apply_dead_band(record: Record, place: int, size: float, other: float, random: Random) -> Record:
+    """Let an effort below this [N m] read zero, and all others so much less."""
+    return _change_effort(record, place, lambda v: np.sign(v) * np.maximum(np.abs(v) - size, 0.0))
+
+
+@logger_fault
+def apply_one_sided_gain(record: Record, place: int, size: float, other: float, random: Random) -> Record:
+    """Multiply positive efforts alone [-]: one half of an amplifier."""
+    return _change_effort(record, place, lambda v: np.where(v > 0.0, size * v, v))
+
+
+@logger_fault
+def apply_overflow(record: Record, place: int, size: float, other: float, random: Random) -> Record:
+    """Let an effort wrap round beyond this part [-] of its largest size, as an integer does."""
+
+    def wrap(v: Array) -> Array:
+        top = size * np.abs(v).max()
+        return np.asarray((v + top) % (2.0 * top) - top)
+
+    return _change_effort(record, place, wrap)
+
+
+@logger_fault
+def apply_mean_removed(record: Record, place: int, size: float, other: float, random: Random) -> Record:
+    """Take its mean [N m] off an effort."""
+    return _change_effort(record, place, lambda v: v - v.mean())
+
+
+@logger_fault
+def apply_high_pass(record: Record, place: int, size: float, other: float, random: Random) -> Record:
+    """Log an effort behind a high-pass with this time constant [s]: an input coupled for alternating current."""
+    return _change_effort(record, place, lambda v: v - _lag(v, size))
+
+
+@logger_fault
+def apply_smoothed_effort(record: Record, place: int, size: float, other: float, random: Random) -> Record:
+    """Average an effort over this time [s], centred."""
+    count = 2 * round(size / SPACING / 2) + 1
+
+    def smooth(v: Array) -> Array:
+        return np.convolve(np.pad(v, count // 2, "edge"), np.ones(count) / count, "valid")
+
+    return _change_effort(record, place, smooth)
+
+
+@logger_fault
+def apply_hum(record: Record, place: int, size: float, other: float, random: Random) -> Record:
+    """Add a sine [N m] of ``other`` [Hz] to an effort: mains, aliased."""
+    return _change_effort(record, place, lambda v: v + size * np.sin(2 * np.pi * other * record.time))
+
+
+@logger_fault
+def apply_late_after(record: Record, place: int, size: float, other: float, random: Random) -> Record:
+    """Let efforts come late by this [s] from ``other`` [s] on: a buffer that has filled."""
+    return _change_effort(record, place, lambda v: np.where(record.time < other, v, _delay(v, size)))
+
+
+@logger_fault
+def apply_uneven_clock(record: Record, place: int, size: float, other: float, random: Random) -> Record:
+    """Stamp evenly what was sampled ever faster: by this part [-] at the last sample."""
+    at = record.time - size * record.time**2 / 2.0 / record.time[-1]
+
+    def take(values: Array) -> Array:
+        return _change_column(values, -1, lambda v: np.interp(at, record.time, v))
+
+    return replace(record, angle=take(record.angle), effort=take(record.effort))
+
+
+@logger_fault
+def apply_coupled_angle(record: Record, place: int, size: float, other: float, random: Random) -> Record:
+    """Let the elbow's encoder turn by this part [-] of the shoulder's angle: a belt over the shoulder's axis."""
+    return _change_angle(record, 1, lambda v: v + size * record.angle[:, 0])
+
+
+@logger_fault
+def apply_zeroed_angle(record: Record, place: int, size: float, other: float, random: Random) -> Record:
+    """Count an angle [rad] from where the log begins."""
+    return _change_angle(record, place, lambda v: v - v[0])
+
+
+@logger_fault
+def apply_commanded_angle(record: Record, place: int, size: float, other: float, random: Random) -> Record:
+    """Log where the joint should be, which it reaches this much later [s]."""
+    return _change_angle(record, place, lambda v: _delay(v, -size))
+
+
+@logger_fault
+def apply_flipped_bits(record: Record, place: int, size: float, other: float, random: Random) -> Record:
+    """Let this many single samples [-] of an effort have the other sign."""
+
+    def flip(v: Array) -> Array:
+        at = random.choice(np.arange(300, len(v) - 300), int(size), replace=False)
+        v = v.copy()
+        v[at] *= -1.0
+        return v
+
+    return _change_effort(record, place, flip)
+
+
+@logger_fault
+def apply_warm_up(record: Record, place: int, size: float, other: float, random: Random) -> Record:
+    """Let the zero of an effort be off by this [N m] at first, and settle with a time constant of ``other`` [s]."""
+    return _change_effort(record, place, lambda v: v + size * np.exp(-record.time / other))
+
+
+@logger_fault
+def apply_bent_sensor(record: Record, place: int, size: float, other: float, random: Random) -> Record:
+    """Add this part [-] of an effort's square over its largest size: a sensor that is not linear."""
+    return _change_effort(record, place, lambda v: v + size * v**2 / np.abs(v).max())
