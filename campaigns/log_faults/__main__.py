@@ -24,7 +24,7 @@ from collections import Counter
 import click
 
 from campaigns.log_faults.answers import Verdict, judge_causes
-from campaigns.log_faults.trial import Row, read_rows, try_row
+from campaigns.log_faults.trial import Row, read_rows, run_row
 
 WORDS = ("right", "in set", "in part", "unknown", "silent", "wrong name", "wrong size")
 MOST_WRONG = 0.02  # of the rows may have a wrong name
@@ -58,7 +58,7 @@ def main(only: int | None, every: int, seed: int) -> None:
     rows = [row for row in read_rows() if row.number == only] if only else read_rows()[::every]
     verdicts: list[tuple[Row, Verdict]] = []
     for row in rows:
-        trial = try_row(row, seed)
+        trial = run_row(row, seed)
         verdict = judge_causes(row.right, trial.named, trial.refused, row.day == "other")
         verdicts.append((row, verdict))
         if only or verdict.word.startswith("wrong"):

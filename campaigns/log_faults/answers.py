@@ -15,7 +15,9 @@ from crosscheck.identification.causes.cause import NamedCause
 ERRORS = 3.0  # a size is right within so many of its standard errors ...
 PART = 0.05  # ... and this part of itself
 MOST_IN_SET = 3  # causes that are said to be as likely
-UNKNOWN, NOTHING, REFUSED = "unknown", "nothing", "refused"
+UNKNOWN = "unknown"
+NOTHING = "nothing"
+REFUSED = "refused"
 # What differs on another day, by an amount that is not judged.
 FRICTION = ("friction scale", "viscous friction", "coulomb friction", "friction asymmetry", "effort offset")
 # Names that crosscheck has for what a practitioner calls otherwise.
@@ -89,8 +91,9 @@ def _parse_answer(text: str) -> Answer:
 
 
 def read_answer(name: str, place: str, size: float, error: float) -> Answer:
-    """Return what crosscheck says in the names of answers; factors for relative errors, the base for gravity [-]."""
-    own, where = NAMES.get(name, name), FAR.sub("", place)
+    """Return a named cause in the names of answers, with factors for relative errors and the base for gravity [-]."""
+    own = NAMES.get(name, name)
+    where = FAR.sub("", place)
     where = "*" if PAIR.search(where) else PLACES.get(where, where)
     if own == "clock":
         return Answer(own, where, 1.0 / (1.0 + size), error)

@@ -18,7 +18,8 @@ from scipy.interpolate import CubicSpline
 
 from flexinv.typing import Array
 
-SPACING, SECONDS = 0.004, 8.0  # [s]
+SPACING = 0.004  # [s]
+SECONDS = 8.0  # [s]
 GRAVITY = 9.81
 CREEP = 0.02  # [rad/s]: below this dry friction has not its full size
 TURN = 0.5  # [N m]: a gear passes its backlash while its load changes by this
@@ -87,7 +88,7 @@ class World:
 
 @dataclass(frozen=True)
 class Record:
-    """What a logger has written: time (samples,) [s]; angle, effort (samples, joints) [rad], [N m]."""
+    """The numbers of a log: time (samples,) [s]; angle, effort (samples, joints) [rad], [N m]."""
 
     time: Array
     angle: Array
@@ -100,7 +101,7 @@ def turn_place(angle: Array, place: tuple[float, float]) -> Array:
     return np.column_stack([x * np.cos(angle) + z * np.sin(angle), z * np.cos(angle) - x * np.sin(angle)])
 
 
-def _accelerate(angle: Array, rate: Array, acceleration: Array, place: tuple[float, float]) -> Array:
+def _compute_acceleration(angle: Array, rate: Array, acceleration: Array, place: tuple[float, float]) -> Array:
     across = turn_place(angle + np.pi / 2, place)
     return acceleration[:, None] * across - (rate**2)[:, None] * turn_place(angle, place)
 
@@ -109,16 +110,19 @@ def compute_load(world: World, motion: Motion) -> Array:
     """Return the efforts (samples, joints) [N m] that move the links alone: no rotors, no friction."""
     angle, rate, acceleration = (np.cumsum(a, axis=1) for a in (motion.angle, motion.rate, motion.acceleration))
     count = len(motion.time)
-    joint_place, joint_acceleration = [np.zeros((count, 2))], [np.zeros((count, 2))]
+    joint_place = [np.zeros((count, 2))]
+    joint_acceleration = [np.zeros((count, 2))]
     for k, length in enumerate(world.lengths):
         arm = (length, 0.0)
         joint_place.append(joint_place[k] + turn_place(angle[:, k], arm))
-        joint_acceleration.append(joint_acceleration[k] + _accelerate(angle[:, k], rate[:, k], acceleration[:, k], arm))
+        joint_acceleration.append(
+            joint_acceleration[k] + _compute_acceleration(angle[:, k], rate[:, k], acceleration[:, k], arm)
+        )
     load = np.zeros((count, world.joints))
     for body in world.bodies:
         k = body.link
         place = joint_place[k] + turn_place(angle[:, k], body.place)
-        own = joint_acceleration[k] + _accelerate(angle[:, k], rate[:, k], acceleration[:, k], body.place)
+        own = joint_acceleration[k] + _compute_acceleration(angle[:, k], rate[:, k], acceleration[:, k], body.place)
         force = body.mass * (own - np.array(world.gravity))
         for j in range(k + 1):
             lever = place - joint_place[j]
@@ -126,7 +130,7 @@ def compute_load(world: World, motion: Motion) -> Array:
     return load
 
 
-def differentiate_motion(time: Array, angle: Array) -> Motion:
+def compute_motion(time: Array, angle: Array) -> Motion:
     """Return a motion of angles (samples, joints) [rad] with rate and acceleration by splines."""
     spline = CubicSpline(time, angle)
     return Motion(time, angle, spline(time, 1), spline(time, 2))
@@ -137,34 +141,36 @@ def find_static_moment(world: World) -> complex:
     return sum((b.mass * complex(*b.place) for b in world.bodies), 0j)
 
 
-def march_elastic_link(world: World, motor: Motion) -> Motion:
+def integrate_elastic_link(world: World, motor: Motion) -> Motion:
     """Return the motion of a link behind an elastic gear [rad]: I q'' = M_g(q) - k (q - theta) - d (q' - theta').
 
     From rest in equilibrium, by the Runge-Kutta method of fourth order in four steps a sample.
     """
-    moment, gravity = find_static_moment(world), complex(*world.gravity)
+    moment = find_static_moment(world)
+    gravity = complex(*world.gravity)
     inertia = sum(b.inertia + b.mass * (b.place[0] ** 2 + b.place[1] ** 2) for b in world.bodies)
     parts = 4
     fine = np.linspace(0.0, motor.time[-1], 2 * parts * (len(motor.time) - 1) + 1)
     spline = CubicSpline(motor.time, motor.angle[:, 0])
-    theta, omega = spline(fine), spline(fine, 1)
+    theta = spline(fine)
+    omega = spline(fine, 1)
 
-    def pull(q: float) -> float:
+    def compute_pull(q: float) -> float:
         turned = moment * np.exp(-1j * q)
         return float((np.conj(gravity) * turned).imag)
 
-    def accelerate(state: Array, i: int) -> Array:
+    def compute_slope(state: Array, i: int) -> Array:
         elastic = world.spring * (state[0] - theta[i]) + world.damper * (state[1] - omega[i])
-        return np.array([state[1], (pull(state[0]) - elastic) / inertia])
+        return np.array([state[1], (compute_pull(state[0]) - elastic) / inertia])
 
     start = theta[0]
     for _ in range(50):  # the spring is stiff beside gravity: each round leaves a small part of the error
-        start = theta[0] + pull(start) / world.spring
-    states = _march(accelerate, np.array([start, 0.0]), 2.0 * (fine[1] - fine[0]), len(fine) // 2)
-    return differentiate_motion(motor.time, states[::parts, :1])
+        start = theta[0] + compute_pull(start) / world.spring
+    states = _integrate(compute_slope, np.array([start, 0.0]), 2.0 * (fine[1] - fine[0]), len(fine) // 2)
+    return compute_motion(motor.time, states[::parts, :1])
 
 
-def _march(slope: Callable[[Array, int], Array], state: Array, step: float, count: int) -> Array:
+def _integrate(slope: Callable[[Array, int], Array], state: Array, step: float, count: int) -> Array:
     """States (count + 1, 2) by Runge-Kutta; ``slope`` is asked for by the number of half a step."""
     out = [state]
     for i in range(0, 2 * count, 2):
@@ -190,12 +196,12 @@ def compute_friction(world: World, motion: Motion) -> Array:
 def run_machine(world: World, motion: Motion) -> Record:
     """Return the record [s, rad, N m] of a machine whose motors make a motion, as a logger without faults writes it."""
     n = world.joints
-    link = march_elastic_link(world, motion) if world.spring else motion
+    link = integrate_elastic_link(world, motion) if world.spring else motion
     load = compute_load(world, link)
     motor = motion
     if world.backlash.any() or world.twist.any():
         play = world.backlash[:n] / 2 * np.tanh(load / TURN)
-        motor = differentiate_motion(motion.time, motion.angle + play + world.twist[:n] * load)
+        motor = compute_motion(motion.time, motion.angle + play + world.twist[:n] * load)
     load = load + sum((extra(link, load) for extra in world.extra), np.zeros_like(load))
     drives = np.tanh(load * motor.rate / 0.05)  # 1 where the motor drives the load, -1 where the load drives it
     behind = load * world.efficiency[:n] ** -drives
@@ -217,7 +223,7 @@ def sample_motion(world: World, random: np.random.Generator, moves: bool) -> Mot
     """Return a motion [rad] that begins at rest: sums of sines, or with ``moves`` from point to point with rests."""
     time = np.asarray(SPACING * np.arange(round(world.seconds / SPACING)), dtype=np.float64)
     angle = np.column_stack([_sample_angle(time, random, moves) + centre for centre in world.centre])
-    return differentiate_motion(time, angle)
+    return compute_motion(time, angle)
 
 
 def _sample_angle(time: Array, random: np.random.Generator, moves: bool) -> Array:
@@ -226,28 +232,30 @@ def _sample_angle(time: Array, random: np.random.Generator, moves: bool) -> Arra
         for frequency, size in ((0.125, 0.45), (0.25, 0.35), (0.5, 0.25), (0.9, 0.12)):
             size *= random.uniform(0.7, 1.2)
             angle += size * np.sin(2 * np.pi * frequency * time + random.uniform(0, 2 * np.pi))
-        return np.asarray((angle - angle[0]) * _step(time))
-    start, at = 0.2, 0.0
+        return np.asarray((angle - angle[0]) * _build_step(time))
+    start = 0.2
+    at = 0.0
     while start < time[-1] - 1.0:
         goal = float(random.uniform(0.4, 1.0) * (-1 if at > 0 else 1))
         takes = float(random.uniform(0.6, 1.1))
-        angle += (goal - at) * _step((time - start) / takes)
-        at, start = goal, start + takes + float(random.uniform(0.1, 0.3))
+        angle += (goal - at) * _build_step((time - start) / takes)
+        at = goal
+        start += takes + float(random.uniform(0.1, 0.3))
     return angle
 
 
-def _step(s: Array) -> Array:
+def _build_step(s: Array) -> Array:
     s = np.clip(s, 0.0, 1.0)
     return np.asarray(s**3 * (10.0 - 15.0 * s + 6.0 * s**2))
 
 
-def redraw_day(world: World, random: np.random.Generator) -> World:
+def sample_day(world: World, random: np.random.Generator) -> World:
     """Return the machine on another day: friction and offsets [N m] are 10 to 20 % more or less."""
 
-    def redraw(values: Array) -> Array:
+    def draw(values: Array) -> Array:
         return values * (1.0 + random.choice([-1.0, 1.0], values.shape) * random.uniform(0.1, 0.2, values.shape))
 
-    return replace(world, viscous=redraw(world.viscous), coulomb=redraw(world.coulomb), offset=redraw(world.offset))
+    return replace(world, viscous=draw(world.viscous), coulomb=draw(world.coulomb), offset=draw(world.offset))
 
 
 PENDULUM = World(

@@ -11,8 +11,9 @@ from pathlib import Path
 
 import numpy as np
 
-from campaigns.log_faults.machines import WORLDS, Record, add_noise, redraw_day, run_machine, sample_motion, write_log
-from campaigns.log_faults.plants import parse_plants, spoil_machine, spoil_record
+from campaigns.log_faults import logger_faults, machine_faults  # noqa: F401
+from campaigns.log_faults.machines import WORLDS, Record, add_noise, run_machine, sample_day, sample_motion, write_log
+from campaigns.log_faults.plants import apply_logger_faults, apply_machine_faults, parse_plants
 from crosscheck.identification.causes.cause import NamedCause
 from crosscheck.identification.causes.name_causes import find_causes
 from crosscheck.identification.identify import Identification, identify
@@ -41,7 +42,7 @@ class Row:
 
 @dataclass(frozen=True)
 class Trial:
-    """What became of a row: the causes that were named, or the words that refused the log; processor time [s]."""
+    """A row and its outcome: the causes that were named, or the words that refused the log; processor time [s]."""
 
     row: Row
     named: tuple[NamedCause, ...]
@@ -57,9 +58,10 @@ def read_rows(file: Path = HERE / "faults.csv") -> list[Row]:
 
 
 @cache
-def identify_machine(name: str) -> Identification:
+def fit_machine(name: str) -> Identification:
     """Return a machine as it is identified from its good log A [units of the parameters]."""
-    world, random = WORLDS[name], np.random.default_rng(GOOD)
+    world = WORLDS[name]
+    random = np.random.default_rng(GOOD)
     good = add_noise(run_machine(world, sample_motion(world, random, moves=False)), world, random)
     with tempfile.TemporaryDirectory() as folder:
         file = write_log(name, good, Path(folder) / "A.csv")
@@ -72,20 +74,20 @@ def make_record(row: Row, shift: int = 0) -> Record:
     plants = parse_plants(row.faults)
     world = WORLDS[row.machine]
     if row.day == "other":
-        world = redraw_day(world, random)
+        world = sample_day(world, random)
     motion = sample_motion(world, random, row.motion == "moves")
-    record = add_noise(run_machine(spoil_machine(world, plants), motion), world, random)
-    return spoil_record(record, plants, random)
+    record = add_noise(run_machine(apply_machine_faults(world, plants), motion), world, random)
+    return apply_logger_faults(record, plants, random)
 
 
-def try_row(row: Row, shift: int = 0) -> Trial:
-    """Return what is named in log B of a row [units of the causes]; ``shift`` is added to its seed."""
-    known = identify_machine(row.machine)
+def run_row(row: Row, shift: int = 0) -> Trial:
+    """Run a row: its log B is made and its causes are named [units of the causes]; ``shift`` is added to its seed."""
+    known = fit_machine(row.machine)
     with tempfile.TemporaryDirectory() as folder:
         file = write_log(row.machine, make_record(row, shift), Path(folder) / f"B{row.number}.csv")
         begin = time.process_time()
         try:
-            named, refused = tuple(find_causes(known, read_log(file))), ""
+            named = tuple(find_causes(known, read_log(file)))
         except InputError as error:
-            named, refused = (), str(error)
-    return Trial(row, named, refused, time.process_time() - begin)
+            return Trial(row, (), str(error), time.process_time() - begin)
+    return Trial(row, named, "", time.process_time() - begin)

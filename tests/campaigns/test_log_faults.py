@@ -16,11 +16,11 @@ from campaigns.log_faults.machines import (
     WORLDS,
     Body,
     compute_load,
-    march_elastic_link,
+    integrate_elastic_link,
     sample_motion,
 )  # fmt: skip
 from campaigns.log_faults.plants import LOGGER, MACHINE, parse_plants
-from campaigns.log_faults.trial import HERE, make_record, read_rows, try_row
+from campaigns.log_faults.trial import HERE, make_record, read_rows, run_row
 from crosscheck.identification.causes.cause import NamedCause
 from flexinv.files.load_mechanism import load_mechanism
 from flexinv.rigid.joint_torques import joint_torques
@@ -93,7 +93,7 @@ def test_the_closed_form_is_inverse_dynamics() -> None:
 def test_the_elastic_gear_carries_the_load() -> None:
     """k (theta - q) + d (theta' - q') is the effort of the link on its own motion; splines differentiate that to 1e-3."""
     motor = sample_motion(ELASTIC, np.random.default_rng(3), moves=True)
-    link = march_elastic_link(ELASTIC, motor)
+    link = integrate_elastic_link(ELASTIC, motor)
     passed = ELASTIC.spring * (motor.angle - link.angle) + ELASTIC.damper * (motor.rate - link.rate)
     load = compute_load(ELASTIC, link)
     assert np.abs(passed - load).max() < 1e-3 * np.abs(load).max()
@@ -119,5 +119,5 @@ def test_every_kind_of_fault_changes_a_log() -> None:
 def test_a_share_of_the_campaign() -> None:
     for number, word in SHARE.items():
         row = ROWS[number]
-        trial = try_row(row)
+        trial = run_row(row)
         assert judge_causes(row.right, trial.named, trial.refused, row.day == "other").word == word, (row, trial.named)
