@@ -18,7 +18,11 @@ ROOT = Path(__file__).resolve().parent.parent
 NUMERICAL = sorted((ROOT / "flexinv").rglob("*.py"))
 PACKAGES = NUMERICAL + sorted((ROOT / "crosscheck").rglob("*.py"))
 # Developers' tools, which are not installed: the rules of a single file hold for them, too.
-TOOLS = sorted((ROOT / "benchmarks").rglob("*.py")) + sorted((ROOT / "campaigns" / "beyond").rglob("*.py"))
+TOOLS = [
+    path
+    for folder in ("benchmarks", "campaigns/beyond", "campaigns/log_faults")
+    for path in sorted((ROOT / folder).rglob("*.py"))
+]
 # What the build of the site writes below docs/.
 BUILT = {ROOT / "docs" / name for name in ("_build", "_static", "examples", "mechanisms", "reference/generated")}
 ALL = (

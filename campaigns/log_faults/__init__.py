@@ -1,0 +1,1 @@
+"""Faults of logs: machines of known truth are logged, a log is spoiled, and what identify names is judged."""
