@@ -49,9 +49,15 @@ NAMES = {
     "payload beside what is known": "payload",
     "spring beside what is known": "spring",
     "tilt of gravity": "tilt",
+    "size of gravity, relative error": "gravity",
+    "spikes of the effort": "effort spikes",
+    "spikes of the angle": "angle spikes",
+    "dropouts of the effort": "effort dropout",
+    "dropouts of the angle": "angle frozen",
+    "jump of the angle": "angle jump",
     "no cause that is known": UNKNOWN,
 }
-PLACES = {"the world's y axis": "y", "the world's x axis": "x", "all joints": "*", "the times": "*"}
+PLACES = {"the world's y axis": "y", "the world's x axis": "x", "the world": "*", "all joints": "*", "the times": "*"}
 PAIR = re.compile(r" and ")  # of joints whose columns are swapped
 FAR = re.compile(r", [-\d.e]+ times as far out as its centre of mass")
 ALIKE = re.compile(r"next to as likely: (.+)$")
@@ -97,7 +103,7 @@ def read_answer(name: str, place: str, size: float, error: float) -> Answer:
     where = "*" if PAIR.search(where) else PLACES.get(where, where)
     if own == "clock":
         return Answer(own, where, 1.0 / (1.0 + size), error)
-    if own in ("effort gain", "angle gain"):
+    if own in ("effort gain", "angle gain", "gravity"):
         return Answer(own, where, 1.0 + size, error)
     return Answer(own, where, -size if own == "tilt" else size, error)
 
@@ -121,7 +127,7 @@ def has_size_of(said: Answer, right: Answer) -> bool:
     """Return True where the size [unit of it] is right within its error; a factor is held against what it differs from 1."""
     if right.size is None or said.size is None:
         return True
-    whole = right.size - 1.0 if right.name in ("clock", "effort gain", "angle gain") else right.size
+    whole = right.size - 1.0 if right.name in ("clock", "effort gain", "angle gain", "gravity") else right.size
     return abs(said.size - right.size) <= ERRORS * said.error + PART * abs(whole)
 
 

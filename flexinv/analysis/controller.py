@@ -105,6 +105,7 @@ class FlexibleState:
 
     march, arguments : the compiled march, and what follows the scheme; torques : what `evaluate_guarded_torques` is compiled to
     tau : (nv,) the efforts of the last step [N m], [N]; early_steps : that are still to be made in parts after a sudden start [-]
+    last : the efforts of the call before (nv,) [N m], [N]
     previous : the motion at the last call; wound : angles of springs in continuous joints, whole turns included [rad]
     """
 
@@ -137,6 +138,7 @@ class FlexibleState:
         self.early_steps = 0
         self.previous = list[Array]()
         self.wound = dict[str, float]()
+        self.last = tau.copy()
 
     def _prepare_march(self) -> None:
         """Take the march in the plane, or that in space, and what it is called with."""
@@ -250,7 +252,8 @@ class FlexibleState:
             raise ConvergenceError(
                 f"controller: mechanism '{mesh.mechanism.name}', at call {steps:.0f} after start (step {step:g} s): "
                 f"kinetic and elastic energy are {holds:.3g} J, of which at most {most:.3g} J were put in, so that the march has "
-                f"left the motion; write step = {step / 4:.3g}, or check forces, moments and stiffness"
+                f"left the motion; write step = {step / 4:.3g}, or check forces, moments and stiffness.  The torques stay those "
+                "of the call before; controller.start(q, qd, qdd) begins again"
             )
 
     def _compute_energies(self, qd: Array) -> tuple[float, float, float]:
@@ -360,7 +363,9 @@ class Controller:
 
         q : (nq,) [rad], [m]; qd, qdd : (nv,), contiguous arrays of floats; those of joints without drives are not looked at where
             there are beams, and their efforts are zero.  (Springs between points and given forces do allocate.)
-        Raises ConvergenceError where a step of the march fails, InputError for what is not finite or was not started.
+        Raises ConvergenceError where a step of the march fails, InputError for what is not finite or was not started.  The array
+        then keeps the torques of the call before.  A step that found no solution leaves the state as it was, and the next call
+        may go on; one whose energy comes from nowhere is over: `start` begins again.
         """
         if self.rigid is not None:
             return self.rigid.sample(q, qd, qdd, self.tau)
@@ -373,11 +378,17 @@ class Controller:
             q.dot(q) + qd.dot(qd) + qdd.dot(qdd)
         ):  # a number that is none spoils every step after it
             q, qd, qdd = self._copy_checked_arrays(q, qd, qdd)
+        f.last[:] = self.tau
         if f.early_steps > 0:
             f.integrate_in_parts(q, qd, qdd)
         else:
             f.integrate_step(f.scheme, q, qd, qdd)
-        return f.compute_checked_torques(q, qd, qdd)
+        try:
+            return f.compute_checked_torques(q, qd, qdd)
+        except ConvergenceError:  # the step is made, and those after it would go on from there
+            self.tau[:] = f.last
+            self.begun = False
+            raise
 
     def _copy_checked_arrays(self, *given: ArrayLike) -> list[Array]:
         """Copies of q, qd, qdd as floats."""
@@ -386,8 +397,10 @@ class Controller:
         now = []
         for name, part, size in zip(names, given, (m.nq, m.nv, m.nv), strict=True):
             own = np.array(convert_to_floats(name, part))
-            if own.shape != (size,) or not np.isfinite(own).all():
-                raise InputError(f"{name} has shape {own.shape}, expected ({size},) finite numbers [rad], [m]")
+            if own.shape != (size,):
+                raise InputError(f"{name} has shape {own.shape}, expected ({size},) numbers [rad], [m]")
+            if not np.isfinite(own).all():
+                raise InputError(f"{name} = {own.tolist()}: expected finite numbers [rad], [m]")
             now.append(own)
         return now
 

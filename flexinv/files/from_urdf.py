@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import warnings
 from collections.abc import Callable, Collection, Iterable, Sequence
 from dataclasses import replace
@@ -30,6 +31,8 @@ from flexinv.validation import check_path as path_of
 
 URDF_KINDS = {kind: kind for kind in ("fixed", "revolute", "continuous", "prismatic")} | {"floating": "free"}
 NO_LIMIT = float(np.finfo(np.float64).max)  # some files write the largest number where they mean no limit
+# A number with a point or a decimal comma, perhaps with a unit behind it, or a unit alone.
+MEANT = re.compile(r"([+-]?[0-9]+(?:[.,][0-9]*)?(?:[eE][+-]?[0-9]+)?)?[a-zA-Z^/*0-9]*")
 T = TypeVar("T")
 LARGEST_FILE = 16 << 20  # [byte]: the largest URDF of example-robot-data has 0.2 MB
 ROBOTS = "cmeel.prefix/share/example-robot-data/robots"  # where the wheel of example-robot-data puts its robots
@@ -395,9 +398,17 @@ def read_numbers(
     if len(values) != count or not all(abs(value) <= largest for value in values) or "_" in text:
         expected = f"{count} finite number{'s' if count > 1 else ''}, at most {largest:g} in size"
         xacro = "what xacro makes of this expression: xacro robot.urdf.xacro > robot.urdf"
-        write = xacro if "$" in text else f'{attribute}="{" ".join(["0"] * count)}"'
+        write = xacro if "$" in text else f'{attribute}="{_find_meant_numbers(text, count)}"'
         raise make_input_error(where, f'{attribute}="{text[:60]}"', expected, write)
     return np.array(values)
+
+
+def _find_meant_numbers(text: str, count: int) -> str:
+    """The numbers that a text seems to mean: decimal commas as points, units left away; else so many places for numbers."""
+    parts = [MEANT.fullmatch(word) for word in text.split()]
+    words = [part.group(1).replace(",", ".") for part in parts if part is not None and part.group(1)]
+    known = len(words) == count and all(abs(float(word)) <= LARGEST_NUMBER for word in words)
+    return " ".join(words if known else ["..."] * count)
 
 
 def read_number(

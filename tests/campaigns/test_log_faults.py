@@ -27,7 +27,7 @@ from flexinv.rigid.joint_torques import joint_torques
 
 ROWS = {row.number: row for row in read_rows()}
 # Of the pendulum, which is identified in the least time: untouched, offset, sign, clock, spikes that nobody has a name for.
-SHARE = {1: "right", 27: "right", 35: "right", 147: "right", 55: "unknown"}
+SHARE = {1: "right", 27: "right", 35: "right", 147: "right", 55: "right"}
 
 
 def name(cause: str, place: str, size: float, error: float = 0.0, alike: str = "") -> NamedCause:

@@ -81,7 +81,7 @@ def find_remaining_causes(known: Identification, log: Log, seen: bool = False, h
     found = known.fit
     before = () if seen else known.task.runs
     search = CauseSearch(machine, found, find_clipped_samples(machine, log), seen, before)
-    broken = list(list_broken_columns(machine, log))
+    broken = list(list_broken_columns(machine, found, log))
     named = [*broken, *list_clipped_columns(machine, log), *list_quantised_columns(machine, found, log)]
     for _ in range(LARGEST):
         one = _find_gross_fault(search, log)

@@ -14,7 +14,7 @@ from crosscheck.identification.filters import low_pass
 from crosscheck.identification.logs.doubts import find_clipped_extremes
 from crosscheck.identification.logs.jumps import find_jumps
 from crosscheck.identification.logs.log import Log
-from crosscheck.identification.readings import Machine, compute_readings, make_run
+from crosscheck.identification.readings import Machine, compute_raw_signals, compute_readings, make_run
 from crosscheck.identification.settings import ANGLES
 from flexinv.typing import Array
 
@@ -27,45 +27,53 @@ EXACT = 1e-3  # part of a step by which values may miss its multiples
 HALF = 0.5  # of what remains: an angle's steps that make more of the readings are named
 
 
-def list_broken_columns(machine: Machine, log: Log) -> Iterator[NamedCause]:
-    """Yield jumps, spikes and dropouts of angles and efforts [unit of the channel], [rad], [m]."""
+def list_broken_columns(machine: Machine, fit: Fit, log: Log) -> Iterator[NamedCause]:
+    """Yield spikes and dropouts of angles and efforts, and jumps of angles [unit of the channel], [rad], [m].
+
+    Efforts leap where dry friction turns round: their spikes are looked for in what the readings leave of them, jumps are not.
+    """
     for name, table in machine.settings.joints.items():
         slides = machine.mechanism.joint_of[name].kind == "prismatic"
         factor = ANGLES[table.angle.unit] / table.angle.over
         if table.angle.column in log.columns:
-            yield from _list_breaks("angle", name, "m" if slides else "rad", log, table.angle.column, factor)
-    for channel in machine.channels:
+            values = log.columns[table.angle.column] * factor
+            yield from _list_breaks("angle", name, "m" if slides else "rad", log.time, values, values)
+    run = make_run(machine, log, efforts=False, once=True)
+    told = compute_raw_signals(machine, run.motion, run.response, machine.space.compute_values(fit.z))
+    for channel, expected in zip(machine.channels, told.T, strict=True):
         if channel.column in log.columns:
-            yield from _list_breaks(channel.sense, channel.place, channel.unit, log, channel.column, channel.factor)
+            values = log.columns[channel.column] * channel.factor
+            yield from _list_breaks(channel.sense, channel.place, channel.unit, log.time, values, values - expected)
 
 
-def _list_breaks(sense: str, place: str, unit: str, log: Log, column: str, factor: float) -> Iterator[NamedCause]:
-    values = log.columns[column]
+def _list_breaks(sense: str, place: str, unit: str, time: Array, values: Array, rest: Array) -> Iterator[NamedCause]:
+    """Yield the faults of a signal at times [s]; values, rest : (samples,) [unit] as it is, and less what is expected."""
     held = _find_held_samples(values)
     if held.any():
         words = f"{held.mean():.1%} of the samples repeat the one before, {HELD} times and more on end"
         yield NamedCause(f"dropouts of the {sense}", place, "-", float(held.mean()), 0.0, np.inf, words)
-    steps = np.diff(values)
-    jumps = [k for k in find_jumps(values, QUIET) if not held[k : k + 2].any()]
-    lasting = [k for k in jumps if abs(np.median(values[k + 1 : k + 1 + BESIDE]) - values[k]) > 0.5 * abs(steps[k])]
+    steps = np.diff(rest)
+    jumps = [k for k in find_jumps(rest, QUIET) if not held[k : k + 2].any()]
+    lasting = [k for k in jumps if abs(np.median(rest[k + 1 : k + 1 + BESIDE]) - rest[k]) > 0.5 * abs(steps[k])]
     returning = [k for k in jumps if k not in lasting and k - 1 not in jumps]
     if returning:
-        words = f"{len(returning)} samples stand out from those beside them, the first at {log.time[returning[0] + 1]:.4g} s"
-        size = float(np.abs(steps[returning]).max()) * abs(factor)
+        words = (
+            f"{len(returning)} samples stand out from those beside them, the first at {time[returning[0] + 1]:.4g} s"
+        )
+        size = float(np.abs(steps[returning]).max())
         yield NamedCause(f"spikes of the {sense}", place, unit, size, 0.0, np.inf, words)
     lasting = [k for k in lasting if k - 1 not in jumps]
-    if lasting:
-        words = (
-            f"it leaps {len(lasting)} times and goes on from there, the first time at {log.time[lasting[0] + 1]:.4g} s"
-        )
-        yield NamedCause(f"jump of the {sense}", place, unit, float(steps[lasting[0]]) * factor, 0.0, np.inf, words)
+    if lasting and sense == "angle":
+        words = f"it leaps {len(lasting)} times and goes on from there, the first time at {time[lasting[0] + 1]:.4g} s"
+        yield NamedCause(f"jump of the {sense}", place, unit, float(steps[lasting[0]]), 0.0, np.inf, words)
 
 
 def _find_held_samples(values: Array) -> NDArray[np.bool_]:
     """Samples (samples,) that belong to `HELD` equal ones on end, in a signal of which most differ from the one before."""
     equal = np.concatenate([[False], np.diff(values) == 0.0])
-    if equal.mean() > HALF:
+    if equal.mean() > HALF or find_quantisation_step(values):
         return np.zeros(len(values), dtype=bool)
+    equal &= (values > values.min()) & (values < values.max())  # what stands at an extreme is clipped
     ends = np.flatnonzero(np.diff(np.concatenate([[False], equal, [False]]).astype(int)))
     out = np.zeros(len(values), dtype=bool)
     for first, last in ends.reshape(-1, 2):

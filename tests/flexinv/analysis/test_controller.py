@@ -17,7 +17,7 @@ from hub_arm import hub_arm
 
 import flexinv
 from flexinv.analysis.controller import Controller
-from flexinv.errors import InputError
+from flexinv.errors import ConvergenceError, InputError
 from flexinv.files.load_cases import load_cases
 from flexinv.model.mechanism import WORLD, Attachment, Closure, Force, Mechanism, Placement, Spring
 from flexinv.rigid.torque_regressor import sample_states
@@ -163,7 +163,7 @@ def test_what_cannot_be_is_said(root: Path) -> None:
     controller, one = Controller.of(arm, step=STEP), np.zeros(1)
     with pytest.raises(InputError, match=r"write controller.start\(q, qd, qdd\) once"):
         controller.step(one, one, one)
-    with pytest.raises(InputError, match=r"q has shape \(2,\), expected \(1,\) finite"):
+    with pytest.raises(InputError, match=r"q has shape \(2,\), expected \(1,\) numbers"):
         controller.start(np.zeros(2), one, one)
     with pytest.raises(InputError, match=r"initial = 'rest': expected 'consistent'"):
         controller.start(one, one, one, initial="rest")
@@ -174,6 +174,29 @@ def test_what_cannot_be_is_said(root: Path) -> None:
     gust = Force("gust", Attachment(tree.links[-1].name), np.zeros((2, 6)), np.array([0.0, 1.0]))
     with pytest.raises(InputError, match=r"force 'gust' depends on time"):
         Controller.of(replace(tree, forces=(gust,)), step=STEP)
+
+
+def test_a_refused_step_leaves_the_torques_of_the_call_before(root: Path) -> None:
+    """A loop that catches the error and sends the array again sends nothing that was refused."""
+    arm = flexinv.load_mechanism(root / "models" / "flex_two_link")
+    controller, still = Controller.of(arm, step=2e-3), np.zeros(2)
+    controller.start(still, still, still)
+    for _ in range(3):
+        tau = controller.step(still, still, still)
+    before = tau.copy()
+    with pytest.raises(InputError, match=r"qd = \[nan, 0.0\]: expected finite numbers"):
+        controller.step(still, np.array([np.nan, 0.0]), still)
+    with pytest.raises(ConvergenceError, match=r"turns by more than 2.5 rad"):
+        controller.step(np.array([2.0, 0.0]), still, still)
+    # No solution was found: the state is what it was, and an arm at rest needs nothing but rounding.
+    assert np.allclose(controller.step(still, still, still), before, atol=1e-12)
+    with pytest.raises(ConvergenceError, match=r"controller.start.* begins again"):
+        controller.step(np.array([0.1, 0.0]), still, still)
+    assert np.allclose(tau, before, atol=1e-12)
+    with pytest.raises(InputError, match=r"write controller.start\(q, qd, qdd\) once"):
+        controller.step(still, still, still)
+    controller.start(still, still, still)
+    assert np.allclose(controller.step(still, still, still), before, atol=1e-12)
 
 
 @pytest.mark.parametrize("initial", ["consistent", "static"])
