@@ -87,6 +87,7 @@ ALONE = {
     "crosscheck.engines.exudyn.own_dynamics": ASKED,
     "crosscheck.engines.pinocchio.own_dynamics": ASKED,
     "flexinv.rigid.derivative_kernel": KERNEL,
+    "flexinv.sampled.limits_passed": "a judge of a motion, beside the others",
     "flexinv.rigid.regressor_kernel": KERNEL,
     "crosscheck.causes.apply": "changes of an engine's efforts, apart from the model that is fitted",
     "crosscheck.commands": "the commands, of which the program is made",

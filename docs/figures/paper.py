@@ -183,6 +183,9 @@ FIGURES: dict[int, Callable[[], tuple[Figure, str]]] = {
 }
 
 if __name__ == "__main__":
+    wrong = [word for word in sys.argv[1:] if not word.isdigit() or int(word) not in FIGURES]
+    if wrong:
+        sys.exit(f"figure {wrong[0]!r}: expected numbers of {', '.join(map(str, FIGURES))}, or nothing for all of them")
     for number in map(int, sys.argv[1:]) if len(sys.argv) > 1 else FIGURES:
         drawn, words = FIGURES[number]()
         save(drawn, f"paper_{number}")

@@ -26,6 +26,7 @@ from flexinv.model.links import Body, Inertia
 from flexinv.model.mechanism import Mechanism
 from flexinv.model.motion import Motion
 from flexinv.rigid.prepare import prepare
+from flexinv.sampled.limits_passed import PassedLimits
 from flexinv.sampled.motion_checks import DigitNoise, SlopeCheck
 from flexinv.sampled.sampled_motion import (
     AnyMotion,
@@ -90,6 +91,7 @@ class TorqueRun:
     progress: Share | None
     check: SlopeCheck
     noise: DigitNoise
+    passed: PassedLimits
     samples: int = 0
     peak: Array = field(default_factory=lambda: np.zeros(0))
     square: Array = field(default_factory=lambda: np.zeros(0))
@@ -104,7 +106,8 @@ class TorqueRun:
             self.peak = np.maximum(self.peak, np.abs(one.values).max(axis=0))
             self.square += np.einsum("ij,ij->j", one.values, one.values)
             yield one
-        for words in (*self._describe_free(), *self.check.describe_unchecked(), *self._describe_noise()):
+        noise = self._describe_noise()
+        for words in (*self._describe_free(), *self.check.describe_unchecked(), *self.passed.describe(), *noise):
             warnings.warn(f"{self.table.label}: {words}", ModelWarning, stacklevel=3)
 
     @property
@@ -124,7 +127,9 @@ class TorqueRun:
         parts = self.check.check_parts(self.table.read_parts(self.rows, self.progress))
         for one in sample_motion(self.table, parts):
             self.noise.update(one, function.torques)
-            yield EffortRows(one.first, one.time, function.torques(one.q, one.qd, one.qdd))
+            tau = function.torques(one.q, one.qd, one.qdd)
+            self.passed.update(one.q, one.qd, tau)
+            yield EffortRows(one.first, one.time, tau)
 
     def _solve(self) -> Iterator[EffortRows]:
         """Arms that bend, and loops whose passive joints the motion leaves out: by `solve`, the whole motion in memory."""
@@ -157,6 +162,7 @@ class TorqueRun:
         for k, solution in enumerate(self._list_solutions(motion, step, options)):
             skipped = slice(1 if k else 0, None)
             values = solution.torque_all[skipped]
+            self.passed.update(solution.q, solution.qd, solution.torque_all)
             own = slice(first, first + len(values))
             times = whole.time[own] if even and len(whole.time[own]) == len(values) else start + solution.time[skipped]
             yield EffortRows(first, times, values)
@@ -221,7 +227,8 @@ class TorqueRun:
                 for k in loud[:6]
             ]
             if said:
-                yield f"the last digit of {digits} makes noise in the efforts: {', '.join(said)}; write {more}"
+                words = f"rms {', '.join(said)}, more at the ends"
+                yield f"the last digit of {digits} makes noise in the efforts, {words}; write {more}"
         elif (
             noise.acceleration is not None
             and not self.mechanism.is_rigid
@@ -248,7 +255,8 @@ def make_torque_run(
     check_choice("initial", request.initial, INITIAL)
     step = None if request.step is None else check_seconds("step", request.step, "a time step above 0 [s]")
     table = open_motion(motion, mechanism, standing, request.spacing)
-    return TorqueRun(mechanism, table, rows, step, request.initial, progress, SlopeCheck(table), DigitNoise(table))
+    judges = SlopeCheck(table), DigitNoise(table), PassedLimits(mechanism)
+    return TorqueRun(mechanism, table, rows, step, request.initial, progress, *judges)
 
 
 def _make_payload(mechanism: Mechanism, link: str, load: object) -> Body:

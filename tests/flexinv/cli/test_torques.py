@@ -59,7 +59,7 @@ def test_holding_and_spacing_stand_for_columns(robot: Path, tmp_path: Path) -> N
 WRONG = {
     "--payload link3=heavy": "--payload link3=heavy: expected a link and a mass in kg",
     "--payload link3=1@0,0": "--payload link3=1@0,0: expected",
-    "--payload hand=1": "there is no link 'hand'; rigid_3r has link1, link2, link3",
+    "--payload hand=1": "payload: link = 'hand': expected one that rigid_3r has: link1, link2, link3",
     "--gravity down": "--gravity down: expected three numbers",
     "--gravity 0,9": "gravity",
     "--no-friction --friction joint1=1,1": "write one of the two",

@@ -34,6 +34,10 @@ ROBOTS = (
     "anymal_b_simple_description/robots/anymal.urdf",
 )
 
+LIMITS_PASSED = (
+    ".*pass the limits of the robot"  # the motion is quicker than the arm, which is not what these tests are about
+)
+
 
 @pytest.fixture(scope="module")
 def ur5(root: Path) -> Mechanism:
@@ -247,6 +251,7 @@ def test_true_rates_pass_whatever_spacing_and_digits(
     ).all()  # squares of the digits are below a hundredth
 
 
+@pytest.mark.filterwarnings(f"ignore:{LIMITS_PASSED}")
 def test_noise_of_short_digits_is_said_in_newton_metres(ur5: Mechanism, tmp_path: Path) -> None:
     time = 1e-3 * np.arange(2_000)
     motion = table(ur5, time, 1)
@@ -255,12 +260,13 @@ def test_noise_of_short_digits_is_said_in_newton_metres(ur5: Mechanism, tmp_path
     with pytest.warns(ModelWarning, match="the last digit of positions makes noise in the efforts") as said:
         found = flexinv.torques(ur5, tmp_path / "short.csv")
     noise = (found - exact).iloc[100:-100].std().to_numpy()
-    words = str(said[0].message)
+    words = next(str(one.message) for one in said if "last digit" in str(one.message))
     for name, size in zip(ur5.velocity_names, noise, strict=True):
         told = float(words.split(f" N m in {name}")[0].split(" ")[-1])
         assert 0.7 < told / size < 1.4  # it differs from pose to pose
     with warnings.catch_warnings():
         warnings.simplefilter("error")
+        warnings.filterwarnings("ignore", LIMITS_PASSED)
         flexinv.torques(ur5, table(ur5, time, 1))
 
 
@@ -428,3 +434,24 @@ def test_the_motion_of_a_case_is_a_motion_file(root: Path) -> None:
     # A case may bring its samples to rest at both ends, and within the reach of a spline's ends it then differs.
     middle = slice(len(time) // 3, 2 * len(time) // 3)
     assert relative(found.to_numpy()[middle], flexinv.joint_torques(drives, q, qd, qdd)[middle]) < 1e-6
+
+
+def test_limits_that_a_motion_passes_are_said(root: Path, tmp_path: Path) -> None:
+    """Elbow to 4 rad where 3.14 is its end, the pan at 4 rad/s where 3.15 is allowed; a motion inside of all says nothing."""
+    arm = flexinv.from_urdf(find_robots_folder() / ROBOTS[0])
+    time = np.linspace(0.0, 1.0, 101)
+    q = np.zeros((101, 6))
+    q[:, 0] = 2.0 * time**2
+    q[:, 2] = 4.0 * time**2 * (3.0 - 2.0 * time)
+    names = [column.name for column in arm.joints if column.nv]
+    with pytest.warns(ModelWarning) as said:
+        flexinv.torques(arm, pd.DataFrame({"time_s": time, **{f"{n}_rad": c for n, c in zip(names, q.T, strict=True)}}))
+    words = " ".join(str(one.message) for one in said)
+    assert "positions pass the limits of the robot: elbow_joint 4 rad (limit 3.14" in words
+    assert re.search(r"rates pass the limits of the robot: shoulder_pan_joint (4|3\.99\d*) rad/s \(limit 3.15\)", words)
+    assert "wrist" not in words.partition("rates pass")[0]
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", ModelWarning)
+        q[:, 2] /= 4.0
+        q[:, 0] /= 4.0
+        flexinv.torques(arm, pd.DataFrame({"time_s": time, **{f"{n}_rad": c for n, c in zip(names, q.T, strict=True)}}))
