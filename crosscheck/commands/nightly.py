@@ -80,16 +80,14 @@ def command(
     if latest_engines:
         with convert_sigterm():
             sys.exit(fresh.run_in_fresh_environment(reports, fresh.remove_flag(sys.argv[1:]), write_line))
-    work, every = asked.prepare_work(write_line)
     night = NightSettings(
-        work=work,
+        work=asked.prepare_work(write_line),
         reports=reports,
         baseline=baseline or reports / "baseline",
         url=history or f"sqlite:///{reports / 'history.sqlite'}",
         against=against,
         label=label,
         command=format_command_line(sys.argv[1:]),
-        whole=not asked.names and every,
         bench=_list_speed_studies(asked.models) if bench else (),
     )
     try:

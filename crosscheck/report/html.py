@@ -172,6 +172,7 @@ class IndexView(SingleStudy):
     engines: list[tuple[EngineRow, list[str]]]
     limits: list[tuple[CaseRow, str]]
     changed: str
+    gone: list[str]
     trends: bool
 
 
@@ -214,6 +215,7 @@ def build_index_view(results: Results, out: Path, trends: bool = False) -> Index
         "engines": words.join_alike_engines(results.engines),
         "limits": [(c, line) for c in results.cases for line in c.unused_limits],
         "changed": change_summary.describe_changes(results.changes),
+        "gone": words.describe_gone(results),
         "trends": trends,
         **build_single_study_view(results),
     }

@@ -9,6 +9,7 @@ from crosscheck.report import change_summary, words
 from crosscheck.report.explanations import describe_causes, describe_diagnosis
 from crosscheck.report.words import (
     SIGNS,
+    describe_gone,
     describe_group,
     describe_run,
     describe_study,
@@ -59,9 +60,8 @@ def _render_moves(results: Results) -> Iterator[str]:
 
 
 def _render_gone(results: Results) -> Iterator[str]:
-    if gone := results.baseline.get("gone", ()):
-        yield from ("## Gone", "", "Blessed, and not measured any more.", "")
-        yield from render_table(("comparison",), ((name,) for name in gone))
+    if gone := describe_gone(results):
+        yield from ("## Gone", "", *(f"* {escape(line)}" for line in gone), "")
 
 
 def _render_unused_limits(results: Results) -> list[str]:

@@ -16,7 +16,7 @@ from crosscheck.report.explanations import (
     list_certificates,
 )
 from crosscheck.verdicts.bars import COARSE
-from crosscheck.verdicts.baseline import UNBLESSED
+from crosscheck.verdicts.baseline import HOW, UNBLESSED
 from crosscheck.verdicts.compare import Comparison
 from crosscheck.verdicts.results import CaseRow, Diagnosis, EngineRow, Results, RunRow, StudyRow, is_failing
 from crosscheck.verdicts.signals import Move
@@ -169,6 +169,23 @@ def describe_group(moves: Sequence[Move]) -> list[str]:
     left = len(moves) - SHOWN_MOVES
     more = [f"and {left} more"] if left > 0 else []
     return [counted, *(move.words for move in moves[:SHOWN_MOVES]), *more]
+
+
+def describe_gone(results: Results) -> list[str]:
+    """Return lines about what is blessed and not measured any more: one for a case that is gone, else one for each engine."""
+    known = {(case.mechanism, case.case) for case in results.cases}
+    groups: dict[tuple[str, ...], list[Sequence[str]]] = {}
+    for key in results.baseline.get("gone_keys", ()):
+        groups.setdefault(tuple(key[:2] if (key[0], key[1]) not in known else key[:3]), []).append(key)
+    return [_describe_gone_group(place, keys) for place, keys in groups.items()]
+
+
+def _describe_gone_group(place: Sequence[str], keys: Sequence[Sequence[str]]) -> str:
+    """Return the line about blessed comparisons of a case, or of an engine in a case, that are not measured any more."""
+    counted = _count(len(keys), "comparison is blessed", "comparisons are blessed")
+    which = ", ".join(dict.fromkeys(key[2 if len(place) == 2 else 4] for key in keys))
+    said = "not there any more" if len(place) == 2 else f"{place[2]} is not compared any more"
+    return f"{place[0]}/{place[1]}: {said}; {counted} ({which}); bring it back, or {HOW}"
 
 
 def make_sort_key(row: Comparison) -> tuple[int, float]:

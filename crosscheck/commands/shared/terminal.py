@@ -141,11 +141,16 @@ def plan_of(models: Path, names: tuple[str, ...]) -> Plan:
 
 def match_entries(known: Mapping[str, T], patterns: str, kind: str) -> dict[str, T]:
     """Return the entries that fit one of the patterns, in their own order; a pattern that fits none is a Failure."""
-    wanted = [p.strip() for p in patterns.split(",") if p.strip()]
+    wanted = split_patterns(patterns)
     for pattern in wanted:
         if pattern != "*" and not any(fnmatchcase(name, pattern) for name in known):
             raise Failure(f"no {kind} is called {pattern!r}; known: {', '.join(known)}")
     return {name: thing for name, thing in known.items() if any(fnmatchcase(name, p) for p in wanted)}
+
+
+def split_patterns(patterns: str) -> list[str]:
+    """Return the patterns that stand between commas."""
+    return [pattern.strip() for pattern in patterns.split(",") if pattern.strip()]
 
 
 def match_engines(known: Mapping[str, T], patterns: str) -> dict[str, T]:

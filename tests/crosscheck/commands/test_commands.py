@@ -193,7 +193,7 @@ def test_no_line_of_the_overview_is_cut_off() -> None:
 
 def asked(models: Path, names: tuple[str, ...] = (), studies: str | None = None) -> list[str]:
     """The studies of a run."""
-    work, _ = RunSelection(names, models, "*", studies, "", False, 1, 60.0, None, (), False).prepare_work(
+    work = RunSelection(names, models, "*", studies, "", False, 1, 60.0, None, (), False).prepare_work(
         lambda line: None
     )
     return [study.name for study in work.studies]
