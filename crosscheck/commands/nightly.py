@@ -17,7 +17,7 @@ from crosscheck.commands.shared.terminal import (
     Failure,
     convert_sigterm,
     open_progress,
-    write_unread_models,
+    write_troubles,
 )
 from crosscheck.report.words import describe_run
 from crosscheck.secrets import format_command_line
@@ -97,10 +97,10 @@ def command(
         raise Failure(str(error)) from error
     except (OSError, HistoryError) as error:
         raise Failure(f"the night could not be kept: {error}") from error
-    write_unread_models(console, results)
-    console.print(f"[bold]{escape(describe_run(results))}[/bold]")
+    write_troubles(console, results)
+    console.print(f"[bold]{escape(describe_run(results))}[/bold]", soft_wrap=True)
     also = "" if label else f", also {reports / 'latest' / 'index.html'}"
-    console.print(f"report: {folder / 'index.html'}{also}", highlight=False)
+    console.print(f"report: {folder / 'index.html'}{also}", highlight=False, soft_wrap=True)
     sys.exit(results.exit_code)
 
 

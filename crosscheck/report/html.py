@@ -85,7 +85,8 @@ def prepare_templates() -> jinja2.Environment:
     }
     env.policies["json.dumps_kwargs"] = {}  # curves stay in the order in which they were given
     env.globals |= {"SIGNS": words.SIGNS, "MEANINGS": words.MEANINGS, "study_line": words.describe_study}
-    env.globals |= {"describe_group": words.describe_group}
+    env.globals |= {"describe_group": words.describe_group, "describe_moved": words.describe_moved}
+    env.globals |= {"format_change": words.format_change}
     return env
 
 

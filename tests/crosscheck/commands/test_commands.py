@@ -253,7 +253,7 @@ def test_one_model_that_cannot_be_read_ends_no_other_and_is_named_with_its_reaso
     said = " ".join(done.output.split())
     assert done.exit_code == 2
     assert "1 model cannot be read (endless)" in said
-    assert "! endless: InputError: " in said
+    assert "! endless model: InputError: " in said
     assert (
         "end_s = 1e+12 and sample_s = 0.005 make 2e+14 samples, expected at most 1e+07; write a shorter end_s" in said
     )

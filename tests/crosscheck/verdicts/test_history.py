@@ -138,8 +138,8 @@ def test_values_versions_models_and_times_that_changed_are_named(database: sql.E
     assert result["appeared"] == ["arm/swing mujoco against flexinv: tip [m]"]
     assert result["slower"] == [{"run": "arm swing mujoco", "before": 2.0, "after": 5.0}]
     assert change_summary.describe_changes(result) == (
-        "Since 2026-03-01: 1 new deviation, 1 comparison moved, 1 version changed, 1 model changed, 1 comparison appeared, "
-        "1 run slower."
+        "Since 2026-03-01: 1 new deviation, 1 comparison moved, 1 version changed (mujoco), 1 model changed (arm/swing), "
+        "1 comparison appeared, 1 run slower."
     )
 
 
