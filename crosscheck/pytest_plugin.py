@@ -214,7 +214,8 @@ class ComparisonItem(pytest.Item):
 
             wrong = [row for row in rows if row.verdict in ("deviation", "unjudged", "error")]
             why = describe_pair_cause(shared, self.task, pair) if any(row.maximum is not None for row in wrong) else ""
-            raise ComparisonFailed("\n\n".join(describe_failure(row, why) for row in wrong))
+            exported = bool(self.pair[0].exports)
+            raise ComparisonFailed("\n\n".join(describe_failure(row, why, exported) for row in wrong))
 
     def _build_shared(self) -> RunContext:
         from crosscheck.run.pair_runner import RunContext

@@ -108,7 +108,7 @@ def command(
     if not models.is_dir():
         raise click.BadParameter(f"Directory '{models}' does not exist.", param_hint="'--models'")
     run_selection = RunSelection(names, models, engines, "", "", False, jobs, timeout, config, engine, trust_commands)
-    work, _ = run_selection.prepare_work(lambda line: console.print(escape(line), soft_wrap=True))
+    work = run_selection.prepare_work(lambda line: console.print(escape(line), soft_wrap=True))
     options = replace(work.options, kept=find_user_folder(), fresh=fresh or bool(os.environ.get("CI")))
     work = replace(work, options=options)
     try:

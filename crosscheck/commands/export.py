@@ -49,7 +49,7 @@ def command(
         raise Failure(f"{engine}: {reason}")
     folder = out or Path("exports") / f"{name}-{task.case.name}-{engine}"
     try:
-        write_reproduction(task, known[engine], folder, timeout)
+        next_step = write_reproduction(task, known[engine], folder, timeout)
     except InputError as error:
         raise Failure(str(error)) from error
-    click.echo(f"{folder}: python run.py")
+    click.echo(f"{folder}: {next_step}")

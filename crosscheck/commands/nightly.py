@@ -17,7 +17,7 @@ from crosscheck.commands.shared.terminal import (
     Failure,
     convert_sigterm,
     open_progress,
-    write_unread_models,
+    write_troubles,
 )
 from crosscheck.report.words import describe_run
 from crosscheck.secrets import format_command_line
@@ -80,16 +80,14 @@ def command(
     if latest_engines:
         with convert_sigterm():
             sys.exit(fresh.run_in_fresh_environment(reports, fresh.remove_flag(sys.argv[1:]), write_line))
-    work, every = asked.prepare_work(write_line)
     night = NightSettings(
-        work=work,
+        work=asked.prepare_work(write_line),
         reports=reports,
         baseline=baseline or reports / "baseline",
         url=history or f"sqlite:///{reports / 'history.sqlite'}",
         against=against,
         label=label,
         command=format_command_line(sys.argv[1:]),
-        whole=not asked.names and every,
         bench=_list_speed_studies(asked.models) if bench else (),
     )
     try:
@@ -99,10 +97,10 @@ def command(
         raise Failure(str(error)) from error
     except (OSError, HistoryError) as error:
         raise Failure(f"the night could not be kept: {error}") from error
-    write_unread_models(console, results)
-    console.print(f"[bold]{escape(describe_run(results))}[/bold]")
+    write_troubles(console, results)
+    console.print(f"[bold]{escape(describe_run(results))}[/bold]", soft_wrap=True)
     also = "" if label else f", also {reports / 'latest' / 'index.html'}"
-    console.print(f"report: {folder / 'index.html'}{also}", highlight=False)
+    console.print(f"report: {folder / 'index.html'}{also}", highlight=False, soft_wrap=True)
     sys.exit(results.exit_code)
 
 

@@ -66,12 +66,11 @@ def command(asked: RunSelection, out: Path, baseline: Path | None, fresh: bool) 
     def write_line(line: str) -> None:
         console.print(escape(line), soft_wrap=True)
 
-    work, every = asked.prepare_work(write_line)
-    whole = not asked.names and every
+    work = asked.prepare_work(write_line)
     try:
         known = blessed.find(baseline) if baseline is not None else None
         fresh = fresh or bool(os.environ.get("CI"))
-        options = replace(work.options, baseline=known, whole=whole, kept=find_user_folder(), fresh=fresh)
+        options = replace(work.options, baseline=known, kept=find_user_folder(), fresh=fresh)
         work = replace(work, options=options)
         with owned.open_report_folder(out):
             with convert_sigterm(), open_progress(console) as notify:

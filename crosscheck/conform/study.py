@@ -67,7 +67,7 @@ def list_ladder_engines(jobs: Sequence[NamedDoor] = ()) -> dict[str, Engine]:
     """Return the engines that can be asked, by name: ours that are installed, then those of jobs."""
     ours = {name: one for name, one in ENGINES.items() if name not in UNASKED and describe_missing_package(one) is None}
     theirs = (
-        Engine(str(j["engine"]), j["module"], "", "", False, False, j.get("settings"), j.get("path", "")) for j in jobs
+        Engine(str(j["engine"]), j["module"], "", "", settings=j.get("settings"), path=j.get("path", "")) for j in jobs
     )
     return ours | {one.name: one for one in theirs if one.module != RECORD}
 

@@ -87,7 +87,7 @@ def split_work(work: Work, cases: Sequence[CaseConsensus]) -> Iterator[tuple[str
         options: Mapping[str, Any] = OTHER_DIGITS if how == "other last digits" else FINER
         plain = tuple(replace(task, case=replace(task.case, limits=())) for task in tasks)  # nothing is judged here
         engines = {name: work.engines[name] for name in names}
-        told = replace(work.options, engine=options, baseline=None, whole=False, resume=False, asking=False)
+        told = replace(work.options, engine=options, baseline=None, resume=False, asking=False)
         yield how, Work(Plan(plain), engines, (), told)
 
 

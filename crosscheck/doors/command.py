@@ -14,7 +14,7 @@ import signal
 import subprocess
 import sys
 import time as clock
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -102,8 +102,9 @@ class ProgramAdapter:
         from crosscheck.measures.record import torque_series
 
         write_series(folder / "expected.csv", sample_times(case), torque_series(mechanism, effort).values())
-        words = shlex.join(word.replace("{kit}", "kit").replace("{out}", "out") for word in self._settings["command"])
+        words = shlex.join(fill_command(self._settings["command"], Path("kit"), Path("out")))
         (folder / "run.txt").write_text(f"{words}\n", encoding="utf-8")
+        (folder / "out").mkdir()
 
     def _run_level(self, mechanism: Mechanism, case: Case, level: int) -> Record:
         """Return the answer of one run, ``level`` times as fine."""
@@ -121,7 +122,7 @@ class ProgramAdapter:
 
     def _run_program(self, kit: Path, out: Path, scratch: Path) -> None:
         """Run the program.  Raises ProgramError unless it leaves with 0."""
-        words = [w.replace("{kit}", str(kit)).replace("{out}", str(out)) for w in self._settings["command"]]
+        words = fill_command(self._settings["command"], kit, out)
         blind = bool(self._settings.get("blind", False))
         home = Path(self._settings["folder"])
         if os.sep in words[0] and not os.path.isabs(words[0]):
@@ -147,6 +148,11 @@ class ProgramAdapter:
         os.write(sys.stdout.fileno(), printed.encode())  # to what the report keeps of its child process
         if done.returncode:
             raise ProgramError(describe_ending(done.returncode, printed))
+
+
+def fill_command(command: Iterable[str], kit: Path, out: Path) -> list[str]:
+    """Return the words of a command with the folders of the kit and of the answer."""
+    return [word.replace("{kit}", str(kit)).replace("{out}", str(out)) for word in command]
 
 
 def describe_ending(code: int, printed: str) -> str:

@@ -99,7 +99,7 @@ def collect_doors(models: Path, path: Path | None = None, named: Iterable[str] =
         programs.append(program)
     _add(
         engines,
-        (Engine(name, RECORD, "", "", settings={}) for name in record.list_engine_names(models)),
+        (Engine(name, RECORD, "", "", exports=False, settings={}) for name in record.list_engine_names(models)),
         f"{models}/*/records",
     )
     _add(engines, (packages.resolve_reference(reference, Path.cwd()) for reference in named), "--engine")
@@ -151,7 +151,7 @@ def _make_engine(name: str, row: config.EngineRow, file: Path) -> tuple[Engine, 
     if row.command is not None:
         told["command"] = list(row.command)
         told["refine"] = row.refine
-        engine = Engine(name, COMMAND, "", "", settings=told)
+        engine = Engine(name, COMMAND, "", "", exports=True, settings=told)
         files = compute_digests(_list_named(row.command, folder), folder)
         program = Program(name, shlex.join(row.command), _compute_digest(told), files)
         return replace(engine, limits=config.list_limits(name, row)), program
@@ -161,7 +161,7 @@ def _make_engine(name: str, row: config.EngineRow, file: Path) -> tuple[Engine, 
         if not every:
             raise InputError(f'{file}: [engines.{name}] fmu = "{row.fmu}": expected a file inside {folder}')
         told["fmu"] = str(path)
-        engine = Engine(name, FMU, "fmpy", INSTALL, settings=told)
+        engine = Engine(name, FMU, "fmpy", INSTALL, exports=False, settings=told)
         contents = {one.relative_to(folder).as_posix(): hashlib.sha256(one.read_bytes()).hexdigest() for one in every}
         program = Program(name, f"the native code in {path.name}", _compute_digest(told), contents)
         return replace(engine, limits=config.list_limits(name, row)), program

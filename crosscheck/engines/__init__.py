@@ -43,7 +43,7 @@ class Engine:
     module : the adapter, ``package.module`` or ``package.module:object``; requires : the Python package that it imports, "" for
         none; install : how to get it
     native : an engine's own result where it is known to differ: its adapter names the cause in the record's message
-    exports : the adapter has a member ``export``
+    exports : the adapter has a member ``export``; None of a Python object of others, which says that when it is asked
     settings : of a door: the adapter is what ``module.opened(name, folder of the mechanism, settings)`` returns; None: the module
     path : folder from which a module is imported that is not installed
     limits : stated where the engine is (crosscheck.toml), heard after those of the case
@@ -54,7 +54,7 @@ class Engine:
     requires: str
     install: str
     native: bool = False
-    exports: bool = False
+    exports: bool | None = None
     settings: Mapping[str, Any] | None = None
     path: str = ""
     limits: tuple[Limit, ...] = field(default=())

@@ -15,10 +15,10 @@ HEADS = {
 }
 
 
-def describe_failure(row: Comparison, cause: str = "") -> str:
+def describe_failure(row: Comparison, cause: str = "", exported: bool = False) -> str:
     """Return the message of one comparison, several lines.
 
-    cause : what the difference comes from, where that is known
+    cause : what the difference comes from, where that is known; exported : what the engine was given can be written for it
     """
     case = f"{row.mechanism}/{row.case}"
     head = HEADS.get(_resolve_kind(row), "is {verdict} against {reference}")
@@ -32,7 +32,7 @@ def describe_failure(row: Comparison, cause: str = "") -> str:
     else:
         lines["why"] = row.message
     lines["to look"] = f"crosscheck run {case} --engines {row.engine},{row.reference}"
-    if row.maximum is not None and row.engine != "measured":  # a machine is not exported
+    if row.maximum is not None and exported:
         lines["to reproduce"] = f"crosscheck export {row.mechanism} --case {row.case} --engine {row.engine}"
     return "\n".join([lines.pop(""), *(f"  {what:<13} {words}" for what, words in lines.items())])
 

@@ -85,7 +85,8 @@ def prepare_templates() -> jinja2.Environment:
     }
     env.policies["json.dumps_kwargs"] = {}  # curves stay in the order in which they were given
     env.globals |= {"SIGNS": words.SIGNS, "MEANINGS": words.MEANINGS, "study_line": words.describe_study}
-    env.globals |= {"describe_group": words.describe_group}
+    env.globals |= {"describe_group": words.describe_group, "describe_moved": words.describe_moved}
+    env.globals |= {"format_change": words.format_change}
     return env
 
 
@@ -172,6 +173,7 @@ class IndexView(SingleStudy):
     engines: list[tuple[EngineRow, list[str]]]
     limits: list[tuple[CaseRow, str]]
     changed: str
+    gone: list[str]
     trends: bool
 
 
@@ -214,6 +216,7 @@ def build_index_view(results: Results, out: Path, trends: bool = False) -> Index
         "engines": words.join_alike_engines(results.engines),
         "limits": [(c, line) for c in results.cases for line in c.unused_limits],
         "changed": change_summary.describe_changes(results.changes),
+        "gone": words.describe_gone(results),
         "trends": trends,
         **build_single_study_view(results),
     }

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from xml.etree import ElementTree as ET
 
-from crosscheck.report.words import describe_group, find_cause, format_short
+from crosscheck.report.words import describe_gone, describe_group, find_cause, format_short
 from crosscheck.verdicts.compare import Comparison
 from crosscheck.verdicts.results import CaseRow, Results, RunRow, StudyRow
 
@@ -21,9 +21,10 @@ def render(results: Results) -> bytes:
         _add_case(root, results, case)
     for study in results.studies:
         _add_study(root, study)
-    for name in results.baseline.get("gone", ()):
+    for line in describe_gone(results):
         suite = ET.SubElement(root, "testsuite", name="crosscheck")
-        _add_item(suite, "crosscheck", name, "deviation", "it was blessed and is not measured any more")
+        name, _, said = line.partition(": ")
+        _add_item(suite, name, "blessed comparisons", "deviation", said)
     for moves in results.moves_by_reason.values():
         suite = ET.SubElement(root, "testsuite", name="crosscheck")
         _add_item(suite, "crosscheck", "blessed values", "deviation", "\n".join(describe_group(moves)))

@@ -9,11 +9,14 @@ from crosscheck.report import change_summary, words
 from crosscheck.report.explanations import describe_causes, describe_diagnosis
 from crosscheck.report.words import (
     SIGNS,
+    describe_gone,
     describe_group,
     describe_run,
     describe_study,
     describe_unchanged,
+    format_change,
     format_duration,
+    format_place,
     format_short,
     list_troubles,
     make_cell,
@@ -41,8 +44,9 @@ def _render_changes(results: Results) -> Iterator[str]:
     if results.changes:
         yield from ("## Changes", "", escape(change_summary.describe_changes(results.changes)), "")
         moved = [
-            (v["what"], v["before_verdict"], format_short(v["before"]), v["after_verdict"], format_short(v["after"]))
+            (v["what"], v["before_verdict"], old, v["after_verdict"], new)
             for v in results.changes["values"]
+            for old, new in [format_change(v["before"], v["after"])]
         ]
         if moved:
             yield from render_table(("comparison", "was", "", "is", ""), moved)
@@ -59,9 +63,8 @@ def _render_moves(results: Results) -> Iterator[str]:
 
 
 def _render_gone(results: Results) -> Iterator[str]:
-    if gone := results.baseline.get("gone", ()):
-        yield from ("## Gone", "", "Blessed, and not measured any more.", "")
-        yield from render_table(("comparison",), ((name,) for name in gone))
+    if gone := describe_gone(results):
+        yield from ("## Gone", "", *(f"* {escape(line)}" for line in gone), "")
 
 
 def _render_unused_limits(results: Results) -> list[str]:
@@ -70,7 +73,7 @@ def _render_unused_limits(results: Results) -> list[str]:
 
 
 def _render_troubles(results: Results) -> list[str]:
-    rows = [(f"{SIGNS[v]} {v}", _format_place(where), what, words) for v, where, what, words in list_troubles(results)]
+    rows = [(f"{SIGNS[v]} {v}", format_place(where), what, words) for v, where, what, words in list_troubles(results)]
     return _render_section("Where not", ("verdict", "where", "what", "message"), rows) if rows else []
 
 
@@ -128,7 +131,7 @@ def _list_matrix_rows(results: Results) -> Iterable[tuple[str, ...]]:
     for case in results.cases:
         cells = [make_cell(results, case, e.name) for e in results.engines]
         texts = [f"{SIGNS[c.verdict]} {c.headline}{c.cause and f': {c.cause}'}" if c.verdict else "" for c in cells]
-        yield _format_place(case), *texts
+        yield format_place(case), *texts
 
 
 def _list_comparison_rows(results: Results) -> Iterable[tuple[str, ...]]:
@@ -149,12 +152,6 @@ def _list_comparison_rows(results: Results) -> Iterable[tuple[str, ...]]:
 
 def _list_study_rows(results: Results) -> Iterable[tuple[str, ...]]:
     return ((s.title, f"{SIGNS[s.verdict]} {s.verdict}", describe_study(s)) for s in results.studies)
-
-
-def _format_place(row: object) -> str:
-    mechanism = getattr(row, "mechanism", getattr(row, "name", ""))
-    case = getattr(row, "case", "")
-    return f"{mechanism}/{case}" if case else mechanism
 
 
 def render_table(head: tuple[str, ...], rows: Iterable[tuple[str, ...]]) -> list[str]:

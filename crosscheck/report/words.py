@@ -16,10 +16,10 @@ from crosscheck.report.explanations import (
     list_certificates,
 )
 from crosscheck.verdicts.bars import COARSE
-from crosscheck.verdicts.baseline import UNBLESSED
+from crosscheck.verdicts.baseline import HOW, UNBLESSED
 from crosscheck.verdicts.compare import Comparison
 from crosscheck.verdicts.results import CaseRow, Diagnosis, EngineRow, Results, RunRow, StudyRow, is_failing
-from crosscheck.verdicts.signals import Move
+from crosscheck.verdicts.signals import Move, format_apart
 
 SIGNS: dict[str, str] = {
     "within": "✓",
@@ -171,6 +171,29 @@ def describe_group(moves: Sequence[Move]) -> list[str]:
     return [counted, *(move.words for move in moves[:SHOWN_MOVES]), *more]
 
 
+def describe_moved(moves: Sequence[Move]) -> str:
+    """Return a change of values in one line: how many moved, the reason, the largest move, and what to do."""
+    counted, largest = describe_group(moves)[:2]
+    return f"{counted}: {largest}; mend the cause, or {HOW}"
+
+
+def describe_gone(results: Results) -> list[str]:
+    """Return lines about what is blessed and not measured any more: one for a case that is gone, else one for each engine."""
+    known = {(case.mechanism, case.case) for case in results.cases}
+    groups: dict[tuple[str, ...], list[Sequence[str]]] = {}
+    for key in results.baseline.get("gone_keys", ()):
+        groups.setdefault(tuple(key[:2] if (key[0], key[1]) not in known else key[:3]), []).append(key)
+    return [_describe_gone_group(place, keys) for place, keys in groups.items()]
+
+
+def _describe_gone_group(place: Sequence[str], keys: Sequence[Sequence[str]]) -> str:
+    """Return the line about blessed comparisons of a case, or of an engine in a case, that are not measured any more."""
+    counted = _count(len(keys), "comparison is blessed", "comparisons are blessed")
+    which = ", ".join(dict.fromkeys(key[2 if len(place) == 2 else 4] for key in keys))
+    said = "not there any more" if len(place) == 2 else f"{place[2]} is not compared any more"
+    return f"{place[0]}/{place[1]}: {said}; {counted} ({which}); bring it back, or {HOW}"
+
+
 def make_sort_key(row: Comparison) -> tuple[int, float]:
     """Return a key to sort comparisons by: graver verdicts first, then the part of the limit that is used."""
     share = row.fraction or 0.0
@@ -284,6 +307,21 @@ def list_troubles(results: Results) -> list[Trouble]:
     return sorted(rows, key=lambda row: -VERDICTS.index(row[0]))
 
 
+def list_trouble_lines(results: Results) -> list[str]:
+    """Return lines about everything that is not as it should be, moved and lost values among them, the gravest first."""
+    rows = [(v, f"{format_place(where)} {what}: {said}") for v, where, what, said in list_troubles(results)]
+    rows += [("deviation", describe_moved(moves)) for moves in results.moves_by_reason.values()]
+    rows += [("deviation", line) for line in describe_gone(results)]
+    return [f"{SIGNS[v]} {line}" for v, line in sorted(rows, key=lambda row: -VERDICTS.index(row[0]))]
+
+
+def format_place(where: CaseRow | StudyRow) -> str:
+    """Return the place of a trouble in words: its case, or its mechanism where that cannot be read, or "study"."""
+    if isinstance(where, StudyRow):
+        return "study"
+    return f"{where.mechanism}/{where.case}" if where.case else where.mechanism
+
+
 def _list_case_troubles(results: Results, case: CaseRow) -> Iterator[Trouble]:
     """Yield what is not as it should be in one case: its model, its runs, their certificates, their comparisons."""
     if case.problem:
@@ -377,6 +415,14 @@ def format_short(value: float | None) -> str:
         return f"{value:.2g}" if abs(value) < 100 else f"{value:.0f}"
     digits, exponent = f"{value:.1e}".split("e")
     return f"{digits.removesuffix('.0')}e{int(exponent)}"
+
+
+def format_change(before: float | None, after: float | None) -> tuple[str, str]:
+    """Return an old and a new number, each in the fewest characters that a reader needs to tell them apart."""
+    texts = format_short(before), format_short(after)
+    if texts[0] != texts[1] or before is None or after is None:
+        return texts
+    return format_apart(before, after, 2)
 
 
 def format_duration(seconds: float) -> str:

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import shlex
 import shutil
 from collections.abc import Iterator
 from pathlib import Path
 
+from crosscheck.doors.command import fill_command
 from crosscheck.engines import ENGINES, Engine
 from crosscheck.engines.job_files import CaseRequest, ExportRequest
 from crosscheck.measures.limits import REFERENCE
@@ -18,23 +20,29 @@ README = """# {mechanism}/{case} in {engine}
 
 {title}
 
-Needs {requires} and numpy, nothing else:
-
-    {install}
-    python run.py
-
-prints how far the efforts that {engine} computes are from `expected.csv` (those of {reference}) and writes `computed.csv`.
-
+{use}
 | file | what it is |
 |---|---|
 {table}
 """
 
+SCRIPT = """Needs {needs}, nothing else:
+
+{install}    python run.py
+
+prints how far the efforts that {engine} computes are from `expected.csv` (those of {reference}) and writes `computed.csv`.
+"""
+PROGRAM = """The folder `kit` is what {engine} was given. Its own program is not here: where that is, it answers the kit by
+
+    {command}
+
+with `kit` and an empty folder `out` beside it; then hold `out/series.csv` against `expected.csv` (efforts of {reference}).
+"""
 
 # In this order, of what the export has written.
 FILES = {
     "kit": "the case kit, as {engine} was given it: see its README.md",
-    "run.txt": "the command that answers it, run beside the kit",
+    "run.txt": "the command of {engine}'s own program, with the folders `kit` and `out`",
     "model*": "the model, as {engine} was given it",
     "motion.csv": "the motion: coordinates, velocities and accelerations, in this engine's order and units [rad], [m], [s]",
     "forces.csv": "given forces [N] and moments [N m], along the axes they are given in",
@@ -47,13 +55,15 @@ FILES = {
 }
 
 
-def write_reproduction(task: Task, engine: Engine, folder: Path, limit: float) -> None:
-    """Write the reproduction of ``task`` in ``engine`` into ``folder``; limit : [s] for each of two processes.
+def write_reproduction(task: Task, engine: Engine, folder: Path, limit: float) -> str:
+    """Write the reproduction of ``task`` in ``engine`` into ``folder``, and return what is to be run for it, in words.
+
+    limit : [s] for each of two processes
 
     Raises InputError where there is no export for the engine or the mechanism, or where an engine fails.
     """
     where = f"{task.folder.name}/{task.case.name} in {engine.name}"
-    if engine.name in ENGINES and not engine.exports:
+    if engine.exports is False:
         raise InputError(f"{where}: there is no export for {engine.name}")
     mechanism = str(task.folder.resolve())
     request: CaseRequest = {"mechanism": mechanism, "case": task.case.name, "options": {"error": False}}
@@ -80,14 +90,36 @@ def write_reproduction(task: Task, engine: Engine, folder: Path, limit: float) -
             raise InputError(f"{where}: {problem}")
         words = {
             "mechanism": task.folder.name, "case": task.case.name, "title": task.case.title or task.mechanism.title,
-            "engine": engine.name, "requires": engine.requires, "install": engine.install, "reference": REFERENCE,
-            "table": "\n".join(_list_file_rows(made, engine)),
+            "engine": engine.name, "use": _describe_use(made, engine), "table": "\n".join(_list_file_rows(made, engine)),
         }  # fmt: skip
         (made / "README.md").write_text(README.format(**words), encoding="utf-8")
         try:
             shutil.copytree(made, folder, dirs_exist_ok=True)
         except OSError as error:
             raise InputError(f"{folder} cannot be written: {error}; write --out with another folder") from error
+    return _describe_next_step(folder, engine)
+
+
+def _describe_use(made: Path, engine: Engine) -> str:
+    """Return the part of the README about what is run: a script that was written, or a program of the user's own."""
+    told = {"engine": engine.name, "reference": REFERENCE}
+    if (command := made / "run.txt").is_file():
+        return PROGRAM.format(command=command.read_text(encoding="utf-8").strip(), **told)
+    if not (made / "run.py").is_file():
+        return ""
+    needs = " and ".join(filter(None, [engine.requires, "numpy"]))
+    return SCRIPT.format(needs=needs, install=engine.install and f"    {engine.install}\n", **told)
+
+
+def _describe_next_step(folder: Path, engine: Engine) -> str:
+    """Return the command for a folder that was written, in words."""
+    if (folder / "run.py").is_file():
+        return "python run.py"
+    if not (folder / "run.txt").is_file() or engine.settings is None:
+        return "see README.md"
+    place = folder.resolve()
+    words = fill_command(engine.settings["command"], place / "kit", place / "out")
+    return f"its program answers the kit there by\n  cd {shlex.quote(engine.settings['folder'])} && {shlex.join(words)}"
 
 
 def _list_file_rows(folder: Path, engine: Engine) -> Iterator[str]:

@@ -46,6 +46,7 @@ from crosscheck.verdicts.refinement import (
 )
 from crosscheck.verdicts.repeatability import SHAKEN, add_scatter, is_doubtful, judge_by_repetition
 from crosscheck.verdicts.results import Diagnosis, Results, RunRow, StudyRow, make_slug
+from crosscheck.verdicts.scope import Scope
 from crosscheck.verdicts.signals import Key as SignalKey
 from crosscheck.verdicts.signals import Signal, describe_signals
 
@@ -182,7 +183,7 @@ class RunState:
 
     def list_cause_questions(self) -> Iterator[CauseJob]:
         """Yield what is asked once everything is compared: why engines deviate."""
-        results = self._judge_by_baseline(whole=False)
+        results = self._judge_by_baseline(None)
         yield from map(CauseJob, list_questions(results, self.work.plan, self.out, self.work.engines))
 
     def take(self, job: Job, answer: Answer) -> None:
@@ -278,7 +279,7 @@ class RunState:
             studies=tuple(sorted(self.results.studies, key=lambda row: studies.index(row.name))),
         )
         try:
-            self.results = self._judge_by_baseline(self.work.options.whole and self.results.finished)
+            self.results = self._judge_by_baseline(self.work.options.scope if self.results.finished else None)
         except Exception as error:
             self._add_failure("the blessed night", error)
             self.results = replace(self.results, finished=False)
@@ -291,9 +292,9 @@ class RunState:
             )
         return self.results
 
-    def _judge_by_baseline(self, whole: bool) -> Results:
+    def _judge_by_baseline(self, scope: Scope | None) -> Results:
         known = self.work.options.baseline
-        return self.results if known is None else baseline.apply(self.results, known, whole, self.signals)
+        return self.results if known is None else baseline.apply(self.results, known, scope, self.signals)
 
     def _add_run(self, job: CaseRun, attempt: Attempt) -> None:
         row = self._write_series(run_row(job.task, attempt), attempt.record)

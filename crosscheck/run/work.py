@@ -11,6 +11,7 @@ from crosscheck.engines import Engine
 from crosscheck.engines.base import Options as EngineOptions
 from crosscheck.verdicts.baseline import Baseline
 from crosscheck.verdicts.plan import Plan
+from crosscheck.verdicts.scope import Scope
 
 
 @dataclass(frozen=True)
@@ -35,7 +36,8 @@ class Options:
     """Options of a run: timeout [s] per engine and case, jobs at a time, options for the engines.
 
     scheduler : address of a Dask cluster, "" for this machine; resume : take what an interrupted run left in the folder
-    baseline : the blessed night that judges beside the limits, or None; whole : everything runs, so what it misses is gone
+    baseline : the blessed night that judges beside the limits, or None
+    scope : what is asked for: what is blessed of it and not measured any more is gone
     kept : folder of answers of earlier runs, which are taken where nothing has changed (`crosscheck.run.answer_cache`), or None
     fresh : everything is computed all the same, and kept
     asking : engines repeat what their error bars explain, and are asked why where they deviate
@@ -48,7 +50,7 @@ class Options:
     scheduler: str = ""
     resume: bool = False
     baseline: Baseline | None = None
-    whole: bool = False
+    scope: Scope = field(default_factory=Scope)
     kept: Path | None = None
     fresh: bool = False
     asking: bool = True

@@ -32,6 +32,7 @@ from crosscheck.verdicts.provenance import (
     write_provenance,
 )
 from crosscheck.verdicts.results import BlessedNight, Results
+from crosscheck.verdicts.scope import Scope
 from crosscheck.verdicts.signals import Key as SignalKey
 from crosscheck.verdicts.signals import Move, Signal, describe_signals, find_moves, read_signals, write_signals
 
@@ -173,10 +174,13 @@ def _is_judged(row: Comparison) -> bool:
     return row.verdict in ("within", "explained") and row.limit is not None
 
 
-def list_missing_keys(rows: Iterable[Comparison], baseline: Baseline) -> list[Key]:
-    """Return the blessed comparisons that a run over everything no longer measures."""
-    measured = {make_comparison_key(row) for row in rows if row.fraction is not None}
-    return [k for k in baseline.fractions if k not in measured]
+def list_missing_keys(results: Results, baseline: Baseline, scope: Scope) -> list[Key]:
+    """Return the blessed comparisons that were asked for and are not measured, without a failure that says why."""
+    measured = {make_comparison_key(row) for row in results.comparisons if row.fraction is not None}
+    unread = {case.mechanism for case in results.cases if case.problem}
+    failed = {(run.mechanism, run.case, run.engine) for run in results.runs if run.verdict == "error"}
+    missing = [k for k in baseline.fractions if k not in measured and scope.has_comparison(k)]
+    return [k for k in missing if k[0] not in unread and not {k[:3], (*k[:2], k[3])} & failed]
 
 
 def choose_blessable(results: Results) -> tuple[list[Comparison], list[str]]:
@@ -245,8 +249,8 @@ def write(
     reason: str,
     signals: Mapping[SignalKey, Signal] = NO_SIGNALS,
 ) -> None:
-    """Write the baseline.  Comparisons that the results do not contain keep the value that they have, unless a run over
-    everything missed them: blessing that run is agreeing that they are gone.
+    """Write the baseline.  Comparisons that the results do not contain keep the value that they have, unless the run missed
+    them: blessing that run is agreeing that they are gone.
 
     signals : of the run [units of the series]; of an engine in a case they replace all that were blessed before
     What is blessed of comparisons are three digits: more would change with every run, and noise is larger.
@@ -279,14 +283,15 @@ def write(
 
 
 def apply(
-    results: Results, baseline: Baseline, whole: bool, signals: Mapping[SignalKey, Signal] = NO_SIGNALS
+    results: Results, baseline: Baseline, scope: Scope | None, signals: Mapping[SignalKey, Signal] = NO_SIGNALS
 ) -> Results:
-    """Return the results judged against the baseline; whole: everything was run, so what is missing is gone.
+    """Return the results judged against the baseline.
 
+    scope : what was asked for, so that what of it is missing is gone; None of a run that has not come to its end
     signals : of the run [units of the series]
     """
     rows = tuple(judge_by_baseline(row, baseline) for row in results.comparisons)
-    missing = list_missing_keys(rows, baseline) if whole else []
+    missing = list_missing_keys(results, baseline, scope) if scope is not None else []
     words: BlessedNight = {
         "reason": baseline.reason,
         "date": baseline.date,

@@ -28,6 +28,7 @@ from crosscheck.verdicts.night_changes import (
     ValueChange,
     VersionChange,
 )
+from crosscheck.verdicts.scope import Scope
 
 CAUSES = ("mechanism", "case_name", "engine", "reference", "cause", "target")
 SERIES = ("mechanism", "case_name", "engine", "series")
@@ -57,17 +58,18 @@ def find_previous_night(database: sql.Engine, number: int, target: str = "previo
     raise LookupError(f"no night is called {target!r}; the last ones are {names}")
 
 
-def collect_changes(database: sql.Engine, before: Night, after: int) -> NightChanges:
+def collect_changes(database: sql.Engine, before: Night, after: int, scope: Scope) -> NightChanges:
     """Return the changes from one night to another, as rows of words and numbers; errors over the range [-], times [s].
 
-    Only what was run in both is compared; what appeared and what vanished is said.
+    Only what was run in both is compared; what appeared is said, and of what the later night was asked for what vanished.
     """
     nights = NightPair(database, before.id, after)
     old, new = nights.read_rows(COMPARISON, NAMES)
     ran_before = {name[:3] for name in old}
     ran = {name[:3] for name in new}
     appeared = [name for name in new.keys() - old.keys() if new[name]["fraction"] is not None]
-    vanished = [name for name in old.keys() - new.keys() if name[:3] in ran and old[name]["fraction"] is not None]
+    lost = [name for name in old.keys() - new.keys() if scope.has_comparison(name)]
+    vanished = [name for name in lost if old[name]["fraction"] is not None]
     return {
         "night": before.folder or before.started,
         "started": before.started,

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from crosscheck.engines.base import sample_times
 from crosscheck.measures.mechanisms import read_mechanism
 from crosscheck.verdicts.results import CaseRow, SkeletonLink
+from crosscheck.verdicts.scope import is_case_named
 from flexinv.errors import InputError
 from flexinv.files.load_cases import Case, load_cases
 from flexinv.model.mechanism import WORLD, Mechanism
@@ -93,8 +94,8 @@ def _check_names(
 ) -> None:
     have = {(t.folder.name, t.case.name) for t in tasks} | {(name, "*") for name, _ in broken}
     for name in names:
-        mechanism, _, case = name.partition("/")
-        if not any(fnmatchcase(m, mechanism) and fnmatchcase(c, case or "*") for m, c in have):
+        if not any(is_case_named(name, m, c) for m, c in have):
+            mechanism, _, case = name.partition("/")
             raise InputError(f"nothing to run is called {name!r}{_describe_choice(mechanism, case, folders)}")
 
 

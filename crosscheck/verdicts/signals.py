@@ -26,6 +26,7 @@ SAMPLES = 16  # values of a series that are blessed
 UNKNOWN_BAR = 1e-6  # of the range: an engine that states no bar is taken to repeat to that
 # Of the range: last digits that another processor computes otherwise (other orders of additions), 1e7 roundings.
 ROUNDING = 1e-9
+EXACT = 17  # digits that tell any two doubles apart
 HEAD = ("mechanism", "case", "engine", "series", "unit", "range", "peak", "rms", "bar", "values", "bars")
 Key = tuple[str, str, str, str]  # mechanism, case, engine, series
 Place = tuple[str, str, str]  # mechanism, case, engine
@@ -79,8 +80,19 @@ class Move:
         where = f"{self.mechanism}/{self.case} {self.engine}: {self.series}"
         if self.after is None or self.share is None:
             return f"{where} was {self.before:.6g} {self.unit} and is not given any more"
-        values = f"{self.before:.6g} -> {self.after:.6g} {self.unit}"
-        return f"{where}, {self.what} {values}: moved by {100.0 * self.share:.3g} % of the range, bars {self.bar:.1g}"
+        old, new = format_apart(self.before, self.after, 6)
+        how_far = f"moved by {100.0 * self.share:.3g} % of the range, bars {self.bar:.1g}"
+        return f"{where}, {self.what} {old} -> {new} {self.unit}: {how_far}"
+
+
+def format_apart(before: float, after: float, fewest: int) -> tuple[str, str]:
+    """Return two numbers with as many digits as tell them apart, with the fewest that are wanted where these are enough."""
+    texts = f"{before:.{fewest}g}", f"{after:.{fewest}g}"
+    for digits in range(fewest + 1, EXACT + 1):
+        if texts[0] != texts[1] or before == after:
+            break
+        texts = f"{before:#.{digits}g}".rstrip("."), f"{after:#.{digits}g}".rstrip(".")
+    return texts
 
 
 def describe_signals(record: Record, quantities: Iterable[str]) -> dict[str, Signal]:

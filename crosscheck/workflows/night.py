@@ -47,7 +47,6 @@ class NightSettings:
 
     reports : folder of all nights; baseline : folder of the blessed one; url : of the history
     against : "previous", or start or folder of the night to compare with; label : "" for an ordinary night
-    whole : everything is run, so that blessed comparisons that are not measured are missed
     bench : parts of the speed comparison, run after everything else
     """
 
@@ -58,7 +57,6 @@ class NightSettings:
     against: str = "previous"
     label: str = ""
     command: str = ""
-    whole: bool = True
     bench: tuple[Study, ...] = ()
 
 
@@ -79,7 +77,7 @@ def run_night(night: NightSettings, notify: Notify, tell: Callable[[str], None])
         folder = make_night_folder(night.reports, night.label)
         if night.work.options.resume:
             take_over(night.reports, night.label, folder, tell)
-        options = replace(night.work.options, baseline=known, whole=night.whole, fresh=True)
+        options = replace(night.work.options, baseline=known, fresh=True)
         with remove_unused_folder(folder):
             results = run(replace(night.work, options=options), folder, notify, night.command, tell)
         if night.bench and results.finished:
@@ -203,7 +201,7 @@ def add_to_history(
         before = changes.find_previous_night(database, number, night.against)
         if before is None:
             return results
-        results = replace(results, changes=changes.collect_changes(database, before, number))
+        results = replace(results, changes=changes.collect_changes(database, before, number, night.work.options.scope))
         tell(change_summary.describe_changes(results.changes))
     except (history.HistoryError, RecordError) as error:
         return add_failure(results, str(error))

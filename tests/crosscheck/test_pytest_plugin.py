@@ -34,7 +34,7 @@ ROW = Comparison(
 
 
 def test_a_deviation_says_everything() -> None:
-    assert describe_failure(ROW, "rotor inertia is missing") == "\n".join(
+    assert describe_failure(ROW, "rotor inertia is missing", exported=True) == "\n".join(
         [
             "arm/swing, torque: exudyn-ge differs from flexinv by more than its limit",
             "  difference    0.013 N m, 0.013 of the range of 1 N m",
@@ -50,9 +50,9 @@ def test_a_deviation_says_everything() -> None:
     )
 
 
-def test_a_measurement_is_not_exported() -> None:
-    assert "crosscheck export" in describe_failure(ROW)
-    assert "crosscheck export" not in describe_failure(replace(ROW, engine="measured"))
+def test_a_measurement_or_a_record_is_not_exported() -> None:
+    assert "crosscheck export" in describe_failure(ROW, exported=True)
+    assert "crosscheck export" not in describe_failure(ROW, exported=False)
 
 
 def test_a_comparison_without_limit_asks_for_one() -> None:
@@ -68,7 +68,6 @@ def test_a_comparison_without_limit_asks_for_one() -> None:
             "  error bars    not both engines have one that a refinement has shown",
             "  to accept     state a limit with its reason in models/arm/cases.toml",
             "  to look       crosscheck run arm/swing --engines exudyn-ge,flexinv",
-            "  to reproduce  crosscheck export arm --case swing --engine exudyn-ge",
         ]
     )
 
@@ -87,7 +86,6 @@ def test_a_comparison_that_has_become_worse_says_since_when_it_is_blessed() -> N
         "  to accept     mend the cause; or crosscheck run arm/swing, look at its report, then "
         'crosscheck bless --reason "..."',
         "  to look       crosscheck run arm/swing --engines exudyn-ge,flexinv",
-        "  to reproduce  crosscheck export arm --case swing --engine exudyn-ge",
     ]
 
 
@@ -120,8 +118,7 @@ double_pendulum/swing, torque: damped differs from flexinv by more than its limi
 put into the reference, 1e-15 of the range remains of 1.9e-03.
   to accept     mend the model; or raise the limit in models/double_pendulum/cases.toml with its reason, \
 crosscheck run double_pendulum/swing, then crosscheck bless --reason "..."
-  to look       crosscheck run double_pendulum/swing --engines damped,flexinv
-  to reproduce  crosscheck export double_pendulum --case swing --engine damped"""
+  to look       crosscheck run double_pendulum/swing --engines damped,flexinv"""
 
 
 def pytest_on(folder: Path, *words: str) -> subprocess.CompletedProcess[str]:

@@ -19,12 +19,14 @@ from crosscheck.commands.shared.terminal import (
     match_engines,
     match_entries,
     plan_of,
+    split_patterns,
 )
 from crosscheck.doors.registry import ProjectEngines, add_engine_limits, collect_doors, compute_answer_digest
 from crosscheck.engines import ENGINES, Engine, NamedDoor
 from crosscheck.run.work import Options, Work
 from crosscheck.studies import STUDIES, Study
 from crosscheck.verdicts.plan import Task
+from crosscheck.verdicts.scope import Scope
 from flexinv.errors import InputError
 from flexinv.files.toml_tables import read_toml
 
@@ -85,12 +87,13 @@ class RunSelection:
     engine: tuple[str, ...]
     trust_commands: bool
 
-    def prepare_work(self, say: Callable[[str], None]) -> tuple[Work, bool]:
-        """Return the work, and whether all engines take part; say : is told which programs run.
+    def prepare_work(self, say: Callable[[str], None]) -> Work:
+        """Return the work; say : is told which programs run.
 
         Raises Failure where a name or a pattern leads to nothing, or a program is not trusted.
         """
-        options = Options(self.timeout, self.jobs, scheduler=self.scheduler, resume=self.resume)
+        scope = Scope(self.names, tuple(split_patterns(self.engines)))
+        options = Options(self.timeout, self.jobs, scheduler=self.scheduler, resume=self.resume, scope=scope)
         known = collect_engines(self.models, self.config, self.engine)
         engines = match_engines(known.engines, self.engines)
         check_trust(known, engines, self.trust_commands, say)
@@ -99,7 +102,7 @@ class RunSelection:
         tables = match_entries(STUDIES, wanted, "study")
         studies = (replace(study, options=self._make_study_options(study, engines)) for study in tables.values())
         plan = add_engine_limits(plan_of(self.models, self.names), engines)
-        return Work(plan, engines, tuple(studies), options), len(engines) == len(known.engines)
+        return Work(plan, engines, tuple(studies), options)
 
     def _make_study_options(self, study: Study, engines: Mapping[str, Engine]) -> StudyOptions:
         """Return the options of a study: the folder of models, and to one that asks for them the project's engines."""

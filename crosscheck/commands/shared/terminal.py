@@ -20,7 +20,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from rich.text import Text
 
 from crosscheck.report import render
-from crosscheck.report.words import SIGNS, describe_run, describe_unchanged
+from crosscheck.report.words import SIGNS, describe_run, describe_unchanged, list_trouble_lines
 from crosscheck.run.reading_limits import GIGABYTES, SECONDS
 from crosscheck.run.work import Event
 from crosscheck.secrets import remove_passwords
@@ -29,9 +29,9 @@ from crosscheck.verdicts.plan import Plan, discover
 from crosscheck.verdicts.results import Results
 from flexinv.errors import InputError
 
+COMPUTED = "·"  # what has an answer, of which nothing is judged yet
 COLOURS = {
     "within": "green",
-    "ok": "green",
     "deviation": "red",
     "error": "bold red",
     "unjudged": "yellow",
@@ -68,6 +68,7 @@ FOLDER = click.Path(file_okay=False, path_type=Path)
 CONTROLS = re.compile(r"[\x00-\x08\x0b-\x1f\x7f-\x9f\u200e\u200f\u202a-\u202e\u2066-\u2069]")
 T = TypeVar("T")
 C = TypeVar("C", bound=Callable[..., Any])
+SHOWN_TROUBLES = 10  # lines at the end of a run about what is not as it should be
 LARGEST_SUMMARY = 900_000  # [bytes]: GitHub refuses a step's summary of more than 1 MiB
 CORES = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 JOBS = click.option(
@@ -141,11 +142,16 @@ def plan_of(models: Path, names: tuple[str, ...]) -> Plan:
 
 def match_entries(known: Mapping[str, T], patterns: str, kind: str) -> dict[str, T]:
     """Return the entries that fit one of the patterns, in their own order; a pattern that fits none is a Failure."""
-    wanted = [p.strip() for p in patterns.split(",") if p.strip()]
+    wanted = split_patterns(patterns)
     for pattern in wanted:
         if pattern != "*" and not any(fnmatchcase(name, pattern) for name in known):
             raise Failure(f"no {kind} is called {pattern!r}; known: {', '.join(known)}")
     return {name: thing for name, thing in known.items() if any(fnmatchcase(name, p) for p in wanted)}
+
+
+def split_patterns(patterns: str) -> list[str]:
+    """Return the patterns that stand between commas."""
+    return [pattern.strip() for pattern in patterns.split(",") if pattern.strip()]
 
 
 def match_engines(known: Mapping[str, T], patterns: str) -> dict[str, T]:
@@ -164,13 +170,13 @@ def write_report_and_end(console: Console, results: Results, out: Path) -> NoRet
     try:
         render(results, out)
     except OSError as error:
-        write_unread_models(console, results)
+        write_troubles(console, results)
         raise Failure(f"{describe_run(results)} The report could not be written: {error}") from error
     try:
         add_step_summary(out)
     except OSError as error:
         console.print(escape(f"the summary could not be added to the page of this job: {error}"), soft_wrap=True)
-    write_unread_models(console, results)
+    write_troubles(console, results)
     console.print(f"[bold]{escape(describe_run(results))}[/bold]", soft_wrap=True)
     if words := describe_unchanged(results):
         console.print(escape(words), soft_wrap=True)
@@ -178,13 +184,12 @@ def write_report_and_end(console: Console, results: Results, out: Path) -> NoRet
     sys.exit(results.exit_code)
 
 
-def write_unread_models(console: Console, results: Results) -> None:
-    """Say which models could not be read, and why."""
-    for case in results.cases:
-        if case.problem:
-            console.print(
-                f"[bold red]![/] {escape(f'{case.mechanism}: {case.problem}')}", highlight=False, soft_wrap=True
-            )
+def write_troubles(console: Console, results: Results) -> None:
+    """Say what is not as it should be, the gravest first; of many the first ones."""
+    lines = list_trouble_lines(results)
+    left = len(lines) - SHOWN_TROUBLES
+    for line in [*lines[:SHOWN_TROUBLES], *([f"and {left} more, all of them in the report"] if left > 0 else [])]:
+        console.print(escape(line), highlight=False, soft_wrap=True)
 
 
 def add_step_summary(out: Path) -> None:
@@ -208,8 +213,10 @@ def open_progress(console: Console) -> Iterator[Any]:
         def update_bar(event: Event) -> None:
             bar.update(task, total=event.total, completed=event.done, description=escape(event.label))
             if event.verdict not in ("ok", "within", "skipped") or not console.is_terminal:
-                sign = SIGNS.get(event.verdict, "✓")
-                line = f"[{COLOURS.get(event.verdict, 'green')}]{sign} {escape(event.label)}[/] {escape(event.message)}"
+                sign = SIGNS.get(event.verdict, COMPUTED)
+                line = (
+                    f"[{COLOURS.get(event.verdict, 'default')}]{sign} {escape(event.label)}[/] {escape(event.message)}"
+                )
                 console.print(line, highlight=False, soft_wrap=True)
 
         yield update_bar

@@ -193,7 +193,7 @@ def test_no_line_of_the_overview_is_cut_off() -> None:
 
 def asked(models: Path, names: tuple[str, ...] = (), studies: str | None = None) -> list[str]:
     """The studies of a run."""
-    work, _ = RunSelection(names, models, "*", studies, "", False, 1, 60.0, None, (), False).prepare_work(
+    work = RunSelection(names, models, "*", studies, "", False, 1, 60.0, None, (), False).prepare_work(
         lambda line: None
     )
     return [study.name for study in work.studies]
@@ -253,7 +253,7 @@ def test_one_model_that_cannot_be_read_ends_no_other_and_is_named_with_its_reaso
     said = " ".join(done.output.split())
     assert done.exit_code == 2
     assert "1 model cannot be read (endless)" in said
-    assert "! endless: InputError: " in said
+    assert "! endless model: InputError: " in said
     assert (
         "end_s = 1e+12 and sample_s = 0.005 make 2e+14 samples, expected at most 1e+07; write a shorter end_s" in said
     )

@@ -179,7 +179,7 @@ def test_a_run_tells_it_of_them_with_the_content_of_their_files(root: Path, tmp_
             config=tmp_path / "crosscheck.toml",
             **words,
         )
-        work, _ = run_selection.prepare_work(lambda _: None)
+        work = run_selection.prepare_work(lambda _: None)
         options = {study.name: study.options for study in work.studies}
         assert set(options["robots"]) == {"models"}
         (job,) = options["feedforward"]["engines"]

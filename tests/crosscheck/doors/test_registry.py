@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import json
 import os
+import shlex
 import shutil
+import subprocess
 import sys
 from importlib import metadata
 from pathlib import Path
@@ -208,7 +210,7 @@ def test_there_may_be_nothing_to_trust(project: Path) -> None:
 
 @pytest.mark.slow
 def test_a_program_is_a_full_column(project: Path) -> None:
-    """Judged by its own limit, certified, in JUnit, in pytest and exported; its mistake is named and repaired."""
+    """Judged by its own limit, certified, in JUnit and in pytest; its mistake is named and repaired."""
     (project / "crosscheck.toml").write_text(PROGRAM)
     results = run("--engines", "flexinv,mine", "--trust-commands", code=0)
     judged = {c.quantity: c for c in results.comparisons if c.engine == "mine"}
@@ -227,9 +229,30 @@ def test_a_program_is_a_full_column(project: Path) -> None:
     assert result.named[0]["cause"] == "viscous damping"
     assert result.repaired is not None
     assert result.repaired < 1e-9
+
+
+def test_a_program_of_the_user_is_exported_with_what_runs_it(project: Path) -> None:
+    """The folder names no script that is not there; the command that is printed gives an answer."""
+    (project / "crosscheck.toml").write_text(PROGRAM)
     done = call("export", "double_pendulum", "--engine", "mine", "--out", "exported")
     assert done.exit_code == 0, done.output
-    assert {f.name for f in Path("exported").iterdir()} == {"kit", "expected.csv", "run.txt", "README.md"}
+    assert {f.name for f in Path("exported").iterdir()} == {"kit", "out", "expected.csv", "run.txt", "README.md"}
+    page = Path("exported/README.md").read_text()
+    assert "run.py" not in page + done.output
+    assert "Needs" not in page
+    assert f"\n    {shlex.join([sys.executable, 'rigid.py', 'kit', 'out'])}\n" in page
+    head, command = done.output.splitlines()
+    assert head == "exported: its program answers the kit there by"
+    subprocess.run(command, shell=True, check=True, cwd="/")
+    answer, expected = (Path("exported", name).read_text().splitlines() for name in ("out/series.csv", "expected.csv"))
+    assert len(answer) == len(expected)
+
+
+def test_records_and_fmus_are_not_exported(project: Path) -> None:
+    (project / "models" / "double_pendulum" / "records" / "adams").mkdir(parents=True)
+    assert collect_doors(project / "models").engines["adams"].exports is False
+    done = call("export", "double_pendulum", "--engine", "adams")
+    assert (done.exit_code, "there is no export for adams" in done.output) == (2, True)
 
 
 @pytest.mark.slow

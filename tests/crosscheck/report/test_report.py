@@ -311,6 +311,7 @@ def test_what_is_gone_idle_or_changed_is_said_in_every_format(night: Night, tmp_
     difference = {"night": "2026-02-28", "started": "", "values": [moved], "models": ["arm/swing"], "vanished": ["a"]}
     difference |= {"versions": [{"package": "mujoco", "before": "4.0", "after": "4.1"}], "appeared": [], "slower": []}
     known = {"reason": "looked at", "date": NOW, "versions": {}, "gone": ("arm swing mujoco flexinv tip m",)}
+    known |= {"gone_keys": (("arm", "swing", "mujoco", "flexinv", "tip", "m"),)}
     case = CaseRow("arm", "swing", unused_limits=("twist, engines mujocco",))
     results = Results(
         NOW, finished=True, cases=(case,), baseline=known, changes=difference, comparisons=(row("within"),)
@@ -319,13 +320,20 @@ def test_what_is_gone_idle_or_changed_is_said_in_every_format(night: Night, tmp_
     render(results, tmp_path)
     page, text = Page(tmp_path / "index.html").text, (tmp_path / "summary.md").read_text()
     for said in (page, text):
-        assert "Since 2026-02-28: 1 new deviation, 1 comparison moved, 1 version changed, 1 model changed" in said
-        assert "arm swing mujoco flexinv tip m" in said
+        assert "Since 2026-02-28: 1 new deviation, 1 comparison moved, 1 version changed (mujoco)" in said
+        assert "1 model changed (arm/swing)" in said
+        assert "arm/swing: mujoco is not compared any more; 1 comparison is blessed (tip); bring it back, or " in said
         assert "twist, engines mujocco" in said
         assert "1 blessed comparison is gone" in said
     assert "4.1" in page
+    (tmp_path / "trends").mkdir()
+    (tmp_path / "trends" / "index.html").touch()
+    render(results, tmp_path)
+    assert "looked at. All nights" in Page(tmp_path / "index.html").text
     tree = ET.fromstring((tmp_path / "junit.xml").read_bytes())
-    assert [c.get("name") for c in tree.iter("testcase")] == ["arm swing mujoco flexinv tip m"]
+    assert [(c.get("classname"), c.get("name")) for c in tree.iter("testcase")] == [
+        ("arm/swing", "blessed comparisons")
+    ]
     assert len(list(tree.iter("failure"))) == 1
 
 

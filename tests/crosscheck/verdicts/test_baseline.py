@@ -15,11 +15,13 @@ from click.testing import CliRunner, Result
 
 from crosscheck import output_folder as owned
 from crosscheck.cli import main
+from crosscheck.report import words
 from crosscheck.verdicts import baseline
 from crosscheck.verdicts import results as store
 from crosscheck.verdicts.baseline import Baseline, BaselineError
 from crosscheck.verdicts.compare import Comparison
-from crosscheck.verdicts.results import CaseRow, Results
+from crosscheck.verdicts.results import CaseRow, Results, RunRow
+from crosscheck.verdicts.scope import Scope
 
 ROW = Comparison("arm", "swing", "mujoco", "flexinv", "torque", "N m", "within", "", 2e-4, 1e-4, 1.0, limit=1e-3)
 SMALL = replace(ROW, quantity="tip", unit="m", maximum=3e-14, limit=1e-12)
@@ -85,15 +87,47 @@ def test_what_deviates_is_skipped_or_has_no_limit_is_left_as_it_is() -> None:
 
 def test_what_is_no_longer_compared_is_missed_after_a_run_over_everything() -> None:
     known = Baseline({baseline.make_comparison_key(ROW): 1e-3, baseline.make_comparison_key(SMALL): 1e-13})
-    assert baseline.apply(night(ROW), known, whole=False).exit_code == 0
-    whole = baseline.apply(night(ROW), known, whole=True)
+    assert baseline.apply(night(ROW), known, None).exit_code == 0
+    whole = baseline.apply(night(ROW), known, Scope())
     assert whole.baseline["gone"] == ("arm swing mujoco flexinv tip m",)
     assert whole.exit_code == 1
 
 
+@pytest.mark.parametrize(
+    ("scope", "expected"),
+    [
+        (Scope(), True),
+        (Scope(engines=("mujoco", "flex*")), True),
+        (Scope(names=("l*", "arm/swing")), True),
+        (Scope(engines=("pinocchio", "flexinv")), False),
+        (Scope(engines=("mujoco", "pinocchio")), False),  # its reference is not asked
+        (Scope(names=("arm/turn", "leg")), False),
+    ],
+)
+def test_a_model_that_is_not_there_any_more_is_missed_by_all_who_ask_for_it(
+    scope: Scope, expected: bool, bless: Callable[..., Result], tmp_path: Path
+) -> None:
+    """Its folder was moved away: whatever the command line leaves out is not missed, and blessing agrees to the loss."""
+    left = replace(night(replace(ROW, mechanism="leg")), cases=(CaseRow("leg", "swing"),))
+    assert bless(night(ROW)).exit_code == 0
+    judged = baseline.apply(left, baseline.read(tmp_path / "baseline"), scope)
+    assert list(judged.baseline["gone_keys"]) == [baseline.make_comparison_key(ROW)] * expected
+    said = "arm/swing: not there any more; 1 comparison is blessed (mujoco); bring it back, or crosscheck bless"
+    assert [line.startswith(said) for line in words.describe_gone(judged)] == [True] * expected
+    assert f"{int(expected)} dropped" in bless(judged).output
+
+
+def test_what_failed_or_cannot_be_read_says_so_itself_and_keeps_its_blessed_value() -> None:
+    known = blessed(1e-3)
+    unread = night(cases=(CaseRow("arm", "", problem="links = ["),))
+    failed = night(runs=(RunRow("arm", "swing", "flexinv", "error", "killed"),))
+    assert [baseline.list_missing_keys(one, known, Scope()) for one in (unread, failed)] == [[], []]
+    assert baseline.list_missing_keys(night(), known, Scope()) == [baseline.make_comparison_key(ROW)]
+
+
 def test_blessing_a_run_over_everything_drops_what_is_gone(bless: Callable[..., Result], tmp_path: Path) -> None:
     assert bless(night(ROW, SMALL)).exit_code == 0
-    whole = baseline.apply(night(ROW), baseline.read(tmp_path / "baseline"), whole=True)
+    whole = baseline.apply(night(ROW), baseline.read(tmp_path / "baseline"), Scope())
     assert "1 dropped" in bless(whole).output
     assert list(baseline.read(tmp_path / "baseline").fractions) == [baseline.make_comparison_key(ROW)]
 
@@ -155,10 +189,10 @@ def test_bless_writes_what_is_inside_its_limit_and_lists_the_rest(bless: Callabl
 
 def test_a_regression_can_be_blessed_and_is_then_within(bless: Callable[..., Result], tmp_path: Path) -> None:
     assert bless(night(replace(ROW, maximum=1e-5))).exit_code == 0
-    worse = baseline.apply(night(ROW), baseline.read(tmp_path / "baseline"), whole=True)
+    worse = baseline.apply(night(ROW), baseline.read(tmp_path / "baseline"), Scope())
     assert worse.exit_code == 1
     assert bless(worse).exit_code == 0
-    assert baseline.apply(night(ROW), baseline.read(tmp_path / "baseline"), whole=True).exit_code == 0
+    assert baseline.apply(night(ROW), baseline.read(tmp_path / "baseline"), Scope()).exit_code == 0
 
 
 def test_bless_refuses_a_run_that_has_not_finished_and_an_empty_reason(bless: Callable[..., Result]) -> None:

@@ -14,6 +14,7 @@ from crosscheck.verdicts import changes, history
 from crosscheck.verdicts.compare import Comparison
 from crosscheck.verdicts.history import HistoryError, Metric
 from crosscheck.verdicts.results import CaseRow, Diagnosis, Results, RunRow
+from crosscheck.verdicts.scope import Scope
 
 ROW = Comparison("arm", "swing", "mujoco", "flexinv", "torque", "N m", "within", "", 2e-4, 1e-4, 1.0, limit=1e-3)
 RUN = RunRow("arm", "swing", "mujoco", "ok", version="4.0", wall_time=2.0, elapsed=3.0, model_hash="aa")
@@ -116,7 +117,7 @@ def difference(database: sql.Engine, after: Results) -> dict[str, object]:
     number = history.add_night(database, after, "2026-03-02")
     before = changes.find_previous_night(database, number)
     assert before is not None
-    return changes.collect_changes(database, before, number)
+    return changes.collect_changes(database, before, number, Scope())
 
 
 def test_nothing_changed(database: sql.Engine) -> None:
@@ -137,8 +138,8 @@ def test_values_versions_models_and_times_that_changed_are_named(database: sql.E
     assert result["appeared"] == ["arm/swing mujoco against flexinv: tip [m]"]
     assert result["slower"] == [{"run": "arm swing mujoco", "before": 2.0, "after": 5.0}]
     assert change_summary.describe_changes(result) == (
-        "Since 2026-03-01: 1 new deviation, 1 comparison moved, 1 version changed, 1 model changed, 1 comparison appeared, "
-        "1 run slower."
+        "Since 2026-03-01: 1 new deviation, 1 comparison moved, 1 version changed (mujoco), 1 model changed (arm/swing), "
+        "1 comparison appeared, 1 run slower."
     )
 
 
@@ -153,7 +154,7 @@ def test_causes_that_came_and_went_are_named_where_the_engine_ran_in_both(databa
     number = history.add_night(database, later(2, diagnoses=tuple(after), comparisons=(ROW, new)), "new")
     before = changes.find_previous_night(database, number)
     assert before is not None
-    result = changes.collect_changes(database, before, number)
+    result = changes.collect_changes(database, before, number, Scope())
     assert [(c["what"], c["name"]) for c in result["causes"]] == [
         ("appeared", "arm/swing mujoco against flexinv: rotor inertia (hub)"),
         ("vanished", "arm/swing mujoco against flexinv: gravity"),
@@ -177,9 +178,18 @@ def test_what_vanished_is_named_where_its_engine_ran(database: sql.Engine) -> No
     number = history.add_night(database, later(2), "b")
     before = changes.find_previous_night(database, number)
     assert before is not None
-    assert changes.collect_changes(database, before, number)["vanished"] == [
+    assert changes.collect_changes(database, before, number, Scope())["vanished"] == [
         "arm/swing mujoco against flexinv: tip [m]"
     ]
+
+
+def test_a_model_that_was_moved_away_has_vanished_unless_the_night_leaves_it_out(database: sql.Engine) -> None:
+    history.add_night(database, replace(FIRST, comparisons=(ROW, replace(ROW, mechanism="leg"))), "a")
+    number = history.add_night(database, later(2), "b")
+    before = changes.find_previous_night(database, number)
+    assert before is not None
+    for scope, lost in ((Scope(), ["leg/swing mujoco against flexinv: torque [N m]"]), (Scope(("arm",)), [])):
+        assert changes.collect_changes(database, before, number, scope)["vanished"] == lost
 
 
 def test_the_night_before_is_the_last_ordinary_one_that_finished(database: sql.Engine) -> None:
