@@ -15,7 +15,7 @@ from crosscheck.identification.readings import Machine, Run
 from crosscheck.identification.settings import LimitTable, list_matching_names
 from crosscheck.identification.table import Row
 from crosscheck.report import render
-from crosscheck.report.words import format_short
+from crosscheck.report.words import format_apart, format_interval
 from crosscheck.verdicts.results import Results, StudyRow, describe_machine, format_current_time, list_versions, write
 from crosscheck.verdicts.study_table import Curve, Line, SideTable, StudyFigure
 from flexinv.typing import Array
@@ -46,17 +46,20 @@ SCATTER = (
 )
 STEADY = "From block to block the estimates scatter no more than the formula says."
 WIDER = 1.05  # times in variance: less is rounded away
-UNJUDGED = """
-
-No limit is stated, so that nothing is judged: write [[limits]] into identify.toml, and give a log that is held out."""
+UNJUDGED = "\n\nNo limit is stated, so that nothing is judged: write [[limits]] into identify.toml"
+UNHELD = ", and give a log that is held out"
 
 
 def write_page(
-    identification: Identification, causes: Sequence[tuple[str, CauseFindings]], command: str, out: Path
+    identification: Identification,
+    causes: Sequence[tuple[str, CauseFindings]],
+    command: str,
+    out: Path,
+    elapsed: float,
 ) -> Results:
     """Write index.html, the page of the study, results.json, junit.xml and summary.md into a folder; return the results [-].
 
-    causes : name of a log and what it shows beside the model
+    causes : name of a log and what it shows beside the model; elapsed : time that all of it took [s]
     """
     study = build_study_row(identification, causes)
     results = Results(
@@ -66,6 +69,7 @@ def write_page(
         machine=describe_machine(),
         versions=list_versions(),
         studies=(study,),
+        elapsed=elapsed,
     )
     write(results, out / "results.json")
     render(results, out)
@@ -79,7 +83,7 @@ def build_study_row(identification: Identification, causes: Sequence[tuple[str, 
     scatter = SCATTER.format(identification.fit.kappa) if identification.fit.kappa > WIDER else STEADY
     bandwidth = identification.machine.settings.bandwidth_Hz
     text = TEXT.format(count=told, all=len(identification.parameters), bandwidth=bandwidth, scatter=scatter)
-    text = text.replace("\n", " ") + ("" if identification.machine.settings.limits else UNJUDGED)
+    text = text.replace("\n", " ") + _describe_missing_judges(identification)
     figures = [*_list_band_figures(identification), *_list_spectrum_figures(identification)]
     tables = [
         _build_told_table(identification.parameters),
@@ -100,6 +104,13 @@ def build_study_row(identification: Identification, causes: Sequence[tuple[str, 
         heading="How well the logs are explained",
         gist=describe_gist(identification),
     )
+
+
+def _describe_missing_judges(identification: Identification) -> str:
+    """The words that say which judges are missing, "" where limits judge."""
+    if identification.machine.settings.limits:
+        return ""
+    return f"{UNJUDGED}{'' if identification.held else UNHELD}."
 
 
 def judge_channel(limits: Sequence[LimitTable], row: ChannelJudgement) -> tuple[str, str]:
@@ -246,10 +257,10 @@ def _build_parameter_table(title: str, table: Sequence[Row]) -> SideTable:
         {
             "parameter": row.parameter,
             "place": row.place,
-            "value": row.value,
-            "interval": f"{format_short(row.low)} to {format_short(row.high)}",
+            "value": format_apart(row.value, row.high - row.low),
+            "interval": format_interval(row.low, row.high),
             "before": row.before,
-            "known": f"{format_short(row.before_low)} to {format_short(row.before_high)}",
+            "known": format_interval(row.before_low, row.before_high),
             "ratio": (row.high - row.low) / max(row.before_high - row.before_low, 1e-300),
             "unit": row.unit,
         }

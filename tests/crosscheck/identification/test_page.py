@@ -13,6 +13,7 @@ import uncut
 
 import crosscheck
 from crosscheck.identification.page import write_page
+from crosscheck.verdicts.results import read
 
 page = pytest.fixture(scope="module")(chromium.lend_page)
 
@@ -25,7 +26,7 @@ def out(tmp_path_factory: pytest.TempPathFactory) -> Path:
         logged_arm.frame(folder, seed).to_csv(folder / f"{name}.csv", index=False)
     found = crosscheck.identify(folder, [folder / "one.csv"], [folder / "two.csv"])
     (base / "out").mkdir()
-    write_page(found, [], "crosscheck identify arm", base / "out")
+    write_page(found, [], "crosscheck identify arm", base / "out", 12.34)
     return base / "out"
 
 
@@ -37,6 +38,16 @@ def test_parameters_come_first_then_how_well_logs_are_explained(out: Path) -> No
     first = text.split("<h2>Parameters before and after", 1)[1].split("<h2>How well the logs", 1)[0]
     assert "viscous friction" in first
     assert "Ixy" not in first  # that of the upper arm no torque shows: it stands further below
+
+
+def test_intervals_show_their_width(out: Path) -> None:
+    """Two digits made "4 to 4" of the interval of a friction that the log tells well."""
+    rows = read(out / "results.json").studies[0].tables[0]["rows"]
+    assert len(rows) > 5
+    for row in rows:
+        low, high = row["interval"].split(" to ")
+        assert low != high
+        assert float(low) <= float(row["value"]) <= float(high)
 
 
 def test_the_numbers_of_every_picture_lie_beside_it(out: Path) -> None:
