@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
+from crosscheck import output_folder as owned
 from crosscheck.identification.bands import ChannelJudgement, Prediction
 from crosscheck.identification.card import describe_gist
 from crosscheck.identification.causes.name_causes import CauseFindings
@@ -16,10 +19,20 @@ from crosscheck.identification.settings import LimitTable, list_matching_names
 from crosscheck.identification.table import Row
 from crosscheck.report import render
 from crosscheck.report.words import format_apart, format_interval
-from crosscheck.verdicts.results import Results, StudyRow, describe_machine, format_current_time, list_versions, write
+from crosscheck.verdicts.results import (
+    Results,
+    StudyRow,
+    describe_machine,
+    format_current_time,
+    list_versions,
+    make_slug,
+    write,
+)
 from crosscheck.verdicts.study_table import Curve, Line, SideTable, StudyFigure
+from flexinv.display.curve_table import DrawnCurve, render_curves
 from flexinv.typing import Array
 
+MOST_LETTERS = 80  # of a file's name
 POINTS = 800  # of a curve: what a screen shows
 FREQUENCIES = 400
 COLUMNS = (
@@ -72,6 +85,7 @@ def write_page(
         elapsed=elapsed,
     )
     write(results, out / "results.json")
+    _write_figure_tables(identification, out / "data" / make_slug(study.name))
     render(results, out)
     return results
 
@@ -84,7 +98,6 @@ def build_study_row(identification: Identification, causes: Sequence[tuple[str, 
     bandwidth = identification.machine.settings.bandwidth_Hz
     text = TEXT.format(count=told, all=len(identification.parameters), bandwidth=bandwidth, scatter=scatter)
     text = text.replace("\n", " ") + _describe_missing_judges(identification)
-    figures = [*_list_band_figures(identification), *_list_spectrum_figures(identification)]
     tables = [
         _build_told_table(identification.parameters),
         _build_cause_table(causes),
@@ -99,7 +112,7 @@ def build_study_row(identification: Identification, causes: Sequence[tuple[str, 
         text,
         COLUMNS,
         tuple(_list_channel_rows(identification)),
-        figures=tuple(figures),
+        figures=tuple(figure.build_drawing(k) for k, figure in enumerate(_list_figures(identification), 1)),
         tables=tuple(tables),
         heading="How well the logs are explained",
         gist=describe_gist(identification),
@@ -143,55 +156,83 @@ def _list_channel_rows(identification: Identification) -> Iterator[Line]:
 # ------------------------------------------------------------------------------------------------------------ figures
 
 
-def _list_band_figures(identification: Identification) -> Iterator[StudyFigure]:
-    """One figure per sensor of each log held out, or of the first one."""
-    for run, told in identification.held or identification.shown[:1]:
-        yield from _list_band_figures_of_log(identification, run, told)
+def _write_figure_tables(identification: Identification, folder: Path) -> None:
+    """Write the numbers of every figure as CSV, with all samples and all digits [unit in each header]."""
+    for k, figure in enumerate(_list_figures(identification), 1):
+        folder.mkdir(parents=True, exist_ok=True)
+        owned.write(folder / f"{figure.build_table_name(k)}.csv", render_curves(figure.list_columns()))
 
 
-def _list_band_figures_of_log(identification: Identification, run: Run, told: Prediction) -> Iterator[StudyFigure]:
-    every = max(1, len(run.time) // POINTS)
-    time = run.time[::every].round(4).tolist()
+@dataclass(frozen=True)
+class LogFigure:
+    """A figure of a log with all its numbers: words of the axes, places and curves by name (points,) [units of the axes].
+
+    shown : what is drawn, in the names of file and columns; most : points of a curve that are drawn
+    """
+
+    log: str
+    shown: str
+    title: str
+    x: str
+    y: str
+    places: Array
+    curves: Mapping[str, Array]
+    most: int
+
+    def list_columns(self) -> Iterator[DrawnCurve]:
+        """Yield the columns of its CSV file, with all samples [unit in each name]."""
+        for name, values in self.curves.items():
+            yield DrawnCurve(self.x, f"{self.log}, {name}: {self.y}", self.places, values)
+
+    def build_table_name(self, number: int) -> str:
+        """Return the name of its CSV file [-], with its number on the page: two logs may have one name."""
+        return f"{number}_{re.sub('[^A-Za-z0-9]+', '_', f'{self.log} {self.shown}')[:MOST_LETTERS].strip('_')}"
+
+    def build_drawing(self, number: int) -> StudyFigure:
+        """Return as much of it as the page draws [units of the axes]."""
+        every = max(1, len(self.places) // self.most)
+        places = self.places[::every].round(4).tolist()
+        curves: dict[str, Curve] = {n: {"x": places, "y": _drop_digits(v[::every])} for n, v in self.curves.items()}
+        table = self.build_table_name(number)
+        return {"title": self.title, "x": self.x, "y": self.y, "curves": curves, "table": table}
+
+
+def _list_figures(identification: Identification) -> list[LogFigure]:
+    """Figures of the logs held out, or of the first one: every sensor over time, then the spectra of what remains."""
+    logs = identification.held or identification.shown[:1]
+    bands = [figure for run, told in logs for figure in _list_band_figures(identification, run, told)]
+    spectra = [
+        _build_spectrum_figure(identification, run, told, run.measured)
+        for run, told in logs
+        if run.measured is not None
+    ]
+    return [*bands, *spectra]
+
+
+def _list_band_figures(identification: Identification, run: Run, told: Prediction) -> Iterator[LogFigure]:
+    held = "held out" if identification.held else "which identified"
     for c, channel in enumerate(identification.machine.channels):
-        lines = {} if run.measured is None else {"measured": run.measured[:, c]}
-        lines |= {"predicted": told.value[:, c], "low": told.low[:, c], "high": told.high[:, c]}
-        curves: dict[str, Curve] = {n: {"x": time, "y": _drop_digits(v[::every])} for n, v in lines.items()}
-        held = "held out" if identification.held else "which identified"
-        yield {
-            "title": f"{channel.name}: {run.name}, {held}",
-            "x": "time [s]",
-            "y": f"{channel.name} [{channel.unit}]",
-            "curves": curves,
-        }
+        curves = {} if run.measured is None else {"measured": run.measured[:, c]}
+        curves |= {"predicted": told.value[:, c], "low": told.low[:, c], "high": told.high[:, c]}
+        title = f"{channel.name}: {run.name}, {held}"
+        y = f"{channel.name} [{channel.unit}]"
+        yield LogFigure(run.name, channel.name, title, "time [s]", y, run.time, curves, POINTS)
 
 
-def _list_spectrum_figures(identification: Identification) -> Iterator[StudyFigure]:
-    """Amplitude spectra of what remains of each log held out, or of the first one, each over the RMS of what was measured."""
-    for run, told in identification.held or identification.shown[:1]:
-        if run.measured is not None:
-            yield _build_spectrum_figure(identification, run, told, run.measured)
-
-
-def _build_spectrum_figure(identification: Identification, run: Run, told: Prediction, measured: Array) -> StudyFigure:
+def _build_spectrum_figure(identification: Identification, run: Run, told: Prediction, measured: Array) -> LogFigure:
+    """Amplitude spectra of what remains of a log, each over the RMS of what was measured."""
     spacing = float(run.time[1] - run.time[0])
-    frequency = np.fft.rfftfreq(len(run.time), spacing)
+    frequency = np.asarray(np.fft.rfftfreq(len(run.time), spacing), dtype=np.float64)
     kept = frequency <= 1.5 * identification.machine.settings.bandwidth_Hz
-    every = max(1, int(kept.sum()) // FREQUENCIES)
-    curves: dict[str, Curve] = {}
+    curves = {}
     for c, channel in enumerate(identification.machine.channels):
         rest = np.where(run.counted[:, c], measured[:, c] - told.value[:, c], 0.0)
         whole = np.where(run.counted[:, c], measured[:, c], 0.0)
         amplitude = 2.0 * np.abs(np.fft.rfft(rest * np.hanning(len(rest)))) / max(1.0, 0.5 * run.counted[:, c].sum())
-        curves[channel.name] = {
-            "x": frequency[kept][::every].round(4).tolist(),
-            "y": _drop_digits(amplitude[kept][::every] / (np.std(whole[run.counted[:, c]]) + 1e-300)),
-        }
-    return {
-        "title": f"What remains, by frequency: {run.name}",
-        "x": "frequency [Hz]",
-        "y": "amplitude over spread of the reading [-]",
-        "curves": curves,
-    }
+        curves[channel.name] = amplitude[kept] / (np.std(whole[run.counted[:, c]]) + 1e-300)
+    title = f"What remains, by frequency: {run.name}"
+    y = "amplitude over spread of the reading [-]"
+    return LogFigure(run.name, "what remains", title, "frequency [Hz]", y, frequency[kept], curves, FREQUENCIES)
 
 
 def _drop_digits(values: Array) -> list[float]:

@@ -50,15 +50,35 @@ def test_intervals_show_their_width(out: Path) -> None:
         assert float(low) <= float(row["value"]) <= float(high)
 
 
+def read_exactly(file: Path) -> pd.DataFrame:
+    """Return a table with every digit of its numbers, as Python reads them."""
+    return pd.read_csv(file, dtype=str).map(float)
+
+
 def test_the_numbers_of_every_picture_lie_beside_it(out: Path) -> None:
     files = re.findall(r'href="(data/[^"]+\.csv)" download', (out / "index.html").read_text())
-    tables = [pd.read_csv(out / file) for file in files]
+    names = ["1_two_csv_torque_shoulder", "2_two_csv_torque_elbow", "3_two_csv_what_remains"]
+    assert [Path(file).stem for file in files] == names
+    tables = [read_exactly(out / file) for file in files]
     assert [list(table)[:2] for table in tables[:2]] == [
-        ["time [s]", f"measured: torque/{joint} [N m]"] for joint in ("shoulder", "elbow")
+        ["time [s]", f"two.csv, measured: torque/{joint} [N m]"] for joint in ("shoulder", "elbow")
     ]
     assert next(iter(tables[2])) == "frequency [Hz]"
-    assert len(tables) == 3
     assert not any(table.isna().any(axis=None) for table in tables)
+
+
+def test_the_numbers_are_all_samples_of_the_log_with_all_digits(out: Path) -> None:
+    """The page draws every second sample with five digits, and their files had no more."""
+    log = read_exactly(out.parent / "arm" / "two.csv")
+    drawn = read(out / "results.json").studies[0].figures[1]
+    file = next(out.glob(f"data/*/{drawn['table']}.csv"))
+    table = read_exactly(file)
+    assert list(table["time [s]"]) == list(log["time_s"])
+    predicted = drawn["curves"]["predicted"]
+    every = table["two.csv, predicted: torque/elbow [N m]"][:: len(log) // len(predicted["x"])]
+    assert 400 < len(predicted["x"]) < len(log)
+    assert predicted["y"] == [float(f"{value:.5g}") for value in every]
+    assert (predicted["y"] != every).mean() > 0.9
 
 
 @pytest.mark.browser
