@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+import time as clock
 from pathlib import Path
 
 import click
@@ -26,7 +27,7 @@ from crosscheck.identification.page import write_page
 from crosscheck.identification.propose import format_identify_toml
 from crosscheck.identification.settings import FILE
 from crosscheck.identification.write_back import write_urdf
-from crosscheck.report.words import format_short
+from crosscheck.report.words import format_by_width, format_interval, format_short
 from flexinv.errors import FlexinvError, InputError
 from flexinv.files.header_words import find_time_column, find_time_unit
 from flexinv.files.load_mechanism import load_mechanism
@@ -87,6 +88,7 @@ def command(
 
     identify.toml beside mechanism.toml says which column is what, which parameters are free, and what is known of them.
     """
+    begun = clock.perf_counter()
     console = Console()
     folder = out or Path("reports") / "identify" / name
     source = models / name
@@ -96,7 +98,9 @@ def command(
     try:
         with owned.open_report_folder(folder):
             owned.make_listed_folder(folder)  # what is written first is ours, too: the next run may write over it
-            identification = identify(source, _resolve_log_paths(source, logs), _resolve_log_paths(source, hold_out))
+            given = _resolve_log_paths(source, logs)
+            held = _resolve_log_paths(source, hold_out)
+            identification = identify(source, given, held)
             write_parameters(identification.parameters, owned.add_to_folder_list(folder / "parameters.csv"))
             write_judged(identification.seen, identification.judged, owned.add_to_folder_list(folder / "judged.csv"))
             write_identified(
@@ -108,20 +112,17 @@ def command(
             _write_parameters(console, identification)
             if urdf is not None:
                 _write_urdf(console, identification, urdf)
-            given = _resolve_log_paths(source, logs)
-            doubtful = _list_logs_in_question(identification, given, _resolve_log_paths(source, hold_out), asked)
+            doubtful = _list_logs_in_question(identification, given, held, asked)
             causes = _find_causes(console, identification, doubtful, asked)
             if count is not None:
-                log = read_of(identification.machine, _resolve_log_paths(source, logs[:1])[0])
+                log = read_of(identification.machine, given[0])
                 _write_table(console, f"{count} blocks in turn", judge_blocks(read_machine(source), log, count))
             if seconds is not None:
-                log = read_of(identification.machine, _resolve_log_paths(source, logs[:1])[0])
-                _write_proposed_motion(
-                    console,
-                    find_exciting_motion(identification.machine, identification.fit, log, seconds),
-                    folder,
-                )
-            results = write_page(identification, causes, " ".join(sys.argv[1:]), folder)
+                log = read_of(identification.machine, given[0])
+                proposal = find_exciting_motion(identification.machine, identification.fit, log, seconds)
+                _write_proposed_motion(console, proposal, folder)
+            took = clock.perf_counter() - begun
+            results = write_page(identification, causes, " ".join(sys.argv[1:]), folder, took)
     except (FlexinvError, OSError) as error:
         raise Failure(str(error)) from error
     console.print(f"page: {folder / 'index.html'}", highlight=False, soft_wrap=True)
@@ -188,8 +189,9 @@ def _write_parameters(console: Console, identification: Identification) -> None:
     )
     table = Table("parameter", "place", "value", "90 % interval", "before", "unit", box=None, header_style="dim")
     for row in told:
-        interval = f"{format_short(row.low)} to {format_short(row.high)}"
-        table.add_row(row.parameter, row.place, format_short(row.value), interval, format_short(row.before), row.unit)
+        value = format_by_width(row.value, row.high - row.low)
+        interval = format_interval(row.low, row.high)
+        table.add_row(row.parameter, row.place, value, interval, format_short(row.before), row.unit)
     console.print(table)
     _write_table(console, "logs that identify", identification.seen)
     if identification.judged:

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from crosscheck.identification.estimation.fit import STEP, Fit, Problem
 from crosscheck.identification.filters import low_pass
-from crosscheck.identification.readings import Machine, Run, compute_friction, compute_readings
+from crosscheck.identification.readings import Machine, Run, compute_friction_reading, compute_readings
 from flexinv.typing import Array
 
 NOMINAL = 0.9
@@ -183,9 +183,9 @@ def _compute_run_scatter(machine: Machine, fit: Fit, run: Run) -> Array:
             columns.append(np.zeros(len(run.time)))
             continue
         v = run.motion.qd[:, run.motion.names.index(channel.place)]
-        took = np.abs(compute_friction(machine, channel.place, v, values)) / channel.ratio
+        took = np.abs(compute_friction_reading(machine, channel, v, values))
         still = machine.settings.still_rad_per_s
-        dry = float(np.abs(compute_friction(machine, channel.place, np.array([still]), values))[0]) / channel.ratio
+        dry = float(np.abs(compute_friction_reading(machine, channel, np.array([still]), values))[0])
         stands = low_pass((np.abs(v) <= still).astype(float), spacing, machine.settings.bandwidth_Hz)
         columns.append(machine.settings.between_runs * took + np.clip(stands, 0.0, 1.0) * dry / NORMAL)
     return np.column_stack(columns)

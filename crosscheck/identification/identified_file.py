@@ -18,7 +18,7 @@ from crosscheck import output_folder as owned
 from crosscheck.identification.identify import Identification
 from crosscheck.identification.response import compute_link_inertias, turn_gravity
 from crosscheck.identification.table import Row
-from crosscheck.report.words import format_short
+from crosscheck.report.words import format_by_width, format_interval, format_short
 from flexinv.files.joints import DRIVES
 from flexinv.files.load_mechanism import read_layers
 from flexinv.model.mechanism import SPRING, Mechanism
@@ -87,9 +87,11 @@ def write_identified(identification: Identification, base: Path, file: Path) -> 
 
 def _describe_row(row: Row) -> str:
     told = "" if row.identifiable else ", not told by the logs"
-    return (
-        f"90 %: {format_short(row.low)} to {format_short(row.high)} {row.unit}; before {format_short(row.before)}{told}"
-    )
+    return f"90 %: {format_interval(row.low, row.high)} {row.unit}; before {format_short(row.before)}{told}"
+
+
+def _format_row_value(row: Row) -> str:
+    return format_by_width(row.value, row.high - row.low)
 
 
 def _fill_link_tables(
@@ -126,7 +128,7 @@ def _fill_joint_tables(layer: Layer, rows: Mapping[Any, Row], tables: Tables) ->
             )
         elif kind in JOINTS and (found := _find_joint_key(layer, kind, place)) is not None:
             name, key, ratio = found
-            words = _describe_row(row) if ratio == 1.0 else f"at the joint {format_short(row.value)} {row.unit}, "
+            words = _describe_row(row) if ratio == 1.0 else f"at the joint {_format_row_value(row)} {row.unit}, "
             words += "" if ratio == 1.0 else _describe_row(row)
             before, others = tables.setdefault(name, {}).get(key, (0.0, ""))  # damping may be one of two laws
             tables[name][key] = (before + row.value / ratio, f"{others}; {words}" if others else words)
@@ -208,7 +210,7 @@ def _apply_to_section(section: dict[str, tuple[Any, str]], kind: str, row: Row) 
     scaled = {"GJ_Nm2"} if kind == "torsion stiffness" else OF_SECTION | {"damping_matrix"}
     for key in scaled & section.keys():
         before = f"{section[key][1]}; " if section[key][1] else ""
-        words = f"{before}times {format_short(row.value)}; {_describe_row(row)}"
+        words = f"{before}times {_format_row_value(row)}; {_describe_row(row)}"
         section[key] = (_scale_value(section[key][0], row.value), words)
 
 
@@ -245,7 +247,7 @@ def _fill_load_tables(
         if kind == "spring force":
             for key in SCALED & data["springs"][place].keys():
                 value = _scale_value(data["springs"][place][key], row.value)
-                words = f"times {format_short(row.value)}; {_describe_row(row)}"
+                words = f"times {_format_row_value(row)}; {_describe_row(row)}"
                 tables.setdefault(f"springs.{_format_key(place)}", {})[key] = (value, words)
             yield kind, place
     tilt = {axis: rows.get((f"gravity tilt {axis}", "world")) for axis in "xy"}
@@ -279,7 +281,7 @@ def _format_file_lines(
         yield ""
         yield "# Identified, and no part of a mechanism file: parameters of sensors, and laws that it does not have."
         yield from (
-            f"#   {row.parameter} of {row.place}: {format_short(row.value)} {row.unit}, {_describe_row(row)}"
+            f"#   {row.parameter} of {row.place}: {_format_row_value(row)} {row.unit}, {_describe_row(row)}"
             for row in rest
         )
 

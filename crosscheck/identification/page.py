@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
+from crosscheck import output_folder as owned
 from crosscheck.identification.bands import ChannelJudgement, Prediction
 from crosscheck.identification.card import describe_gist
 from crosscheck.identification.causes.name_causes import CauseFindings
@@ -15,11 +18,21 @@ from crosscheck.identification.readings import Machine, Run
 from crosscheck.identification.settings import LimitTable, list_matching_names
 from crosscheck.identification.table import Row
 from crosscheck.report import render
-from crosscheck.report.words import format_short
-from crosscheck.verdicts.results import Results, StudyRow, describe_machine, format_current_time, list_versions, write
+from crosscheck.report.words import format_by_width, format_interval
+from crosscheck.verdicts.results import (
+    Results,
+    StudyRow,
+    describe_machine,
+    format_current_time,
+    list_versions,
+    make_slug,
+    write,
+)
 from crosscheck.verdicts.study_table import Curve, Line, SideTable, StudyFigure
+from flexinv.display.curve_table import DrawnCurve, render_curves
 from flexinv.typing import Array
 
+MOST_LETTERS = 80  # of a file's name
 POINTS = 800  # of a curve: what a screen shows
 FREQUENCIES = 400
 COLUMNS = (
@@ -46,17 +59,20 @@ SCATTER = (
 )
 STEADY = "From block to block the estimates scatter no more than the formula says."
 WIDER = 1.05  # times in variance: less is rounded away
-UNJUDGED = """
-
-No limit is stated, so that nothing is judged: write [[limits]] into identify.toml, and give a log that is held out."""
+UNJUDGED = "\n\nNo limit is stated, so that nothing is judged: write [[limits]] into identify.toml"
+UNHELD = ", and give a log that is held out"
 
 
 def write_page(
-    identification: Identification, causes: Sequence[tuple[str, CauseFindings]], command: str, out: Path
+    identification: Identification,
+    causes: Sequence[tuple[str, CauseFindings]],
+    command: str,
+    out: Path,
+    elapsed: float,
 ) -> Results:
     """Write index.html, the page of the study, results.json, junit.xml and summary.md into a folder; return the results [-].
 
-    causes : name of a log and what it shows beside the model
+    causes : name of a log and what it shows beside the model; elapsed : time that all of it took [s]
     """
     study = build_study_row(identification, causes)
     results = Results(
@@ -66,8 +82,10 @@ def write_page(
         machine=describe_machine(),
         versions=list_versions(),
         studies=(study,),
+        elapsed=elapsed,
     )
     write(results, out / "results.json")
+    _write_figure_tables(identification, out / "data" / make_slug(study.name))
     render(results, out)
     return results
 
@@ -79,8 +97,7 @@ def build_study_row(identification: Identification, causes: Sequence[tuple[str, 
     scatter = SCATTER.format(identification.fit.kappa) if identification.fit.kappa > WIDER else STEADY
     bandwidth = identification.machine.settings.bandwidth_Hz
     text = TEXT.format(count=told, all=len(identification.parameters), bandwidth=bandwidth, scatter=scatter)
-    text = text.replace("\n", " ") + ("" if identification.machine.settings.limits else UNJUDGED)
-    figures = [*_list_band_figures(identification), *_list_spectrum_figures(identification)]
+    text = text.replace("\n", " ") + _describe_missing_judges(identification)
     tables = [
         _build_told_table(identification.parameters),
         _build_cause_table(causes),
@@ -95,11 +112,18 @@ def build_study_row(identification: Identification, causes: Sequence[tuple[str, 
         text,
         COLUMNS,
         tuple(_list_channel_rows(identification)),
-        figures=tuple(figures),
+        figures=tuple(figure.build_drawing(k) for k, figure in enumerate(_list_figures(identification), 1)),
         tables=tuple(tables),
         heading="How well the logs are explained",
         gist=describe_gist(identification),
     )
+
+
+def _describe_missing_judges(identification: Identification) -> str:
+    """The words that say which judges are missing, "" where limits judge."""
+    if identification.machine.settings.limits:
+        return ""
+    return f"{UNJUDGED}{'' if identification.held else UNHELD}."
 
 
 def judge_channel(limits: Sequence[LimitTable], row: ChannelJudgement) -> tuple[str, str]:
@@ -132,55 +156,83 @@ def _list_channel_rows(identification: Identification) -> Iterator[Line]:
 # ------------------------------------------------------------------------------------------------------------ figures
 
 
-def _list_band_figures(identification: Identification) -> Iterator[StudyFigure]:
-    """One figure per sensor of each log held out, or of the first one."""
-    for run, told in identification.held or identification.shown[:1]:
-        yield from _list_band_figures_of_log(identification, run, told)
+def _write_figure_tables(identification: Identification, folder: Path) -> None:
+    """Write the numbers of every figure as CSV, with all samples and all digits [unit in each header]."""
+    for k, figure in enumerate(_list_figures(identification), 1):
+        folder.mkdir(parents=True, exist_ok=True)
+        owned.write(folder / f"{figure.build_table_name(k)}.csv", render_curves(figure.list_columns()))
 
 
-def _list_band_figures_of_log(identification: Identification, run: Run, told: Prediction) -> Iterator[StudyFigure]:
-    every = max(1, len(run.time) // POINTS)
-    time = run.time[::every].round(4).tolist()
+@dataclass(frozen=True)
+class LogFigure:
+    """A figure of a log with all its numbers: words of the axes, places and curves by name (points,) [units of the axes].
+
+    shown : what is drawn, in the names of file and columns; most : points of a curve that are drawn
+    """
+
+    log: str
+    shown: str
+    title: str
+    x: str
+    y: str
+    places: Array
+    curves: Mapping[str, Array]
+    most: int
+
+    def list_columns(self) -> Iterator[DrawnCurve]:
+        """Yield the columns of its CSV file, with all samples [unit in each name]."""
+        for name, values in self.curves.items():
+            yield DrawnCurve(self.x, f"{self.log}, {name}: {self.y}", self.places, values)
+
+    def build_table_name(self, number: int) -> str:
+        """Return the name of its CSV file [-], with its number on the page: two logs may have one name."""
+        return f"{number}_{re.sub('[^A-Za-z0-9]+', '_', f'{self.log} {self.shown}')[:MOST_LETTERS].strip('_')}"
+
+    def build_drawing(self, number: int) -> StudyFigure:
+        """Return as much of it as the page draws [units of the axes]."""
+        every = max(1, len(self.places) // self.most)
+        places = self.places[::every].round(4).tolist()
+        curves: dict[str, Curve] = {n: {"x": places, "y": _drop_digits(v[::every])} for n, v in self.curves.items()}
+        table = self.build_table_name(number)
+        return {"title": self.title, "x": self.x, "y": self.y, "curves": curves, "table": table}
+
+
+def _list_figures(identification: Identification) -> list[LogFigure]:
+    """Figures of the logs held out, or of the first one: every sensor over time, then the spectra of what remains."""
+    logs = identification.held or identification.shown[:1]
+    bands = [figure for run, told in logs for figure in _list_band_figures(identification, run, told)]
+    spectra = [
+        _build_spectrum_figure(identification, run, told, run.measured)
+        for run, told in logs
+        if run.measured is not None
+    ]
+    return [*bands, *spectra]
+
+
+def _list_band_figures(identification: Identification, run: Run, told: Prediction) -> Iterator[LogFigure]:
+    held = "held out" if identification.held else "which identified"
     for c, channel in enumerate(identification.machine.channels):
-        lines = {} if run.measured is None else {"measured": run.measured[:, c]}
-        lines |= {"predicted": told.value[:, c], "low": told.low[:, c], "high": told.high[:, c]}
-        curves: dict[str, Curve] = {n: {"x": time, "y": _drop_digits(v[::every])} for n, v in lines.items()}
-        held = "held out" if identification.held else "which identified"
-        yield {
-            "title": f"{channel.name}: {run.name}, {held}",
-            "x": "time [s]",
-            "y": f"{channel.name} [{channel.unit}]",
-            "curves": curves,
-        }
+        curves = {} if run.measured is None else {"measured": run.measured[:, c]}
+        curves |= {"predicted": told.value[:, c], "low": told.low[:, c], "high": told.high[:, c]}
+        title = f"{channel.name}: {run.name}, {held}"
+        y = f"{channel.name} [{channel.unit}]"
+        yield LogFigure(run.name, channel.name, title, "time [s]", y, run.time, curves, POINTS)
 
 
-def _list_spectrum_figures(identification: Identification) -> Iterator[StudyFigure]:
-    """Amplitude spectra of what remains of each log held out, or of the first one, each over the RMS of what was measured."""
-    for run, told in identification.held or identification.shown[:1]:
-        if run.measured is not None:
-            yield _build_spectrum_figure(identification, run, told, run.measured)
-
-
-def _build_spectrum_figure(identification: Identification, run: Run, told: Prediction, measured: Array) -> StudyFigure:
+def _build_spectrum_figure(identification: Identification, run: Run, told: Prediction, measured: Array) -> LogFigure:
+    """Amplitude spectra of what remains of a log, each over the RMS of what was measured."""
     spacing = float(run.time[1] - run.time[0])
-    frequency = np.fft.rfftfreq(len(run.time), spacing)
+    frequency = np.asarray(np.fft.rfftfreq(len(run.time), spacing), dtype=np.float64)
     kept = frequency <= 1.5 * identification.machine.settings.bandwidth_Hz
-    every = max(1, int(kept.sum()) // FREQUENCIES)
-    curves: dict[str, Curve] = {}
+    curves = {}
     for c, channel in enumerate(identification.machine.channels):
         rest = np.where(run.counted[:, c], measured[:, c] - told.value[:, c], 0.0)
         whole = np.where(run.counted[:, c], measured[:, c], 0.0)
         amplitude = 2.0 * np.abs(np.fft.rfft(rest * np.hanning(len(rest)))) / max(1.0, 0.5 * run.counted[:, c].sum())
-        curves[channel.name] = {
-            "x": frequency[kept][::every].round(4).tolist(),
-            "y": _drop_digits(amplitude[kept][::every] / (np.std(whole[run.counted[:, c]]) + 1e-300)),
-        }
-    return {
-        "title": f"What remains, by frequency: {run.name}",
-        "x": "frequency [Hz]",
-        "y": "amplitude over spread of the reading [-]",
-        "curves": curves,
-    }
+        curves[channel.name] = amplitude[kept] / (np.std(whole[run.counted[:, c]]) + 1e-300)
+    title = f"What remains, by frequency: {run.name}"
+    y = "amplitude over spread of the reading [-]"
+    return LogFigure(run.name, "what remains", title, "frequency [Hz]", y, frequency[kept], curves, FREQUENCIES)
 
 
 def _drop_digits(values: Array) -> list[float]:
@@ -246,10 +298,10 @@ def _build_parameter_table(title: str, table: Sequence[Row]) -> SideTable:
         {
             "parameter": row.parameter,
             "place": row.place,
-            "value": row.value,
-            "interval": f"{format_short(row.low)} to {format_short(row.high)}",
+            "value": format_by_width(row.value, row.high - row.low),
+            "interval": format_interval(row.low, row.high),
             "before": row.before,
-            "known": f"{format_short(row.before_low)} to {format_short(row.before_high)}",
+            "known": format_interval(row.before_low, row.before_high),
             "ratio": (row.high - row.low) / max(row.before_high - row.before_low, 1e-300),
             "unit": row.unit,
         }

@@ -2,7 +2,8 @@
 
 effort at the joint   tau(mechanism) + rotor qdd + viscous v + dry
 dry                   coulomb tanh(v / v_t) (1 + share exp(-(v / v_s)^2)) + asymmetry |tanh(v / v_t)|
-its sensor            gain * delayed(lagged(effort / ratio + offset)),   both sides behind the same zero-phase low-pass
+its sensor            gain * delayed(lagged(effort / ratio + offset)),   both sides behind the same zero-phase low-pass;
+                      over the torque constant, a current whose gain is free: it is compared in ampere
 gauge                 gain * delayed(lagged(sign M L / (3 EI))) + zero + slope q,   through the rig's low-pass; strain: M h / EI
 marker, accelerometer gain * delayed(lagged(signal)) + zero
 """
@@ -31,6 +32,7 @@ from crosscheck.identification.settings import (
     RATES,
     STRAINS,
     AngleTable,
+    EffortTable,
     IdentifyTable,
     RateTable,
 )
@@ -51,9 +53,10 @@ HIGHEST = 0.4  # of the sampling rate: no filter above
 
 @dataclass(frozen=True)
 class Channel:
-    """A sensor: its name with what it measures, the unit it is compared in, its joint, gauge or point, and the gear before it.
+    """A sensor: its name with what it measures, the unit it is compared in, and its joint, gauge or point.
 
-    sense : "effort", "gauge", "marker" or "accelerometer"
+    sense : "effort", "gauge", "marker" or "accelerometer"; factor : of its column [unit per that of the column]
+    constant : torque [N m] or force [N] at the sensor per unit; ratio : effort of the joint per unit: times the gear before it
     """
 
     name: str
@@ -63,6 +66,7 @@ class Channel:
     ratio: float = 1.0
     factor: float = 1.0
     column: str = ""
+    constant: float = 1.0
 
 
 @dataclass(frozen=True)
@@ -98,17 +102,8 @@ class Machine:
         """Sensors in the order of all arrays of readings."""
         out = []
         for name, table in self.settings.joints.items():
-            if table.effort is None:
-                continue
-            joint = self.mechanism.joint_of[name]
-            slides = joint.kind == "prismatic"
-            ratio = joint.drive.ratio if joint.drive is not None and table.effort.side == "motor" else 1.0
-            unit = "N" if slides and ratio == 1.0 else "N m"
-            out.append(
-                Channel(
-                    f"torque/{name}", unit, name, "effort", ratio, self._find_effort_factor(name), table.effort.column
-                )
-            )
+            if table.effort is not None:
+                out.append(self._build_effort_channel(name, table.effort))
         for name, gauge in self.settings.gauges.items():
             unit = "m/m" if gauge.unit in STRAINS else "rad"
             out.append(Channel(f"gauge/{name}", unit, name, "gauge", 1.0, (ANGLES | STRAINS)[gauge.unit], gauge.column))
@@ -118,15 +113,23 @@ class Machine:
             out.append(Channel(name, unit, one.place, one.kind, 1.0, self._find_point_factor(one), one.column))
         return tuple(out)
 
+    def _build_effort_channel(self, name: str, effort: EffortTable) -> Channel:
+        """The effort of a joint in N m or N; a current whose gain is free in ampere: nobody knows how many N m it is."""
+        joint = self.mechanism.joint_of[name]
+        ratio = joint.drive.ratio if joint.drive is not None and effort.side == "motor" else 1.0
+        factor = self._find_effort_factor(name, effort)
+        if effort.unit == "A" and ("effort gain", name) in {one.key for one in self.space.parameters}:
+            return Channel(f"torque/{name}", "A", name, "effort", ratio * factor, 1.0, effort.column, factor)
+        unit = "N" if joint.kind == "prismatic" and ratio == 1.0 else "N m"
+        return Channel(f"torque/{name}", unit, name, "effort", ratio, factor, effort.column)
+
     def _find_point_factor(self, one: PointSensor) -> float:
         if one.kind == "marker":
             return LENGTHS[self.settings.markers[one.name].unit]
         return ACCELERATIONS[self.settings.accelerometers[one.name].unit]
 
-    def _find_effort_factor(self, name: str) -> float:
-        effort = self.settings.joints[name].effort
+    def _find_effort_factor(self, name: str, effort: EffortTable) -> float:
         joint = self.mechanism.joint_of[name]
-        assert effort is not None
         if effort.unit != "A":
             return EFFORTS[effort.unit]
         if effort.constant_Nm_per_A is not None:
@@ -307,7 +310,9 @@ def compute_raw_signals(
                 machine, channel.place, motion.qd[:, at], motion.qdd[:, at], values
             )
             offset = _resolve_value(machine, values, "effort offset", channel.place)
-            columns.append(_apply_sensor(machine, channel, own / channel.ratio + offset, values, spacing))
+            columns.append(
+                _apply_sensor(machine, channel, own / channel.ratio + offset / channel.constant, values, spacing)
+            )
         elif channel.sense == "gauge":
             columns.append(_compute_gauge_signal(machine, motion, channel, moment, values, spacing))
         else:
@@ -357,6 +362,12 @@ def _compute_drive_effort(rate: bytes, acceleration: bytes, numbers: tuple[float
 def compute_friction(machine: Machine, joint: str, v: Array, values: Mapping[Key, float]) -> Array:
     """Return the friction of a joint (samples,) [N m], [N] at rates v (samples,) [rad/s], [m/s]."""
     return compute_drive_effort(machine, joint, v, np.zeros_like(v), values)
+
+
+def compute_friction_reading(machine: Machine, channel: Channel, v: Array, values: Mapping[Key, float]) -> Array:
+    """Return friction as the sensor of an effort reads it (samples,) [unit of the channel] at rates v (samples,)."""
+    gain = _resolve_value(machine, values, "effort gain", channel.place)
+    return gain * compute_friction(machine, channel.place, v, values) / channel.ratio
 
 
 def _resolve_value(machine: Machine, values: Mapping[Key, float], kind: str, place: str) -> float:

@@ -56,6 +56,8 @@ def _write_study_page(results: Results, study: StudyRow, out: Path) -> None:
     view = build_study_view(results, study)
     folder = out / "data" / make_slug(study.name)
     for name, figure in list_drawn_figures(study, view["plot"]).items():
+        if "table" in figure and (folder / f"{name}.csv").is_file():
+            continue
         folder.mkdir(parents=True, exist_ok=True)
         owned.write(folder / f"{name}.csv", render_curves(list_figure_curves(figure)))
     write_page(prepare_templates(), "study.html.j2", out / "studies" / f"{make_slug(study.name)}.html", **view)
@@ -330,7 +332,7 @@ def build_study_plot(study: StudyRow, spec: StudyPlot) -> StudyCurves:
 
 def list_drawn_figures(study: StudyRow, plot: StudyCurves | None) -> dict[str, StudyFigure]:
     """Return the figures on the page of a study, by the names of the files of their numbers [units of the axes]."""
-    drawn: dict[str, StudyFigure] = {f"figure{k}": figure for k, figure in enumerate(study.figures)}
+    drawn = {figure.get("table", f"figure{k}"): figure for k, figure in enumerate(study.figures)}
     if plot is not None:
         drawn["plot"] = {"title": study.title, "x": plot["x"], "y": plot["y"], "curves": plot["curves"]}
     return drawn

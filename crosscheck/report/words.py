@@ -40,6 +40,8 @@ MEANINGS: dict[str, str] = {
 
 SHOWN_MOVES = 8  # moved values of one change that a list shows
 Trouble = tuple[Verdict, CaseRow | StudyRow, str, str]  # verdict, where, what, message
+SHOWN_OF_WIDTH = 2  # digits of an interval's width that its ends show
+MOST_DIGITS = 15  # that a number has
 NAMED = 3  # models that a sentence names; the list below it has all, with the reasons
 
 
@@ -423,6 +425,25 @@ def format_change(before: float | None, after: float | None) -> tuple[str, str]:
     if texts[0] != texts[1] or before is None or after is None:
         return texts
     return format_apart(before, after, 2)
+
+
+def format_by_width(value: float, width: float) -> str:
+    """Return a number with as many digits as show two of an interval's width [unit of the number], and as short as that."""
+    if not (math.isfinite(value) and math.isfinite(width) and value and width > 0.0):
+        return format_short(value)
+    size = math.floor(math.log10(abs(value)))
+    digits = min(size - math.floor(math.log10(width)) + SHOWN_OF_WIDTH, MOST_DIGITS)
+    if digits <= SHOWN_OF_WIDTH:
+        return format_short(value)
+    if -3 <= size < 4:
+        return f"{value:.{max(digits - 1 - size, 0)}f}"
+    mantissa, exponent = f"{value:.{digits - 1}e}".split("e")
+    return f"{mantissa}e{int(exponent)}"
+
+
+def format_interval(low: float, high: float) -> str:
+    """Return an interval [any unit] in words, with as many digits as tell its ends apart."""
+    return f"{format_by_width(low, high - low)} to {format_by_width(high, high - low)}"
 
 
 def format_duration(seconds: float) -> str:

@@ -28,12 +28,16 @@ class Curve(TypedDict):
 
 
 class StudyFigure(TypedDict):
-    """A figure beside a table: title, words of the axes, curves by name."""
+    """A figure beside a table: title, words of the axes, curves by name.
+
+    table : name of the CSV file with its numbers, where the study has written more of them than are drawn
+    """
 
     title: str
     x: str
     y: str
     curves: Mapping[str, Curve]
+    table: NotRequired[str]
 
 
 class SideTable(TypedDict):

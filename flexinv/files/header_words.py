@@ -17,6 +17,11 @@ TIMES = {
     "milliseconds": "ms", "us": "us", "µs": "us", "μs": "us", "usec": "us", "micros": "us", "microseconds": "us", "ns": "ns",
     "nsec": "ns", "nanos": "ns", "nanoseconds": "ns",
 }  # fmt: skip
+# How headers write units of efforts -> the unit.
+EFFORT_UNITS = {
+    "nm": "N m", "n m": "N m", "n·m": "N m", "n.m": "N m", "n-m": "N m", "n": "N", "a": "A", "amp": "A", "amps": "A",
+    "ampere": "A", "mnm": "mN m",
+}  # fmt: skip
 TIME_WORDS = re.compile(
     r"^(t|time|timestamp|stamp|clock)(?![a-z0-9])(?!_\d)|^time|[_ .]time$|^(milli|micro|nano)s", re.IGNORECASE
 )
@@ -51,7 +56,7 @@ def find_header_unit(name: str, units: Mapping[str, str], bare: bool = False) ->
             return unit
     parts = re.split(r"[_\s./]", re.sub(r"\[.*?\]|\(.*?\)", "", name).strip())
     last = parts[-1] if len(parts) > 1 or bare else ""
-    if len(last) == 1 and not bare and last not in ("m", "A", "N", "°"):
+    if len(last) == 1 and not bare and last not in ("m", "A", "N", "V", "W", "°"):
         return ""
     return units.get(last.lower(), "")
 

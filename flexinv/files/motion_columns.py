@@ -2,7 +2,8 @@
 
 A header names a joint, in any order and among other words: ``elbow``, ``elbow_deg``, ``rate elbow [rad/s]``, ``qdd_elbow``,
 ``/joint_states/elbow/velocity``; or it numbers the joints, ``q1 [deg]``, ``qd1``.  The unit stands in brackets or at the end; SI
-without one.  A word or a unit of rates makes a rate: the two must not contradict each other.
+without one.  A word or a unit of rates makes a rate: the two must not contradict each other.  What a drive feels or draws
+(``elbow_A``, ``elbow [N m]``), and what has other words (``elbow_temperature``), is no coordinate, and is left out.
 """
 
 from __future__ import annotations
@@ -13,7 +14,9 @@ from dataclasses import dataclass, replace
 
 from flexinv.errors import InputError
 from flexinv.files.header_words import (
+    EFFORT_UNITS,
     find_column_joint,
+    find_header_unit,
     find_time_column,
     map_joint_names,
     match_by_number,
@@ -41,6 +44,8 @@ SILENT_WORDS = frozenset(["joint", "joints", "axis", "j", "state", "states", "ac
 LEFT_OUT = re.compile(
     r"torque|effort|force|current|(?:^|[^a-z])tau(?![a-z])|^tip |^deflection |^error of ", re.IGNORECASE
 )
+# Units of what a drive feels or draws; without them "_A" and "_V" would be words of accelerations and rates.
+DRIVE_UNITS = EFFORT_UNITS | {"ma": "mA", "v": "V", "mv": "mV", "w": "W"}
 BASES = {
     "rad": ("rad", "rads", "radian", "radians"), "deg": ("deg", "degs", "degree", "degrees", "°"), "mrad": ("mrad",),
     "m": ("m", "metre", "metres", "meter", "meters"), "mm": ("mm",), "cm": ("cm",),
@@ -123,10 +128,10 @@ def match_motion_columns(header: Sequence[str], mechanism: Mechanism, held: Iter
     numbered = [(one, _match_nameless_column(one)) for one in read if not one.joint]
     given, lost = _match_numbered_columns(moving, [column for _, column in numbered if column is not None])
     found = [*(column for _, column in named if column is not None), *given]
-    none = [one.name for one, column in sorted((*named, *numbered), key=_find_place) if column is None]
-    left_out = [name for name in none if LEFT_OUT.search(name)]
-    unknown = [name for name in (*none, *lost) if name not in left_out]
-    _check_columns(found, unknown, mechanism, tuple(held), where)
+    none = [one for one, column in sorted((*named, *numbered), key=_find_place) if column is None]
+    left_out = [one.name for one in none if _is_no_coordinate(one, names)]
+    unknown = [name for name in (*(one.name for one in none), *lost) if name not in left_out]
+    _check_columns(found, unknown, left_out, mechanism, tuple(held), where)
     positions, rates, accelerations = (_list_ordered(found, mechanism, sense) for sense in SENSES)
     when = None if time is None else (time, header[time])
     return MotionColumns(when, positions, rates, accelerations, tuple(left_out))
@@ -140,7 +145,10 @@ def _find_time(header: Sequence[str]) -> int | None:
 
 @dataclass(frozen=True)
 class _Header:
-    """Words of a header: the joint that it names or "", what its words and its unit mean, and what else is there."""
+    """Words of a header: the joint that it names or "", what its words and its unit mean, and what else is there.
+
+    drive : its unit is that of what a drive feels or draws
+    """
 
     place: int
     name: str
@@ -148,6 +156,7 @@ class _Header:
     senses: frozenset[str]
     unit: tuple[str, str, float] | None
     others: tuple[str, ...]
+    drive: bool
 
 
 def _find_place(pair: tuple[_Header, MotionColumn | None]) -> int:
@@ -161,19 +170,31 @@ def _parse_headers(header: Sequence[str], time: int | None, names: Mapping[str, 
 
 def _parse_header(place: int, name: str, names: Mapping[str, tuple[str, ...]]) -> _Header:
     joint = find_column_joint(name, names)
-    rest, unit = _split_motion_unit(remove_words(name, names.get(joint, ())))
+    nameless = remove_words(name, names.get(joint, ()))
+    rest, unit = _split_motion_unit(nameless)
     tokens = re.findall(r"[^\W\d_]+|\d+", rest.lower())
     senses = {_SENSE_OF[token] for token in tokens if token in _SENSE_OF}
     if unit is not None:
         senses.add(unit[0])
     others = tuple(token for token in tokens if token not in _SENSE_OF and token not in SILENT_WORDS)
-    return _Header(place, name, joint, frozenset(senses), unit, others)
+    drive = unit is None and find_header_unit(nameless, DRIVE_UNITS) != ""
+    return _Header(place, name, joint, frozenset(senses), unit, others, drive)
+
+
+def _is_no_coordinate(header: _Header, names: Mapping[str, tuple[str, ...]]) -> bool:
+    """Return True for what a drive feels, and for other words, unless one may be a joint's that is misspelt."""
+    if header.drive or LEFT_OUT.search(header.name):
+        return True
+    suffixes = {suffix.strip(".") for kind in KINDS.values() for suffix in (*kind.q, *kind.v)}
+    foreign = [token for token in header.others if not token.isdigit() and token not in suffixes]
+    known = [word for words in names.values() for word in words]
+    return bool(foreign) and not any(find_nearest_word(word, known) for word in (header.name, *foreign))
 
 
 def _match_nameless_column(header: _Header) -> MotionColumn | None:
     """The column of a joint that is yet to be found by a number; None where other words stand there, or none of a motion."""
     plain = len(header.others) < 2 and all(token.isdigit() for token in header.others)
-    if not plain or len(header.senses) != 1:
+    if header.drive or not plain or len(header.senses) != 1:
         return None
     return MotionColumn(header.place, header.name, next(iter(header.senses)), "", "", *_read_factor(header.unit))
 
@@ -183,7 +204,7 @@ def _match_joint_column(header: _Header, joint: Joint) -> MotionColumn | None:
     places = list_place_suffixes(joint)
     suffixes = {suffix.strip("."): suffix for suffix in (*places, *KINDS[joint.kind].v) if suffix}
     ends = [suffixes[token] for token in header.others if token in suffixes]
-    if len(ends) != len(header.others) or len(ends) > 1 or len(header.senses) > 1:
+    if header.drive or len(ends) != len(header.others) or len(ends) > 1 or len(header.senses) > 1:
         return None
     suffix = ends[0] if ends else ""
     sense = next(iter(header.senses), POSITION_COLUMNS if suffix in places else RATE_COLUMNS)
@@ -243,7 +264,12 @@ def _list_ordered(found: Iterable[MotionColumn], mechanism: Mechanism, sense: st
 
 
 def _check_columns(
-    found: Sequence[MotionColumn], unknown: Sequence[str], mechanism: Mechanism, held: Sequence[str], where: str
+    found: Sequence[MotionColumn],
+    unknown: Sequence[str],
+    left_out: Sequence[str],
+    mechanism: Mechanism,
+    held: Sequence[str],
+    where: str,
 ) -> None:
     """Raise one InputError for all that does not fit."""
     faults = []
@@ -267,6 +293,8 @@ def _check_columns(
         if missing:
             faults.append(f"no {sense} of {_list_some(missing)}")
     if faults:
+        if left_out:
+            faults.append(f"left out: {_list_some(map(repr, left_out))}")
         expected = (
             f"columns of {mechanism.name}: positions, or positions and rates, or accelerations, too; others left out"
         )

@@ -14,6 +14,7 @@ import numpy as np
 
 from crosscheck.identification.settings import ANGLES, EFFORTS
 from flexinv.files.header_words import (
+    EFFORT_UNITS,
     find_column_joint,
     find_header_unit,
     map_joint_names,
@@ -26,9 +27,8 @@ from flexinv.typing import Array
 # How headers write units -> unit of identify.toml; a rate is no angle.
 UNITS = {
     "deg": "deg", "degs": "deg", "degree": "deg", "degrees": "deg", "°": "deg", "rad": "rad", "rads": "rad", "radians": "rad",
-    "mm": "mm", "m": "m", "nm": "N m", "n m": "N m", "n·m": "N m", "n.m": "N m", "n-m": "N m", "n": "N", "a": "A", "amp": "A",
-    "amps": "A", "ampere": "A", "mnm": "mN m",
-}  # fmt: skip
+    "mm": "mm", "m": "m",
+} | EFFORT_UNITS  # fmt: skip
 RATES = re.compile(r"per_s|/s(?![a-z])|_s\b|rate|vel|speed|acc|qd|dq", re.IGNORECASE)
 # What was asked for, what a controller makes of it, and what is told of the tool or of the room: no sensor of a joint.
 TOLD = re.compile(

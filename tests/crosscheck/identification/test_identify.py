@@ -154,6 +154,8 @@ def test_figures_stand_where_nothing_was_judged(folder: Path, tmp_path: Path) ->
     assert head.startswith(f"# Nothing was judged. {told} of 26 parameters told by the logs; held out: 2 channels, ")
     assert re.search(r"[\d.]+ % explained at least .*, [\d.]+ % of samples inside 90 % bands at least", head)
     page = (out / "index.html").read_text()
+    assert "write [[limits]] into identify.toml.</p>" in page  # and no word of a log to hold out: two are
+    assert 0.1 < read(out / "results.json").elapsed < 1e3  # [s]
     assert '<p class="sign" aria-hidden="true">–</p>' in page
     assert "✓" not in page.partition('<section class="hero')[2].partition("</section>")[0]
     figures = [one["title"] for one in read(out / "results.json").studies[0].figures]
@@ -303,6 +305,7 @@ def test_what_was_identified_loads_like_any_mechanism(folder: Path, found: Ident
         own = low_pass(torque[:, k] + drive + table["effort offset", name], 0.004, 10.0)
         assert np.abs(own - told.value[:, k]).max() < 1e-6 * np.ptp(own)  # nine digits are written
     text = (tmp_path / "identified.toml").read_text()
+    assert all(low != high for low, high in re.findall(r"90 %: (\S+) to (\S+)", text))
     assert "before 3" in text
     assert "effort offset of shoulder" in text
 

@@ -13,6 +13,7 @@ import uncut
 
 import crosscheck
 from crosscheck.identification.page import write_page
+from crosscheck.verdicts.results import read
 
 page = pytest.fixture(scope="module")(chromium.lend_page)
 
@@ -25,7 +26,7 @@ def out(tmp_path_factory: pytest.TempPathFactory) -> Path:
         logged_arm.frame(folder, seed).to_csv(folder / f"{name}.csv", index=False)
     found = crosscheck.identify(folder, [folder / "one.csv"], [folder / "two.csv"])
     (base / "out").mkdir()
-    write_page(found, [], "crosscheck identify arm", base / "out")
+    write_page(found, [], "crosscheck identify arm", base / "out", 12.34)
     return base / "out"
 
 
@@ -39,15 +40,45 @@ def test_parameters_come_first_then_how_well_logs_are_explained(out: Path) -> No
     assert "Ixy" not in first  # that of the upper arm no torque shows: it stands further below
 
 
+def test_intervals_show_their_width(out: Path) -> None:
+    """Two digits made "4 to 4" of the interval of a friction that the log tells well."""
+    rows = read(out / "results.json").studies[0].tables[0]["rows"]
+    assert len(rows) > 5
+    for row in rows:
+        low, high = row["interval"].split(" to ")
+        assert low != high
+        assert float(low) <= float(row["value"]) <= float(high)
+
+
+def read_exactly(file: Path) -> pd.DataFrame:
+    """Return a table with every digit of its numbers, as Python reads them."""
+    return pd.read_csv(file, dtype=str).map(float)
+
+
 def test_the_numbers_of_every_picture_lie_beside_it(out: Path) -> None:
     files = re.findall(r'href="(data/[^"]+\.csv)" download', (out / "index.html").read_text())
-    tables = [pd.read_csv(out / file) for file in files]
+    names = ["1_two_csv_torque_shoulder", "2_two_csv_torque_elbow", "3_two_csv_what_remains"]
+    assert [Path(file).stem for file in files] == names
+    tables = [read_exactly(out / file) for file in files]
     assert [list(table)[:2] for table in tables[:2]] == [
-        ["time [s]", f"measured: torque/{joint} [N m]"] for joint in ("shoulder", "elbow")
+        ["time [s]", f"two.csv, measured: torque/{joint} [N m]"] for joint in ("shoulder", "elbow")
     ]
     assert next(iter(tables[2])) == "frequency [Hz]"
-    assert len(tables) == 3
     assert not any(table.isna().any(axis=None) for table in tables)
+
+
+def test_the_numbers_are_all_samples_of_the_log_with_all_digits(out: Path) -> None:
+    """The page draws every second sample with five digits, and their files had no more."""
+    log = read_exactly(out.parent / "arm" / "two.csv")
+    drawn = read(out / "results.json").studies[0].figures[1]
+    file = next(out.glob(f"data/*/{drawn['table']}.csv"))
+    table = read_exactly(file)
+    assert list(table["time [s]"]) == list(log["time_s"])
+    predicted = drawn["curves"]["predicted"]
+    every = table["two.csv, predicted: torque/elbow [N m]"][:: len(log) // len(predicted["x"])]
+    assert 400 < len(predicted["x"]) < len(log)
+    assert predicted["y"] == [float(f"{value:.5g}") for value in every]
+    assert (predicted["y"] != every).mean() > 0.9
 
 
 @pytest.mark.browser

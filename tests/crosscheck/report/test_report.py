@@ -243,6 +243,25 @@ def test_numbers_are_short(number: float | None, text: str) -> None:
     assert words.format_short(number) == text
 
 
+@pytest.mark.parametrize("share", [3.0, 0.4, 1e-2, 3e-5, 1e-9])
+@pytest.mark.parametrize("value", [1.0987654, -0.0123456, 9876.54321, 8.7654321e-7, 99999.9, 1e6])
+def test_the_ends_of_an_interval_are_told_apart(value: float, share: float) -> None:
+    """Two digits of the width are shown: an end is rounded by half of a tenth of it at most, or is as short as other numbers."""
+    width = share * abs(value)
+    low, high = value - 0.3 * width, value + 0.7 * width
+    shown = [*words.format_interval(low, high).split(" to "), words.format_by_width(value, high - low)]
+    for number, text in zip((low, high, value), shown, strict=True):
+        assert abs(float(text) - number) <= 0.05 * width * (1.0 + 1e-6) or text == words.format_short(number)
+
+
+def test_intervals_have_few_digits_where_few_will_do() -> None:
+    assert words.format_interval(1.0991, 1.1012) == "1.0991 to 1.1012"
+    assert words.format_interval(0.0, 5.25) == "0 to 5.2"
+    assert words.format_interval(12345.6, 12367.8) == "1.2346e4 to 1.2368e4"
+    assert words.format_interval(2.0, 2.0) == "2 to 2"
+    assert words.format_interval(0.5, float("inf")) == "0.5 to ∞"
+
+
 def test_durations_are_in_words() -> None:
     assert [words.format_duration(s) for s in (0.0042, 3.14159, 125.0)] == ["4.2 ms", "3.1 s", "2 min 5 s"]
 

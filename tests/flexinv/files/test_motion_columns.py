@@ -71,6 +71,27 @@ def test_rates_and_accelerations_are_told_by_word_or_unit() -> None:
     assert found.left_out == ("torque wrist [N m]", "elbow/effort")
 
 
+MOVES = "time_s,shoulder,elbow,slide,wrist"
+NO_MOTIONS = (
+    "elbow_A", "elbow_joint [A]", "current_wrist", "elbow [N m]", "slide_N", "wrist_Nm", "elbow_V", "i1_A", "m2 [mA]",
+    "elbow_temperature", "elbow_ref_rad", "temp [degC]", "status",
+)  # fmt: skip
+
+
+@pytest.mark.parametrize("name", NO_MOTIONS)
+def test_efforts_and_other_words_are_left_out(name: str) -> None:
+    """``elbow_A`` was an acceleration, for ``a`` is a word for one; ``elbow_V`` a rate, for ``v`` is one."""
+    found = matched(f"{MOVES},{name}")
+    assert found.left_out == (name,)
+    assert (len(found.positions), found.rates, found.accelerations) == (4, (), ())
+
+
+def test_words_of_accelerations_and_rates_stay_what_they_are() -> None:
+    found = matched(f"{MOVES}," + ",".join(f"{joint}_{word}" for joint in (*ARM, SLIDE, WRIST) for word in "va"))
+    assert [len(columns) for columns in (found.rates, found.accelerations)] == [4, 4]
+    assert found.left_out == ()
+
+
 @pytest.mark.parametrize(
     ("text", "unit"),
     [
@@ -97,6 +118,9 @@ def test_units_say_what_is_measured_and_how_large_it_is(text: str, unit: tuple[s
 
 WRONG = {
     "time_s,shoulder,elbow,slide": "no position of wrist_joint",
+    "time_s,shoulder,elbow,slide,hand_deg": "no position of wrist_joint; left out: 'hand_deg'",
+    "time_s,shoulder,elbow,slide,wrist_A": "no position of wrist_joint; left out: 'wrist_A'",
+    "time_s,shoulder,elbow,slide,wrist,rate sholder": "no coordinate of crane: 'rate sholder'",
     "time_s,shoulder,elbow,slide,wrist,elbw": "no coordinate of crane: 'elbw' (is it elbow_joint?)",
     "time_s,shoulder,elbow,slide,wrist,elbow_deg": "'elbow' and 'elbow_deg' are both the position of elbow_joint",
     "time_s,shoulder,elbow,slide_deg,wrist": "no coordinate of crane: 'slide_deg'",
