@@ -15,6 +15,7 @@ from rich.table import Table
 from crosscheck import output_folder as owned
 from crosscheck.commands.shared.terminal import MODELS, Console, Failure
 from crosscheck.identification.bands import ChannelJudgement
+from crosscheck.identification.causes.cause import NOTHING_REMAINS
 from crosscheck.identification.causes.detection_limits import describe_least_sizes
 from crosscheck.identification.causes.name_causes import CauseFindings, find_remaining_causes
 from crosscheck.identification.estimation.combinations import count_narrowed_directions
@@ -219,7 +220,7 @@ def _find_causes(
     for log, seen in logs:
         rest = find_remaining_causes(identification, read_of(identification.machine, log), seen, hidden=asked)
         console.print(f"\n[bold]what remains of {escape(Path(log).name)}[/bold]")
-        for words in [one.words for one in rest.named] or ["no cause of the dictionary explains what remains: unknown"]:
+        for words in [one.words for one in rest.named] or [NOTHING_REMAINS]:
             console.print(escape(words), highlight=False, soft_wrap=True)
         if asked:
             console.print(

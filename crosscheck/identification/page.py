@@ -12,6 +12,7 @@ import numpy as np
 from crosscheck import output_folder as owned
 from crosscheck.identification.bands import ChannelJudgement, Prediction
 from crosscheck.identification.card import describe_gist
+from crosscheck.identification.causes.cause import NOTHING_REMAINS
 from crosscheck.identification.causes.name_causes import CauseFindings
 from crosscheck.identification.identify import Identification
 from crosscheck.identification.readings import Machine, Run
@@ -49,8 +50,8 @@ COLUMNS = (
     ("samples", "samples", ""),
     ("message", "limit", ""),
 )
-TEXT = """{count} of {all} parameters are told by the logs: their intervals are narrower than what was known before. Values and
-bands are those of the readings behind the zero-phase low-pass at {bandwidth:g} Hz. Bands hold 90 %. They are made of the
+TEXT = """{count} of {all} parameters are told by the logs: their own error is at most a third of what was known before; all others are
+held by the prior. Values and bands are those of the readings behind the zero-phase low-pass at {bandwidth:g} Hz. Bands hold 90 %. They are made of the
 uncertainty of the parameters, of what remains, and of friction that differs between runs, and are calibrated on blocks of time
 that were left out. Explained is the part of the variance, of a joint while it slides; width is that of the band, and RMS the
 error's. {scatter}"""
@@ -249,8 +250,8 @@ def _build_cause_table(causes: Sequence[tuple[str, CauseFindings]]) -> SideTable
             {"log": log, "name": one.name, "place": one.place, "size": one.size, "error": one.error or None,
              "unit": one.unit, "evidence": one.evidence}
             for one in rest.named
-        ] or [{"log": log, "name": "unknown", "place": "", "size": None, "error": None, "unit": "",
-               "evidence": "no cause of the dictionary explains what remains"}]  # fmt: skip
+        ] or [{"log": log, "name": "none", "place": "", "size": None, "error": None, "unit": "",
+               "evidence": NOTHING_REMAINS}]  # fmt: skip
     columns = [
         ("log", "log", ""), ("name", "cause", ""), ("place", "place", ""), ("size", "size", "unit"),
         ("error", "standard error", "unit"), ("unit", "unit", ""), ("evidence", "evidence", ""),
@@ -302,7 +303,7 @@ def _build_parameter_table(title: str, table: Sequence[Row]) -> SideTable:
             "interval": format_interval(row.low, row.high),
             "before": row.before,
             "known": format_interval(row.before_low, row.before_high),
-            "ratio": (row.high - row.low) / max(row.before_high - row.before_low, 1e-300),
+            "ratio": _compute_width_ratio(row),
             "unit": row.unit,
         }
         for row in table
@@ -339,3 +340,10 @@ def _list_sensor_errors(machine: Machine, part: str, run: Run, prediction: Predi
         if len(error):
             own = {"mean": float(error.mean()), "rms": float(np.sqrt(np.mean(error**2))), "unit": channel.unit}
             yield {"log": run.name, "part": part, "channel": channel.name} | own
+
+
+def _compute_width_ratio(row: Row) -> float:
+    """Width of the interval over that before the logs [-], of the logarithm where all ends are positive."""
+    ends = np.array([row.low, row.high, row.before_low, row.before_high])
+    low, high, before_low, before_high = np.log(ends) if (ends > 0.0).all() else ends
+    return float((high - low) / max(before_high - before_low, 1e-300))

@@ -11,6 +11,7 @@ from crosscheck.identification.logs.log import Log
 from flexinv.model.mechanism import Mechanism
 from flexinv.typing import Array
 
+NOTHING_REMAINS = "nothing beyond noise remains"
 Undo = Callable[[Log, Mechanism, float], tuple[Log, Mechanism]]
 
 
