@@ -15,7 +15,7 @@ from rich.table import Table
 from crosscheck.commands.shared.terminal import FOLDER, MEMORY_FOR_FILE, TIME_FOR_FILE, Console, Failure
 from crosscheck.linting.lint import LintReport, check_sources, lint
 from crosscheck.linting.output import build_junit_xml as written_junit
-from crosscheck.linting.output import write
+from crosscheck.linting.output import list_lines, write
 from crosscheck.run.reading_limits import ReadingLimits
 
 
@@ -46,7 +46,8 @@ def command(
       crosscheck lint arm.urdf
       crosscheck lint robots/*.urdf --strict --junit lint.xml
 
-    Each file is read in a process of its own, within --timeout and --memory; what is no regular file is refused.
+    Each file is read in a process of its own, within --timeout and --memory; what is no regular file is refused.  Where the
+    output is no terminal each finding is one line.
 
     \b
     Exit codes: 0 nothing found (without --strict: no error), 1 findings, 2 a file cannot be read
@@ -78,7 +79,10 @@ def _write_reports(found: Iterable[LintReport], out: Path | None) -> None:
 
 
 def _write_findings(console: Console, found: LintReport) -> None:
-    if found.findings:
+    if not console.is_terminal:
+        for line in list_lines(found):
+            console.print(escape(line), highlight=False, soft_wrap=True)
+    elif found.findings:
         table = Table(title=found.label, title_justify="left")
         for name in ("level", "check", "where", "given", "why", "write"):
             table.add_column(name, overflow="fold")

@@ -28,6 +28,7 @@ from crosscheck.measures.budget import Family, add_error_bars
 from crosscheck.measures.record import Record
 from crosscheck.measures.series_csv import write as write_series
 from crosscheck.output_folder import remove_tree
+from flexinv.errors import InputError
 from flexinv.files.load_cases import Case
 from flexinv.model.mechanism import Mechanism
 
@@ -117,8 +118,25 @@ class ProgramAdapter:
         start = clock.perf_counter()
         self._run_program(kit, out, scratch)
         wall = clock.perf_counter() - start
-        record = read_answer(out, mechanism, case, self._name)
+        record = self._read_answer(out, mechanism, case)
         return record if record.wall_time else replace(record, wall_time=wall)
+
+    def _read_answer(self, out: Path, mechanism: Mechanism, case: Case) -> Record:
+        """Return the record of an answer [units of the series].
+
+        Raises InputError with names of files in the answer, whose folder is gone when it is read, and with a way to the same.
+        """
+        try:
+            record = read_answer(out, mechanism, case, self._name)
+        except InputError as error:
+            name = self._mechanism or mechanism.name
+            again = f"crosscheck export {name} --case {case.name} --engine {self._name} makes its kit again"
+            told = "" if self._settings.get("blind") else f"; the answer is not kept: {again}"
+            raise InputError(f"{_format_within(out, str(error))}{told}") from error
+        broken = record.certificate.get("broken")
+        if broken is None:
+            return record
+        return replace(record, certificate={**record.certificate, "broken": _format_within(out, broken)})
 
     def _run_program(self, kit: Path, out: Path, scratch: Path) -> None:
         """Run the program.  Raises ProgramError unless it leaves with 0."""
@@ -148,6 +166,11 @@ class ProgramAdapter:
         os.write(sys.stdout.fileno(), printed.encode())  # to what the report keeps of its child process
         if done.returncode:
             raise ProgramError(describe_ending(done.returncode, printed))
+
+
+def _format_within(folder: Path, words: str) -> str:
+    """Return words in which files of a folder have their names in it."""
+    return words.replace(f"{folder}{os.sep}", "").replace(str(folder), "the answer")
 
 
 def fill_command(command: Iterable[str], kit: Path, out: Path) -> list[str]:

@@ -134,7 +134,17 @@ def _read_folder(path: Path) -> Description:
         return lift_kit(path / "case.json")
     if os.path.lexists(path / "mechanism.toml"):
         return lift_toml(path)
-    raise make_input_error(str(path), "a folder without mechanism.toml and case.json", "one of the two", WRITE)
+    raise make_input_error(
+        str(path), "a folder without mechanism.toml and case.json", "one of the two", _describe_folder_choice(path)
+    )
+
+
+def _describe_folder_choice(path: Path) -> str:
+    """Return advice for a folder that is no description: the URDFs in it or one level below, else what can be read."""
+    for pattern in ("*.urdf", "*/*.urdf"):
+        if (one := next(path.glob(pattern), None)) is not None:
+            return f"{path / pattern} for all in crosscheck lint, or one such as {one}"
+    return WRITE
 
 
 def _read_file(path: Path, base: str) -> Description:

@@ -44,6 +44,14 @@ def describe_counts(reports: Sequence[LintReport]) -> str:
     return f"{sum(len(one.findings) for one in reports)} findings in {with_any} of {files}."
 
 
+def list_lines(report: LintReport) -> list[str]:
+    """Return the findings of one description, each in one line that begins with its file."""
+    texts = (
+        f"{report.label}: {f.level}: {f.check}: {f.place}: {f.given}: {f.why}; write {f.write}" for f in report.findings
+    )
+    return [" ".join(text.split()) for text in texts]
+
+
 def render_markdown(reports: Sequence[LintReport]) -> str:
     """Return findings as Markdown: a table for each file."""
     lines = [f"## {describe_counts(reports)}"]

@@ -26,6 +26,7 @@ from crosscheck.commands.shared.terminal import Failure
 from crosscheck.engines import ENGINES, Engine
 from crosscheck.studies import STUDIES
 from crosscheck.verdicts.results import read
+from crosscheck.verdicts.scope import Scope
 
 Invoke = Callable[..., Result]
 
@@ -197,6 +198,12 @@ def asked(models: Path, names: tuple[str, ...] = (), studies: str | None = None)
         lambda line: None
     )
     return [study.name for study in work.studies]
+
+
+def test_a_run_is_told_what_the_command_line_asks_for(models: Path) -> None:
+    """By that a night knows what it misses, whatever is left out."""
+    selection = RunSelection(("double_*",), models, "flexinv, pin*", "", "", False, 1, 60.0, None, (), False)
+    assert selection.prepare_work(lambda line: None).options.scope == Scope(("double_*",), ("flexinv", "pin*"))
 
 
 def test_studies_belong_to_a_folder_of_models(root: Path, models: Path) -> None:

@@ -6,6 +6,7 @@ import json
 import shutil
 import subprocess
 import sys
+import tempfile
 from pathlib import Path
 
 import pytest
@@ -77,11 +78,15 @@ def check(results: Results, name: str, prefix: str = "") -> None:
     if kind in REFUSED:
         assert one.status == "error"
         assert REFUSED[kind] in one.message
+        if not prefix:  # of a program the folder is gone: names of files in it, and how to get the answer again
+            assert tempfile.gettempdir() not in one.message
+            assert f"crosscheck export double_pendulum --case swing --engine {name} makes its kit again" in one.message
         assert set(judged.values()) == {"error"}
         return
     what, words, fails = CERTIFIED[kind]
     (line,) = [row for row in results.certificates if row.engine == name and not row.holds]
     assert (one.status, line.what) == ("ok", what)
+    assert prefix or tempfile.gettempdir() not in line.words
     assert words in line.words
     assert judged["torque"] == ("deviation" if fails else "within")
 

@@ -112,6 +112,31 @@ def test_the_command_says_what_it_found_and_leaves_with_its_code(tmp_path: Path)
     assert CliRunner().invoke(main, ["lint", str(tmp_path / "none.urdf")]).exit_code == 2
 
 
+def test_through_a_pipe_each_finding_is_one_line_that_breaks_nowhere(tmp_path: Path) -> None:
+    file = arm(tmp_path, ('value="3.25"', 'value="-3.25"'), name=f"{'a_long_name_' * 12}.urdf")
+    *lines, counted = CliRunner().invoke(main, ["lint", str(file)]).output.splitlines()
+    found = lint(file)
+    assert [line.split(": ")[:3] for line in lines] == [[file.name, f.level, f.check] for f in found.findings]
+    assert all(
+        f.why in line and line.endswith(f"; write {f.write}") for f, line in zip(found.findings, lines, strict=True)
+    )
+    assert counted == f"{file.name}: {found.words}"
+
+
+def test_a_folder_of_files_says_what_to_write(tmp_path: Path) -> None:
+    arm(tmp_path)
+    run = CliRunner().invoke(main, ["lint", str(tmp_path)])
+    assert run.exit_code == 2
+    assert f"write:    {tmp_path}/*.urdf for all in crosscheck lint, or one such as {tmp_path}/arm.urdf" in run.output
+    (nested := tmp_path / "robots" / "one").mkdir(parents=True)
+    arm(nested)
+    with pytest.raises(InputError, match=r"robots/\*/\*\.urdf for all"):
+        lint(nested.parent)
+    (tmp_path / "empty").mkdir()
+    with pytest.raises(InputError, match=r"write: *a URDF, MJCF"):
+        lint(tmp_path / "empty")
+
+
 def shaped(folder: Path, inertial: str, shape: str, colliding: str = "") -> list[str]:
     """The checks that speak of shapes, for the arm whose upper link is another one."""
     start, end = ARM.index('<link name="upper">'), ARM.index('<link name="lower">')
