@@ -1,6 +1,7 @@
 """identified.toml: what was identified, laid over the mechanism file, with intervals in comments; it loads like any mechanism.
 
-Parameters of sensors, laws of friction that a mechanism file does not have, and places in a URDF stand in comments at its end.
+The gain of a current is a torque constant: the stated one over the gain, of the motor where the joint has a drive.  Parameters of
+sensors, laws of friction that a mechanism file does not have, and places in a URDF stand in comments at its end.
 """
 
 from __future__ import annotations
@@ -8,7 +9,7 @@ from __future__ import annotations
 import json
 import os
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +17,7 @@ import numpy as np
 
 from crosscheck import output_folder as owned
 from crosscheck.identification.identify import Identification
+from crosscheck.identification.readings import Channel
 from crosscheck.identification.response import compute_link_inertias, turn_gravity
 from crosscheck.identification.table import Row
 from crosscheck.report.words import format_by_width, format_interval, format_short
@@ -71,15 +73,17 @@ def write_identified(identification: Identification, base: Path, file: Path) -> 
     data = read_layers(base)[0]
     layer = Layer.build(mechanism, data)
     rows = {(row.parameter, row.place): row for row in identification.parameters}
+    currents = {channel.place: channel for channel in identification.machine.channels if channel.unit == "A"}
     tables: Tables = {}
     done = {
         *_fill_link_tables(identification, layer, rows, tables),
         *_fill_joint_tables(layer, rows, tables),
+        *_fill_constants(currents, layer, rows, tables),
         *_fill_beam_tables(layer, rows, tables, "damping" in data),
         *_fill_payload_tables(layer, rows, tables),
         *_fill_load_tables(mechanism, rows, data, tables),
     }
-    rest = [row for key, row in rows.items() if key not in done]
+    rest = [_describe_rest(row, currents) for key, row in rows.items() if key not in done]
     logs = [run.name for run, _ in identification.shown]
     over = os.path.relpath(base.resolve(), file.resolve().parent)
     owned.write(file, "\n".join(_format_file_lines(mechanism, logs, Path(over).as_posix(), tables, rest)) + "\n")
@@ -154,6 +158,40 @@ def _find_joint_key(layer: Layer, kind: str, place: str) -> tuple[str, str, floa
     if joint.kind not in DRIVES or key not in DRIVES[joint.kind].model_fields:
         return None
     return layer.format_table_name("joints", place), key, 1.0
+
+
+def _fill_constants(
+    currents: Mapping[str, Channel], layer: Layer, rows: Mapping[Any, Row], tables: Tables
+) -> Iterator[tuple[str, str]]:
+    """Torque constants of the motors whose currents, by joint, had a free gain [N m/A]."""
+    for place, channel in currents.items():
+        drive = layer.mechanism.joint_of[place].drive
+        if drive is None or "drive" not in layer.joints.get(place, {}):
+            continue
+        row = rows["effort gain", place]
+        constant = _convert_to_constant(row, channel.ratio / drive.ratio)
+        words = f"{_describe_row(constant)}; the effort gain was {_format_row_value(row)}"
+        words += ": identify.toml needs neither it nor constant_Nm_per_A any more"
+        table = tables.setdefault(layer.format_table_name("joints", place, "drive"), {})
+        table["torque_constant_Nm_per_A"] = (constant.value, words)
+        yield "effort gain", place
+
+
+def _convert_to_constant(row: Row, stated: float) -> Row:
+    """The torque constant that a gain of a current is, by the stated one [N m/A]."""
+    turned = replace(row, unit="N m/A", low=stated / row.high, high=stated / row.low)
+    return replace(turned, value=stated / row.value, before=stated / row.before)
+
+
+def _describe_rest(row: Row, currents: Mapping[str, Channel]) -> str:
+    """A parameter that no mechanism file has; of the gain of a current (by its joint) the line that says its constant."""
+    words = f"{row.parameter} of {row.place}: {_format_row_value(row)} {row.unit}, {_describe_row(row)}"
+    if row.parameter != "effort gain" or row.place not in currents:
+        return words
+    constant = _convert_to_constant(row, currents[row.place].constant)
+    line = f"constant_Nm_per_A = {_format_value(constant.value)}"
+    told = f"as a torque constant {_format_row_value(constant)} N m/A, {_describe_row(constant)}"
+    return f"{words}; {told}: write {line} into effort of [joints.{_format_key(row.place)}] of identify.toml, without this gain"
 
 
 def _fill_beam_tables(layer: Layer, rows: Mapping[Any, Row], tables: Tables, damped: bool) -> Iterator[tuple[str, str]]:
@@ -266,7 +304,7 @@ def _scale_value(value: Any, factor: float) -> Any:
 
 
 def _format_file_lines(
-    mechanism: Mechanism, logs: list[str], over: str, tables: Tables, rest: list[Row]
+    mechanism: Mechanism, logs: list[str], over: str, tables: Tables, rest: list[str]
 ) -> Iterator[str]:
     yield f"over = {json.dumps(over)}"
     yield f"name = {json.dumps(mechanism.name)}"
@@ -280,10 +318,7 @@ def _format_file_lines(
     if rest:
         yield ""
         yield "# Identified, and no part of a mechanism file: parameters of sensors, and laws that it does not have."
-        yield from (
-            f"#   {row.parameter} of {row.place}: {_format_row_value(row)} {row.unit}, {_describe_row(row)}"
-            for row in rest
-        )
+        yield from (f"#   {words}" for words in rest)
 
 
 def _format_table_lines(table: Mapping[str, tuple[Any, str]]) -> Iterator[str]:

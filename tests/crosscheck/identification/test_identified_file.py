@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 from types import SimpleNamespace
 from typing import cast
@@ -15,6 +16,7 @@ from crosscheck.identification.identified_file import write_identified
 from crosscheck.identification.identify import Identification, read_machine
 from crosscheck.identification.logs.log import Log
 from crosscheck.identification.readings import compute_readings, make_run
+from crosscheck.identification.settings import read_settings
 from crosscheck.identification.table import Row, list_parameter_rows
 from flexinv.errors import InputError
 from flexinv.files.load_mechanism import load_mechanism
@@ -219,6 +221,42 @@ def test_only_what_no_file_can_say_stands_in_comments(case: str, expected: set[s
     write_identified(found, tmp_path / "mechanism.toml", tmp_path / "identified.toml")
     rest = list_in_comments((tmp_path / "identified.toml").read_text(), found.parameters)
     assert {kind for (kind, _), _ in rest} == expected
+
+
+DRIVEN_CURRENT = 'effort = { column = "t2", unit = "A", side = "SIDE" }'
+BARE_CURRENT = 'effort = { column = "t2", unit = "A", constant_Nm_per_A = 9.0 }'
+MOTOR = "[joints.elbow.drive]\ngear_ratio = 50\ntorque_constant_Nm_per_A = 0.2\n"
+
+
+@pytest.mark.parametrize("side", ["motor", "joint", ""])
+def test_the_gain_of_a_current_is_a_torque_constant(side: str, tmp_path: Path) -> None:
+    """Of the motor where the joint has a drive; else a comment has the line to write.  Readings [N m] then are those in A."""
+    write_folder(tmp_path, ARM.replace(ELBOW, MOTOR) if side else ARM, ("effort gain", "effort offset"))
+    settings = tmp_path / "identify.toml"
+    current = DRIVEN_CURRENT.replace("SIDE", side) if side else BARE_CURRENT
+    settings.write_text(settings.read_text().replace('effort = { column = "t2" }', current))
+    found = make_rows(tmp_path)
+    write_identified(found, tmp_path / "mechanism.toml", tmp_path / "identified.toml")
+    written = (tmp_path / "identified.toml").read_text()
+    values = found.machine.space.compute_values(found.fit.z)
+    gain = values.pop(("effort gain", "elbow"))
+    log = make_log(100)
+    told = compute_readings(
+        found.machine, make_run(found.machine, log, efforts=False), values | {("effort gain", "elbow"): gain}
+    )
+    if not side:
+        line = re.findall(r"write (constant_Nm_per_A = [\d.]+) into effort of \[joints.elbow\]", written)[0]
+        settings.write_text(settings.read_text().replace("constant_Nm_per_A = 9.0", line))
+    assert ("effort gain of elbow" in written) == (not side)
+    used = read_settings(tmp_path, found.machine.mechanism).model_copy(update={"free": []})
+    loaded = read_machine(load_mechanism(tmp_path / "identified.toml"), used)
+    channel = loaded.channels[1]
+    again = compute_readings(loaded, make_run(loaded, log, efforts=False), values)
+    stated = {"motor": 0.2, "joint": 10.0, "": 9.0}[side]
+    assert (channel.unit, channel.factor) == ("N m", pytest.approx(stated / gain, rel=ROUNDING))
+    assert np.abs(again[:, 1] - told[:, 1] * channel.factor).max() <= ROUNDING * np.ptp(again[:, 1])
+    low, high = re.findall(r"90 %: (\S+) to (\S+) N m/A", written)[0]
+    assert float(low) < float(high)
 
 
 def test_a_payload_of_a_flange_is_part_of_what_was_found(tmp_path: Path) -> None:
