@@ -51,8 +51,8 @@ COLUMNS = (
     ("message", "limit", ""),
 )
 TEXT = """{count} of {all} parameters are told by the logs: their own error is at most a third of what was known before; all
-others are held by the prior. Values and bands are those of the readings behind the zero-phase low-pass at {bandwidth:g} Hz. Bands hold
-90 %. They are made of the uncertainty of the parameters, of what remains, and of friction that differs between runs, and are
+others are held by the prior. Values and bands are those of the readings behind the zero-phase low-pass at {bandwidth:g} Hz. Bands
+hold 90 %. They are made of the uncertainty of the parameters, of what remains, and of friction that differs between runs, and are
 calibrated on blocks of time that were left out. Explained is the part of the variance, of a joint while it slides; width is that
 of the band, and RMS the error's. {scatter}"""
 SCATTER = (

@@ -25,10 +25,13 @@ from crosscheck.identification.estimation.posterior import (
     sample_posterior,
 )
 from crosscheck.identification.parameters import MASS, ParameterSpace
-from crosscheck.report.words import format_short
+from crosscheck.report.words import format_by_width, format_interval, format_short
 from flexinv.typing import Array
 
 INSIDE = 0.9
+FARTHEST = (
+    20.0  # widths of its prior that a value of logs alone is away at most: of what they hardly tell it is no number
+)
 WIDE = 1.0  # relative error of a gain that says that nobody knows it
 # Of a truth drawn from the prior 1.6 % stand farther off; of one that is four widths off, and told, 93 % do.
 CONFLICT = 2.4
@@ -74,8 +77,8 @@ def describe_conflicts(table: list[Row]) -> list[str]:
     rows = [row for row in table if abs(row.conflict) > CONFLICT]
     return [
         f"{row.parameter} of {row.place}: the logs contradict what was known before by {abs(row.conflict):.1f} standard errors: "
-        f"they alone say about {format_short(row.alone)} {row.unit}, known was {format_short(row.before)} "
-        f"({format_short(row.before_low)} to {format_short(row.before_high)}), and {format_short(row.value)} is between; correct "
+        f"they alone say about {format_by_width(row.alone, row.high - row.low)} {row.unit}, known was {format_short(row.before)} "
+        f"({format_interval(row.before_low, row.before_high)}), and {format_by_width(row.value, row.high - row.low)} was found; correct "
         "the value or widen its error in [[free]], or look for what the model lacks"
         for row in sorted(rows, key=lambda row: -abs(row.conflict))
     ]
@@ -127,7 +130,7 @@ def _compute_values_without_prior(space: ParameterSpace, fit: Fit, information: 
     out = before + information.width * information.pull / taken
     for k, one in enumerate(space.parameters):
         if one.kind != MASS:
-            out[k] = one.compute_value(float(fit.z[k] / taken[k]))
+            out[k] = one.compute_value(float(np.clip(fit.z[k] / taken[k], -FARTHEST, FARTHEST)))
     return out
 
 
