@@ -78,8 +78,8 @@ def describe_conflicts(table: list[Row]) -> list[str]:
     return [
         f"{row.parameter} of {row.place}: the logs contradict what was known before by {abs(row.conflict):.1f} standard errors: "
         f"they alone say about {format_by_width(row.alone, row.high - row.low)} {row.unit}, known was {format_short(row.before)} "
-        f"({format_interval(row.before_low, row.before_high)}), and {format_by_width(row.value, row.high - row.low)} was found; correct "
-        "the value or widen its error in [[free]], or look for what the model lacks"
+        f"({format_interval(row.before_low, row.before_high)}), and {format_by_width(row.value, row.high - row.low)} was found; "
+        "correct the value or widen its error in [[free]], or look for what the model lacks"
         for row in sorted(rows, key=lambda row: -abs(row.conflict))
     ]
 
