@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from importlib import import_module
 from pathlib import Path
+from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -20,7 +21,7 @@ from crosscheck.engines.flexinv.certificate import compute_beam_stiffness
 from crosscheck.engines.mujoco.rod import Rod
 from crosscheck.equivalence.beams.rigid_beams import make_rigid_mechanism
 from crosscheck.equivalence.beams.sampled import sample_beam
-from crosscheck.identification.identified_file import Tables, _fill_beam_tables
+from crosscheck.identification.identified_file import Layer, Tables, _fill_beam_tables
 from crosscheck.identification.parameters import apply_values
 from crosscheck.identification.table import Row
 from crosscheck.kit.lift import lift_kit
@@ -189,12 +190,16 @@ def test_causes_change_coupled_sections_as_a_whole_or_not_at_all() -> None:
 def test_an_identified_factor_is_written_into_the_matrix() -> None:
     blade = {"shape": "matrices", "stiffness_matrix": [[2.0, 1.0], [1.0, 3.0]], "damping_matrix": [[1.0]]}
     data = {"links": {"arm": {"section": "blade"}}, "sections": {"blade": blade}}
-    stiffer = Row("beam stiffness", "arm", "-", 1.5, 1.4, 1.6, 1.0, 0.5, 1.5, True)
+    stiffer = Row("beam stiffness", "arm", "-", 1.5, 1.4, 1.6, 1.0, 0.5, 1.5, True, 0.0, 1.5)
     tables: Tables = {}
-    assert list(_fill_beam_tables({("beam stiffness", "arm"): stiffer}, data, tables)) == [("beam stiffness", "arm")]
+    layer = Layer(
+        cast(Any, None), "", data["links"], {}, data["sections"]
+    )  # of beams the file's tables alone are asked for
+    rows = {("beam stiffness", "arm"): stiffer}
+    assert list(_fill_beam_tables(layer, rows, tables, damped=False)) == [("beam stiffness", "arm")]
     written = tables['sections."blade of arm"']
     assert written["stiffness_matrix"][0] == [[3.0, 1.5], [1.5, 4.5]]
     later = {("beam damping", "arm"): replace(stiffer, parameter="beam damping", value=1e-3)}
-    assert list(_fill_beam_tables(later, data, tables))
+    assert list(_fill_beam_tables(layer, later, tables, damped=False))
     assert written["retardation_s"][0] == 1e-3
     assert "damping_matrix" not in written
