@@ -120,7 +120,7 @@ def test_draws_of_what_is_linear_are_normal() -> None:
     assert np.allclose(np.cov(drawn.T), covariance, atol=0.15)
 
 
-@pytest.mark.parametrize("relative", [0.2, 1.0, 2.5])
+@pytest.mark.parametrize("relative", [0.2, 2.5])
 def test_values_lie_in_their_intervals_and_what_has_no_influence_is_not_told(tmp_path: Path, relative: float) -> None:
     """About its axis y a pendulum shows m x, m z and its inertia there, and nothing of the other entries."""
     found = identify_pendulum(tmp_path, f'[[free]]\nparameter = "mass properties"\nrelative = {relative}\n', mass=1.1)
@@ -134,7 +134,7 @@ def test_values_lie_in_their_intervals_and_what_has_no_influence_is_not_told(tmp
     assert mass.low < 1.1 < mass.high
 
 
-@pytest.mark.parametrize("prior", [5.0, 0.02, 0.001])
+@pytest.mark.parametrize("prior", [5.0, 0.001])
 def test_friction_is_found_from_a_prior_that_is_wrong_by_a_factor(tmp_path: Path, prior: float) -> None:
     """At the prior most of the effort is left; taken for noise, it would hold the fit there."""
     free = f'[[free]]\nparameter = "coulomb friction"\nvalue = {prior}\nrelative = 1.5\n'
