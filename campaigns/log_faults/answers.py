@@ -59,7 +59,7 @@ NAMES = {
 }
 PLACES = {"the world's y axis": "y", "the world's x axis": "x", "the world": "*", "all joints": "*", "the times": "*"}
 PAIR = re.compile(r" and ")  # of joints whose columns are swapped
-FAR = re.compile(r", [-\d.e]+ times as far out as its centre of mass")
+FAR = re.compile(r", (?:[-\d.e]+ times as far out as|at) its centre of mass")
 ALIKE = re.compile(r"next to as likely: (.+)$")
 SAID = re.compile(r"(?P<name>.+) of (?P<place>[^,]+), (?P<size>[-+\d.e]+)(?: .*)?$")
 

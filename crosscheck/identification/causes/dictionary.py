@@ -38,10 +38,10 @@ SLOW = (0.001, 0.002, 0.005, 0.01, 0.02)
 LATEST = 0.2
 LARGEST_SCALE = 0.5
 LARGEST_ANGLE = 0.6
-# Places on the line through the centre of mass of a link without a tip, in its distances, from which a payload is looked for.
 # Of what is known, and as a number [unit of the law]: so much less than nothing may be there by the error of a fit.
 LITTLE = 0.1
 TINY = 1e-6
+# Places on the line through the centre of mass of a link without a tip, in its distances, from which a payload is looked for.
 OUTWARD = (1.0, 0.5, 1.5, 2.0, 2.5, 3.0)
 PAYLOAD = "payload beside what is known"
 
@@ -154,7 +154,8 @@ def _list_payload_causes(machine: Machine, values: Values) -> Iterator[Cause]:
 
 def _make_payload_cause(link: Link, com: Array, least: float, times: float) -> Cause:
     """More mass on a link, so many times as far out as its centre of mass (3,) [m]; least : so much it has [kg]."""
-    place = f"{link.name}, {times:.2g} times as far out as its centre of mass"
+    far = f"{times:.2g}"
+    place = f"{link.name}, " + ("at" if far == "1" else f"{far} times as far out as") + " its centre of mass"
     undo = _make_payload_undo(link.name, times * com)
     return Cause(
         PAYLOAD,

@@ -242,7 +242,9 @@ def _find_spot(here: CauseRound, at: Array, k: int, size: float) -> Cause:
         return float(level @ level - (slope @ level) ** 2 / (slope @ slope))
 
     around = (first.spot / REACH, first.spot * REACH)
+    kept = here.causes
     found = scipy.optimize.minimize_scalar(compute_cost, bounds=around, method="bounded", options={"xatol": 0.01})
+    here.causes = kept
     return first.make_at(float(found.x))
 
 

@@ -128,7 +128,7 @@ class CauseRound:
         return np.column_stack(columns) if columns else np.zeros((len(level), 0))
 
     def _compute_spot_slope(self, k: int, level: Array) -> Array:
-        """Slope (rows,) of the weighed residual by the place of cause k [-]."""
+        """Slope (rows,) of the weighed residual by the logarithm of the place of cause k [-]."""
         here = self.causes
         first = here[k]
         assert first.make_at is not None

@@ -69,11 +69,12 @@ def _list_breaks(sense: str, place: str, unit: str, time: Array, values: Array, 
 
 
 def _find_held_samples(values: Array) -> NDArray[np.bool_]:
-    """Samples (samples,) that belong to `HELD` equal ones on end, in a signal of which most differ from the one before."""
+    """Samples (samples,) that belong to `HELD` equal ones on end, in a signal of which most differ from all others."""
     equal = np.concatenate([[False], np.diff(values) == 0.0])
-    if equal.mean() > HALF or find_quantisation_step(values):
+    if len(np.unique(values)) < HALF * len(values):  # of a coarse signal neighbours are equal
         return np.zeros(len(values), dtype=bool)
-    equal &= (values > values.min()) & (values < values.max())  # what stands at an extreme is clipped
+    inside = (values > values.min()) & (values < values.max())
+    equal &= inside | (values == 0.0)  # what stands at another extreme is clipped
     ends = np.flatnonzero(np.diff(np.concatenate([[False], equal, [False]]).astype(int)))
     out = np.zeros(len(values), dtype=bool)
     for first, last in ends.reshape(-1, 2):

@@ -15,6 +15,7 @@ import crosscheck
 from crosscheck.identification.causes.cause import NamedCause
 from crosscheck.identification.causes.encoders import DELAY, SCALE, TWIST
 from crosscheck.identification.causes.name_causes import find_causes, find_remaining_causes
+from crosscheck.identification.causes.signals import list_broken_columns
 from crosscheck.identification.identify import Identification, read_machine, read_of
 from crosscheck.identification.logs.log import Log, read_log
 from crosscheck.identification.parameters import KINDS
@@ -121,7 +122,7 @@ def test_a_payload_forgotten_on_the_last_link_is_named(known: tuple[Identificati
     result, log = known
     payloads = [one for one in planted_faults.planted(result, without_encoder(log)) if one.name.startswith("payload")]
     payload = payloads[0]
-    assert payload.place.endswith(", 1 times as far out as its centre of mass")
+    assert payload.place.endswith(", at its centre of mass")
     good, words = planted_faults.verdict(payload, find_causes(result, payload.log), set())
     assert good, words
 
@@ -233,3 +234,16 @@ def test_what_would_hide_in_a_log_is_told(real: tuple[Identification, Log, list[
         named = find_causes(result, changed(log, "axis1_motor_torque_Nm", values))
         assert (("torque constant, relative error", "axis1") in {(o.name, o.place) for o in named}) == seen
     assert told["delay of the effort", "axis1"] <= 0.002
+
+
+@pytest.mark.parametrize("level", [0.0, -1.0])
+def test_missing_samples_are_dropouts_also_at_an_extreme(known: tuple[Identification, Log], level: float) -> None:
+    """Zeros in an effort that is negative throughout look like a limit, and a drive has none there; so do held values."""
+    result, log = known
+    values = -np.abs(log.columns["t1"]) - 2.0
+    values[300:340] = level if level == 0.0 else values[300]
+    (only,) = (
+        one for one in list_broken_columns(result.machine, result.fit, changed(log, "t1", values)) if "drop" in one.name
+    )
+    assert (only.name, only.place) == ("dropouts of the effort", "shoulder")
+    assert only.size == pytest.approx(40 / len(values), abs=1 / len(values))
