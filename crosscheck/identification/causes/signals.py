@@ -24,6 +24,7 @@ QUIET = 0.95  # of the steps of a signal are none of its spikes
 BESIDE = 12  # samples after a step, whose median says whether it lasts
 LEVELS = 5000  # a signal of more of them is no coarse one
 EXACT = 1e-3  # part of a step by which values may miss its multiples
+LEAP = 3.0  # times the largest step beside it is a leap: an angle that was held for `HELD` samples makes more
 HALF = 0.5  # of what remains: an angle's steps that make more of the readings are named
 
 
@@ -48,7 +49,7 @@ def list_broken_columns(machine: Machine, fit: Fit, log: Log) -> Iterator[NamedC
 
 def _list_breaks(sense: str, place: str, unit: str, time: Array, values: Array, rest: Array) -> Iterator[NamedCause]:
     """Yield the faults of a signal at times [s]; values, rest : (samples,) [unit] as it is, and less what is expected."""
-    held = _find_held_samples(values)
+    held = _find_held_samples(values, stands=sense == "angle")
     if held.any():
         words = f"{held.mean():.1%} of the samples repeat the one before, {HELD} times and more on end"
         yield NamedCause(f"dropouts of the {sense}", place, "-", float(held.mean()), 0.0, np.inf, words)
@@ -68,19 +69,40 @@ def _list_breaks(sense: str, place: str, unit: str, time: Array, values: Array, 
         yield NamedCause(f"jump of the {sense}", place, unit, float(steps[lasting[0]]), 0.0, np.inf, words)
 
 
-def _find_held_samples(values: Array) -> NDArray[np.bool_]:
-    """Samples (samples,) that belong to `HELD` equal ones on end, in a signal of which most differ from all others."""
+def _find_held_samples(values: Array, stands: bool) -> NDArray[np.bool_]:
+    """Samples (samples,) that belong to `HELD` equal ones on end, in a signal of which most differ from all others.
+
+    stands : the machine may stand, as an angle does; then only stretches are held that begin or end with a leap.
+    """
     equal = np.concatenate([[False], np.diff(values) == 0.0])
     if len(np.unique(values)) < HALF * len(values):  # of a coarse signal neighbours are equal
         return np.zeros(len(values), dtype=bool)
     inside = (values > values.min()) & (values < values.max())
     equal &= inside | (values == 0.0)  # what stands at another extreme is clipped
+    steps = np.abs(np.diff(values))
+    typical = float(np.median(steps))
     ends = np.flatnonzero(np.diff(np.concatenate([[False], equal, [False]]).astype(int)))
     out = np.zeros(len(values), dtype=bool)
     for first, last in ends.reshape(-1, 2):
-        if last - first >= HELD:
-            out[max(first - 1, 0) : last] = True
+        if last - first < HELD:
+            continue
+        if stands and not _is_beside_leap(steps, max(first - 1, 0), last - 1, typical):
+            continue
+        out[max(first - 1, 0) : last] = True
     return out
+
+
+def _is_beside_leap(steps: Array, first: int, last: int, typical: float) -> bool:
+    """Tell whether a signal leaps as the equal samples first to last begin or end.
+
+    steps : (samples - 1,) absolute ones; typical : their median. A leap is `LEAP` times the largest step beside it, and
+    times the typical one: a joint that stands still creeps by less.
+    """
+    before = steps[max(first - 1 - BESIDE, 0) : max(first - 1, 0)]
+    after = steps[last + 1 : last + 1 + BESIDE]
+    usual = max(before.max(initial=typical), after.max(initial=typical))
+    edges = np.concatenate([steps[max(first - 1, 0) : first], steps[last : last + 1]])
+    return bool(edges.max(initial=0.0) > LEAP * usual)
 
 
 def list_clipped_columns(machine: Machine, log: Log) -> Iterator[NamedCause]:

@@ -247,3 +247,21 @@ def test_missing_samples_are_dropouts_also_at_an_extreme(known: tuple[Identifica
     )
     assert (only.name, only.place) == ("dropouts of the effort", "shoulder")
     assert only.size == pytest.approx(40 / len(values), abs=1 / len(values))
+
+
+def test_a_joint_that_stands_still_has_no_dropouts(known: tuple[Identification, Log]) -> None:
+    """An encoder repeats its value while the joint stands, and creeps by a step of its own; a held one leaps when it goes on."""
+    result, log = known
+    column = result.machine.settings.joints["shoulder"].angle.column
+    angle = log.columns[column]
+    still = np.concatenate([angle, np.full(60, angle[-1]), [angle[-1] + 1e-6], np.full(60, angle[-1] + 1e-6)])[120:]
+    held = angle.copy()
+    fastest = int(np.argmax(np.abs(np.gradient(angle))[20:-20]))
+    held[fastest : fastest + 20] = held[fastest]
+
+    def list_dropouts(values: np.ndarray) -> list[str]:
+        breaks = list_broken_columns(result.machine, result.fit, changed(log, column, values))
+        return [one.place for one in breaks if one.name == "dropouts of the angle"]
+
+    assert list_dropouts(still[: len(angle)]) == []
+    assert list_dropouts(held) == ["shoulder"]
