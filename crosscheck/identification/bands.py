@@ -22,7 +22,14 @@ from numpy.typing import NDArray
 
 from crosscheck.identification.estimation.fit import STEP, Fit, Problem
 from crosscheck.identification.filters import low_pass
-from crosscheck.identification.readings import Machine, Run, compute_friction_reading, compute_readings
+from crosscheck.identification.readings import (
+    Machine,
+    Run,
+    apply_bandwidth,
+    compute_friction_reading,
+    compute_raw_signals,
+    compute_readings,
+)
 from flexinv.typing import Array
 
 NOMINAL = 0.9
@@ -121,7 +128,7 @@ class Margins:
 def predict(machine: Machine, fit: Fit, margin: Margins, run: Run) -> Prediction:
     """Return readings with 90 % bands [units of the channels] of a run; margin : of `compute_margins`."""
     value = compute_readings(machine, run, machine.space.compute_values(fit.z))
-    parameter_scatter = _compute_parameter_scatter(machine, fit, run, value)
+    parameter_scatter = _compute_parameter_scatter(machine, fit, run)
     left = np.column_stack(
         [s.evaluate_scatter(v) for s, v in zip(margin.scatters, _compute_channel_rates(machine, run).T, strict=True)]
     )
@@ -162,12 +169,14 @@ def _compute_channel_rates(machine: Machine, run: Run) -> Array:
     return rate
 
 
-def _compute_parameter_scatter(machine: Machine, fit: Fit, run: Run, value: Array) -> Array:
+def _compute_parameter_scatter(machine: Machine, fit: Fit, run: Run) -> Array:
     slopes = []
+    level = compute_raw_signals(machine, run.motion, run.response, machine.space.compute_values(fit.z))
     for k in range(len(fit.z)):  # one prediction each; those of sensors and friction solve nothing anew
         ahead = fit.z.copy()
         ahead[k] += STEP
-        slopes.append((compute_readings(machine, run, machine.space.compute_values(ahead)) - value) / STEP)
+        raw = compute_raw_signals(machine, run.motion, run.response, machine.space.compute_values(ahead))
+        slopes.append(apply_bandwidth(machine, run, (raw - level) / STEP))
     j = np.stack(slopes, axis=-1)
     variance = np.einsum("tcp,pq,tcq->tc", j, fit.covariance, j, optimize=True)
     return np.asarray(np.sqrt(np.maximum(variance, 0.0)))

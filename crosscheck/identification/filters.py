@@ -10,8 +10,6 @@ import scipy  # its parts are loaded when they are asked for
 from flexinv.typing import Array
 
 ORDER = 4  # of the Butterworth filter; forth and back it is 8
-# Signals that are kept: a difference quotient by one parameter leaves most of them as they were.
-KEPT_SIGNALS = 64
 
 
 def low_pass(values: Array, spacing: float, bandwidth: float) -> Array:
@@ -26,20 +24,16 @@ def low_pass(values: Array, spacing: float, bandwidth: float) -> Array:
 
 def apply_low_pass_all(values: Array, spacing: float, bandwidth: float) -> Array:
     """Return several signals (samples, signals) [any unit] without what is faster than the bandwidth [Hz], as `low_pass`."""
-    columns = np.asarray(values, dtype=np.float64).T
-    return np.column_stack([_apply_to_signal(column.tobytes(), spacing, bandwidth) for column in columns])
-
-
-@lru_cache(maxsize=KEPT_SIGNALS)
-def _apply_to_signal(signal: bytes, spacing: float, bandwidth: float) -> Array:
-    """One signal (samples,), given as the bytes of its numbers."""
-    x = np.frombuffer(signal)
-    pad = min(len(x) - 1, int(np.ceil(2.0 / (bandwidth * spacing))))
-    result = np.asarray(
-        scipy.signal.sosfiltfilt(_build_filter_sections(spacing, bandwidth), x, padtype="odd", padlen=pad)
-    )
-    result.flags.writeable = False
-    return result
+    out = np.zeros(np.shape(values))
+    some = np.any(
+        values, axis=0
+    )  # what is zero stays zero: a difference quotient by one parameter has few other columns
+    if some.any():
+        x = np.asarray(values, dtype=np.float64)[:, some]
+        pad = min(len(x) - 1, int(np.ceil(2.0 / (bandwidth * spacing))))
+        sections = _build_filter_sections(spacing, bandwidth)
+        out[:, some] = scipy.signal.sosfiltfilt(sections, x, axis=0, padtype="odd", padlen=pad)
+    return out
 
 
 @lru_cache(maxsize=32)

@@ -287,12 +287,17 @@ def read_measured_channels(machine: Machine, log: Log) -> Array:
 
 def compute_readings(machine: Machine, run: Run, values: Mapping[Key, float]) -> Array:
     """Return the expected readings (samples, channels) [units of the channels]."""
-    raw = compute_raw_signals(machine, run.motion, run.response, values)
+    return apply_bandwidth(machine, run, compute_raw_signals(machine, run.motion, run.response, values))
+
+
+def apply_bandwidth(machine: Machine, run: Run, raw: Array) -> Array:
+    """Return raw signals (samples, channels) [units of the channels], or differences of them, as readings are: low-passed."""
     spacing = float(run.motion.time[1] - run.motion.time[0])
     passed = [k for k, channel in enumerate(machine.channels) if channel.sense != "gauge"]
+    out = raw.copy()
     if passed:
-        raw[:, passed] = apply_low_pass_all(raw[:, passed], spacing, machine.settings.bandwidth_Hz)
-    return raw
+        out[:, passed] = apply_low_pass_all(raw[:, passed], spacing, machine.settings.bandwidth_Hz)
+    return out
 
 
 def compute_raw_signals(

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from crosscheck.identification.estimation.noise import Noise, compute_noise
 from crosscheck.identification.parameters import KINDS, Key
-from crosscheck.identification.readings import Machine, Run, compute_readings
+from crosscheck.identification.readings import Machine, Run, apply_bandwidth, compute_raw_signals
 from flexinv.errors import ConvergenceError, InputError
 from flexinv.typing import Array
 
@@ -78,8 +78,14 @@ class Problem:
 
     def predict(self, z: Array) -> list[Array]:
         """Return the readings (samples, channels) [units of the channels] of each run at z (parameters,) [-]."""
+        return [
+            apply_bandwidth(self.machine, *one) for one in zip(self.runs, self.compute_raw_readings(z), strict=True)
+        ]
+
+    def compute_raw_readings(self, z: Array) -> list[Array]:
+        """Return the same before any low-pass of ours."""
         values = self.machine.space.compute_values(z)
-        return [compute_readings(self.machine, run, values) for run in self.runs]
+        return [compute_raw_signals(self.machine, run.motion, run.response, values) for run in self.runs]
 
     def collect_counted_samples(self, arrays: list[Array]) -> list[Array]:
         """Return of each channel the samples that count, of all runs one after the other, (counted,) [any unit]."""
@@ -211,15 +217,15 @@ def _read_measured(run: Run) -> Array:
 
 def compute_jacobian(task: Problem, z: Array) -> list[Array]:
     """Return the derivatives by z of what `Problem.collect_counted_samples` gives, (counted, parameters) [units of channels]."""
-    level = task.collect_counted_samples(task.predict(z))
+    level = task.compute_raw_readings(z)
     columns = []
     for k in range(len(z)):
         ahead = z.copy()
         ahead[k] += STEP
-        columns.append(
-            [(a - b) / STEP for a, b in zip(task.collect_counted_samples(task.predict(ahead)), level, strict=True)]
-        )
-    return [np.column_stack([c[channel] for c in columns]) for channel in range(len(level))]
+        slopes = [(a - b) / STEP for a, b in zip(task.compute_raw_readings(ahead), level, strict=True)]
+        passed = [apply_bandwidth(task.machine, *one) for one in zip(task.runs, slopes, strict=True)]
+        columns.append(task.collect_counted_samples(passed))
+    return [np.column_stack([c[channel] for c in columns]) for channel in range(len(task.machine.channels))]
 
 
 def _find_minimum(

@@ -164,7 +164,7 @@ class _Cost:
             for name, at, errors in _list_mass_blocks(self.space)
         ]
         plain = _compute_effects(self.space, z)
-        out = np.zeros((*z.shape, z.shape[1]))
+        out: Array = np.zeros(0)
         for part in self.parts:
             slope = part.mix * diagonal[:, None, :]
             for at, block in blocks:
@@ -175,8 +175,10 @@ class _Cost:
                 slope[:, :, part.gain] = parameters[part.gain].error * (
                     own @ part.mix.T
                 )  # y is proportional to its gain
-            out += slope
-        return np.asarray(out + np.eye(z.shape[1]))
+            out = slope if not len(out) else np.add(out, slope, out=out)
+        every = np.arange(z.shape[1])
+        out[:, every, every] += 1.0
+        return out
 
 
 def _build_cost(space: ParameterSpace, fit: Fit) -> _Cost:
