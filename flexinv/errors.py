@@ -18,6 +18,10 @@ class ConvergenceError(FlexinvError, RuntimeError):
     """Newton did not converge; the message names the time, the residual and what to try."""
 
 
+class TooFewElements(ConvergenceError):
+    """An element bends further than its nodes can follow: shorter steps do not help, more elements do."""
+
+
 class OpenLoops(ConvergenceError):
     """The loops do not close from a configuration: what is said of it, and what to do.
 

@@ -80,6 +80,11 @@ class Candidate:
     model: Model | None = field(default=None, compare=False, repr=False)
     far: dict[bytes, Array | None] = field(default_factory=dict, compare=False, repr=False)
 
+    @property
+    def key(self) -> tuple[str, str]:
+        """Name and target."""
+        return self.cause.name, self.target
+
     @cached_property
     def columns(self) -> Array:
         """The columns, of marches those of the model's own step: computed when somebody needs them."""

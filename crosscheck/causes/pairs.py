@@ -21,8 +21,8 @@ AND = " + "
 NUMBERS = 4  # of a pair's sizes together: with more of them, anything can be explained
 TRIED = {True: 32, False: 4}  # pairs that are refined, by whether the mechanism is a rigid tree
 ROUNDS = {True: 8, False: 3}  # of a refinement, by whether it is rigid
-# causes without a size that are taken off first, and sized ones that are tried beside each of them
-FIRST = 4
+# Causes that are taken off first, by whether the mechanism is a rigid tree, and sized ones that are tried beside each of them.
+FIRST = {True: 4, False: 2}
 NEXT = 8
 LINEAR = 0.5  # of |r|: a pair that leaves more in the linear look is none
 DEPENDENT = 1e-6  # of a column: what another one leaves of it is rounding
@@ -39,7 +39,7 @@ def find_pairs(
     quick = is_tree(model.base)
     found: dict[tuple[str, str], Fit] = {}
     likely = _list_likely_pairs(usable, residual, LINEAR + model.rough_error)[: TRIED[quick]]
-    for a, b in (*likely, *(_list_sequential_pairs(model, residual, usable) if quick else [])):
+    for a, b in (*likely, *_list_sequential_pairs(model, residual, usable)):
         one = fit(model, residual, join_causes(a, b), ROUNDS[model.base.mechanism.is_rigid], noise)
         if explains(one):
             alone = [f for f in _fit_parts(model, residual, one, (a, b), noise) if explains(f)]
@@ -124,22 +124,29 @@ def _list_likely_pairs(usable: list[Candidate], residual: Array, most: float) ->
 
 
 def _list_sequential_pairs(model: Model, residual: Array, usable: list[Candidate]) -> list[tuple[Candidate, Candidate]]:
-    """Return pairs of a cause that is there or not and a sized one, by the columns of the subject with the first one in it."""
-    there = [(float(np.linalg.norm(residual - c.columns[:, 0])), k) for k, c in enumerate(usable) if not c.cause.sized]
-    total = float(np.linalg.norm(residual))
+    """Return pairs of a cause that explains much and a sized one, by the columns of the subject with the first one in it.
+
+    In a tree the first one is there or not; in a mechanism with loops it may have a size, for what it does to closures changes
+    what all others do.
+    """
+    if not model.base.mechanism.is_rigid:
+        return []
+    tree = is_tree(model.base)
+    first = [fit(model, residual, c) for c in usable if not (tree and c.cause.sized)]
     sequential_pairs = []
-    for left, k in sorted(there)[:FIRST]:
-        if left > LINEAR * total:
+    for one in sorted(first, key=lambda f: f.residual)[: FIRST[tree]]:
+        if one.residual > LINEAR:
             break
-        one = usable[k]
-        base = one.cause.change(model.base, one.target, np.ones(1))
+        (candidate,) = (c for c in usable if c.key == one.key)
+        base = one.cause.change(model.base, one.target, one.size)
         harmed = replace(model, base=base, torque=model.compute_torques(base))
         causes = {c.cause.name: c.cause for c in usable if c.cause.sized}
         others = [
-            (fit(harmed, residual - one.columns[:, 0], c).residual, n, c)
+            (fit(harmed, residual - one.column, c).residual, n, c)
             for n, c in enumerate(list_candidates(harmed, causes))
+            if c.key != one.key
         ]
-        sequential_pairs += [(one, c) for _, _, c in sorted(others, key=lambda x: x[:2])[:NEXT]]
+        sequential_pairs += [(candidate, c) for _, _, c in sorted(others, key=lambda x: x[:2])[:NEXT]]
     return sequential_pairs
 
 

@@ -12,7 +12,15 @@ import scipy  # its parts are loaded when they are asked for
 
 from flexinv.analysis.evaluation import FirstStep, assemble_solution, run_second_step
 from flexinv.analysis.extrapolation import compute_extrapolated_step, take_every_sample
-from flexinv.analysis.refinement import Problem, Refinement, StepGrid, find_cheapest_answer, make_accuracy_error
+from flexinv.analysis.refinement import (
+    COARSEST,
+    FINEST,
+    Problem,
+    Refinement,
+    StepGrid,
+    find_cheapest_answer,
+    make_accuracy_error,
+)
 from flexinv.analysis.solution import Solution
 from flexinv.analysis.task import Settings, Task, Words, make_prescribed_task, resolve_last_time
 from flexinv.analysis.trajectory import run_first_step
@@ -25,9 +33,6 @@ from flexinv.typing import Array
 from flexinv.validation import check_number, refuse
 
 TaskOf = Callable[[Mechanism, Array, Settings], Task]
-# Below this part of the range rounding of accelerations is met; above a tenth nothing is asked.
-FINEST = 1e-9
-COARSEST = 0.1
 # Coarsest steps: so many in the run, and so many in the longest stretch of it that is smooth, unless that is too many in the run.
 FEWEST_IN_RUN = 40
 FEWEST_IN_STRETCH = 16

@@ -23,7 +23,7 @@ from flexinv.analysis.evaluation import FirstStep, add_joint_efforts, run_second
 from flexinv.analysis.extrapolation import compute_weighted_sum, take_every_sample, weights
 from flexinv.analysis.nearby import find_largest_nearby
 from flexinv.analysis.task import Settings
-from flexinv.errors import ConvergenceError
+from flexinv.errors import ConvergenceError, TooFewElements
 from flexinv.kinematics.mesh import Mesh
 from flexinv.model.joint_kinds import KINDS
 from flexinv.model.mechanism import Mechanism
@@ -38,6 +38,9 @@ MARGIN = 1.5  # what an order seen on so few rungs may be off by, as a factor on
 # A jump of more rungs goes by an order that so few steps cannot show; before so many triples nothing is given up.
 MOST_RUNGS = 4
 TRIPLES_SEEN = 3
+# An accuracy that is asked: below this part of the range rounding of accelerations is met; above a tenth nothing is asked.
+FINEST = 1e-9
+COARSEST = 0.1
 # More steps times nodes than this in one run are a wish that no step meets: an undamped vibration that never ends.
 MOST_NODE_STEPS = 2_000_000
 # Meshes of beams, (times the elements of the mechanism, order), each better than that before.
@@ -268,14 +271,18 @@ def find_cheapest_answer(refinement: Refinement) -> Answer:
 
 def _find_coarsest_mesh(refinement: Refinement) -> tuple[int, int]:
     """The coarsest mesh whose error, as the coarsest steps that converge show it, leaves enough to the steps; and their rung."""
-    index = 0
-    while refinement.run_level(0, compute_refinement(index + 2)) is None:
-        index += 1
-        _check_budget(refinement, index, None)
-    mesh = 0
+    last = len(MESHES) - 2 if refinement.problem.mechanism.beams else 0
+    mesh = index = 0
+    while refinement.run_level(mesh, compute_refinement(index + 2)) is None:
+        if not isinstance(refinement.failure, TooFewElements):
+            index += 1
+            _check_budget(refinement, index, None)
+        elif mesh == last:
+            raise refinement.failure
+        else:
+            mesh += 1
     finer = compute_refinement(index + 2)
     asked = (1.0 - SHARE_OF_STEPS) * refinement.problem.accuracy
-    last = len(MESHES) - 2 if refinement.problem.mechanism.beams else 0
     while mesh < last and _compute_mesh_errors(refinement, mesh, finer).max() > asked:
         mesh += 1
     return mesh, index
@@ -362,9 +369,11 @@ def make_accuracy_error(refinement: Refinement, answer: Answer | None) -> Conver
     shortest = p.grid.compute_longest_step(answer.levels[-1].finer)
     reached = answer.bar if np.isfinite(answer.bar) else answer.apart
     size = 10.0 ** np.floor(np.log10(reached))
+    possible = np.ceil(reached / size) * size
+    larger = f", or accuracy = {possible:g}" if possible <= COARSEST else ""
     return ConvergenceError(
         f"mechanism '{p.mechanism.name}': accuracy = {p.accuracy:g} is out of reach: at steps of {shortest:.3g} s errors are "
         f"{reached:.2g} of the range and fall with the power {max(refinement.order, 0.0):.1f} of the step, as of vibrations "
-        "that something sudden excites and nothing damps; write damping (retardation_s of a section, or a ratio in [damping]), "
-        f"a smoother law such as 'nonic', or accuracy = {np.ceil(reached / size) * size:g}"
+        "that something sudden excites and nothing damps; write damping (retardation_s of a section, or a ratio in [damping]) or "
+        f"a smoother law such as 'nonic'{larger}"
     )

@@ -18,7 +18,7 @@ from flexinv.dynamics.stepper import CONVERGED, NOT_FINITE, SLIPPED, TURNED_TOO_
 from flexinv.dynamics.system import Border, Instants, State, System, Trajectory, Work
 from flexinv.elements.beam import Rates, Scratch
 from flexinv.elements.beam_element import Elements
-from flexinv.errors import ConvergenceError
+from flexinv.errors import ConvergenceError, TooFewElements
 from flexinv.kernels.so3 import log_so3
 from flexinv.kinematics.mesh import Mesh
 from flexinv.kinematics.tree import Frames, Joints, Variation
@@ -240,13 +240,13 @@ def make_solve_error(
         where = f"mechanism '{name}', link '{link.name}', {when}: element {count} turns by more than"
         what = f"{LARGEST_TURN} rad between its nodes" if status == TURNED_TOO_MUCH else "pi in one step at a section"
         twice = 2 * (link.beam.elements if link.beam is not None else 1)
-        advice = f"it had bent by {turned:.2g} rad before: use more elements (elements = {twice} on this link)"
-        if turned <= BENT_TOO_FAR:
-            advice = (
-                f"it had bent by {turned:.2g} rad before, so that more elements would not help: "
-                f"{shorter}check that forces, moments and stiffness are what you mean"
-            )
-        return ConvergenceError(f"{where} {what}; {advice}")
+        bent = f"{where} {what}; it had bent by {turned:.2g} rad before"
+        if turned > BENT_TOO_FAR:
+            return TooFewElements(f"{bent}: use more elements (elements = {twice} on this link)")
+        return ConvergenceError(
+            f"{bent}, so that more elements would not help: "
+            f"{shorter}check that forces, moments and stiffness are what you mean"
+        )
     if status == NOT_FINITE and (idle := describe_idle_joints(mesh, frozenset(passive))):
         return ConvergenceError(f"mechanism '{name}', {when}: {idle}")
     what = "is not a finite number" if status == NOT_FINITE else f"is still {size:.1e} after {count} iterations"

@@ -185,3 +185,19 @@ def test_each_is_named_alone_beside_a_damper_that_differs() -> None:
         naming = find_fault_causes(setting, ask(bench, both), both)
         assert {f.cause.name for f in naming.named} <= {f"{name} + viscous damping", f"viscous damping + {name}"}, name
         assert naming.named, name
+
+
+def test_a_closures_force_is_named_beside_a_damper_that_it_hides() -> None:
+    """Without the closure's force a damper acts otherwise than alone: columns of the mechanism as it is do not show the pair."""
+    (bench,) = (one for one in BENCHES if one.label.startswith("andrews_squeezer (with a damper)"))
+    setting = prepare(bench, MODELS)
+    few = ("closure force dropped", "viscous damping", "dry friction", "body mass", "rotor inertia", "force at the tip")
+    setting = replace(setting, known=[one for one in setting.known if one.cause.name in few])
+    lost = next(one for one in setting.known if one.cause.name == "closure force dropped")
+    damper = [one for one in setting.known if one.cause.name == "viscous damping"][-1]
+    harmed = lost.cause.change(setting.subject, lost.target, np.ones(1))
+    both = damper.cause.change(harmed, damper.target, np.array([0.1 * damper.scale]))
+    named = find_fault_causes(setting, ask(bench, both), both).named
+    assert {(one.cause.name, one.target) for one in named} == {
+        ("closure force dropped + viscous damping", f"{lost.target} + {damper.target}")
+    }

@@ -230,6 +230,14 @@ def test_energy_from_nowhere_is_an_error() -> None:
     wrong.check(*given[:2], np.full_like(s.qd, 100.0), *given[3:])  # what a fast motion of the joint would carry
 
 
+def test_an_accuracy_that_needs_more_elements_takes_them_and_no_shorter_steps() -> None:
+    """An element that its nodes cannot follow is no matter of the step: finer meshes are tried, then they are what is advised."""
+    soft = replace(arm().links[0].beam.section, stiffness=np.array([[1.452e6, 4.65e5, 4.65e5, 0.626, 13.7, 0.0005]]))
+    longest = r"\(step 0.000166667 s\).*use more elements \(elements = 8 on"
+    with pytest.raises(flexinv.errors.TooFewElements, match=longest):
+        flexinv.solve(pushed(0.1, 2, arm(section=soft)), HELD, accuracy=1e-2)
+
+
 def test_advice_follows_from_what_happened() -> None:
     """More elements where the arm had bent that far before, a smaller step where it had not."""
     soft = replace(arm().links[0].beam.section, stiffness=np.array([[1.452e6, 4.65e5, 4.65e5, 0.626, 13.7, 0.0046]]))
