@@ -97,7 +97,6 @@ ALONE = {
     "crosscheck.engines.exudyn.weights": "questions to an engine's own model, one a module",
     "crosscheck.engines.flexinv.determinacy": EQUATIONS,
     "crosscheck.engines.pinocchio.adapter": "found by its name: an engine's adapter",
-    "crosscheck.identification.causes.encoders": EQUATIONS,
     "crosscheck.identification.causes.wide_rows": EQUATIONS,
     "crosscheck.kit.tree": "a file of kits for programs that want no JSON",
     "crosscheck.kit.page": "the page of a kit in words, apart from its data",

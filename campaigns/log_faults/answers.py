@@ -50,6 +50,13 @@ NAMES = {
     "spring beside what is known": "spring",
     "tilt of gravity": "tilt",
     "size of gravity, relative error": "gravity",
+    "drift of the effort": "effort drift",
+    "drift of the torque constant, relative": "gain drift",
+    "growth of friction, relative": "friction drift",
+    "drift of the angle": "angle drift",
+    "ripple of the angle, 1 a turn": "angle ripple",
+    "ripple of the angle, 2 a turn": "angle ripple",
+    "efficiency of the gear less one": "gear efficiency",
     "spikes of the effort": "effort spikes",
     "spikes of the angle": "angle spikes",
     "dropouts of the effort": "effort dropout",
@@ -57,6 +64,7 @@ NAMES = {
     "jump of the angle": "angle jump",
     "no cause that is known": UNKNOWN,
 }
+FACTORS = ("clock", "effort gain", "angle gain", "gravity", "gear efficiency")
 PLACES = {"the world's y axis": "y", "the world's x axis": "x", "the world": "*", "all joints": "*", "the times": "*"}
 PAIR = re.compile(r" and ")  # of joints whose columns are swapped
 FAR = re.compile(r", (?:[-\d.e]+ times as far out as|at) its centre of mass")
@@ -103,7 +111,7 @@ def read_answer(name: str, place: str, size: float, error: float) -> Answer:
     where = "*" if PAIR.search(where) else PLACES.get(where, where)
     if own == "clock":
         return Answer(own, where, 1.0 / (1.0 + size), error)
-    if own in ("effort gain", "angle gain", "gravity"):
+    if own in FACTORS:
         return Answer(own, where, 1.0 + size, error)
     return Answer(own, where, -size if own == "tilt" else size, error)
 
@@ -127,7 +135,7 @@ def has_size_of(said: Answer, right: Answer) -> bool:
     """Return True where the size [unit of it] is right within its error; a factor is held against what it differs from 1."""
     if right.size is None or said.size is None:
         return True
-    whole = right.size - 1.0 if right.name in ("clock", "effort gain", "angle gain", "gravity") else right.size
+    whole = right.size - 1.0 if right.name in FACTORS else right.size
     return abs(said.size - right.size) <= ERRORS * said.error + PART * abs(whole)
 
 

@@ -38,14 +38,14 @@ class DetectionLimit:
 
 
 def find_least_sizes(here: CauseRound, at: Array, evidence: float) -> list[DetectionLimit]:
-    """Return the least sizes [unit of each] that have so much evidence [-] in a log; of angles' delays none is told.
+    """Return the least sizes [unit of each] that have so much evidence [-] in a log, but of angles' delays and rare causes.
 
     at : sizes of the causes that were named
     """
     out = []
     level = here.compute_weighed_residual(at)
     for k, cause in enumerate(here.causes):
-        if at[k] or (cause.moves and cause.tries):
+        if at[k] or cause.rare or (cause.moves and cause.tries):
             continue
         size = (
             _find_size_by_trial(here, at, k, level, evidence)

@@ -1,7 +1,7 @@
 """Dictionary of causes with one number that may be small; phi = 0 is no fault.
 
-Of signals: delays, lags, gains, offsets, scales, a clock.  Of drives: friction, rotor inertia, a spring.  Of the machine: tilted
-gravity, payload.
+Of signals: delays, lags, gains, offsets, scales, a clock, drifts.  Of drives: friction, rotor inertia, a spring, the efficiency
+of a gear.  Of the machine: tilted gravity, payload.
 """
 
 from __future__ import annotations
@@ -20,6 +20,7 @@ from crosscheck.identification.readings import (
     Machine,
     apply_delay,
     apply_first_order_lag,
+    compute_drive_effort,
     compute_friction,
     compute_measured_motion,
     remove_first_order_lag,
@@ -37,7 +38,13 @@ SLOW = (0.001, 0.002, 0.005, 0.01, 0.02)
 # Largest sizes that can be, without being a gross fault: of a delay or lag [s], a relative error, an angle [rad].
 LATEST = 0.2
 LARGEST_SCALE = 0.5
+LEAST_EFFICIENCY = 0.3
+# Waves of an angle's error over a turn of the joint: an eccentric encoder makes one, an oval one two.
+ORDERS = (1, 2)
+LARGEST_RIPPLE = 0.05
 LARGEST_ANGLE = 0.6
+# Of gravity: on the Earth it is 9.764 to 9.834 m/s^2 (Hirt et al. 2013, doi:10.1002/grl.50838), and 10 is written for it.
+HEAVIER = 0.03
 # Of what is known, and as a number [unit of the law]: so much less than nothing may be there by the error of a fit.
 LITTLE = 0.1
 TINY = 1e-6
@@ -54,7 +61,9 @@ def list_possible_causes(machine: Machine, values: Values) -> Iterator[Cause]:
         for axis in range(2):
             place = f"the world's {'xy'[axis]} axis"
             yield _make_bounded("tilt of gravity", place, "rad", LARGEST_ANGLE, _make_tilt_undo(axis))
-        yield Cause("size of gravity, relative error", "the world", "-", 1e-3, _scale_gravity, least=-1.0, most=1.0)
+        yield Cause(
+            "size of gravity, relative error", "the world", "-", 1e-3, _scale_gravity, least=-HEAVIER, most=HEAVIER
+        )
     for name, table in machine.settings.joints.items():
         yield from _list_angle_causes(name, table.angle.column, ANGLES[table.angle.unit] / table.angle.over, machine)
     efforts = tuple(channel.column for channel in machine.channels if channel.sense == "effort")
@@ -66,6 +75,66 @@ def list_possible_causes(machine: Machine, values: Values) -> Iterator[Cause]:
     for channel in machine.channels:
         if channel.sense == "effort":
             yield from _list_drive_causes(machine, channel, values)
+    for channel in machine.channels:
+        if channel.sense == "effort":
+            slow = _list_slow_causes(machine, channel, values)
+            yield from (replace(one, rare=True) for one in (*slow, *_list_gear_causes(machine, channel, values)))
+
+
+def _list_slow_causes(machine: Machine, channel: Channel, values: Values) -> Iterator[Cause]:
+    """Yield what grows from the first sample to the last, each by its change over the log."""
+    name = channel.place
+    table = machine.settings.joints[name].angle
+    factor = ANGLES[table.unit] / table.over
+    slides = machine.mechanism.joint_of[name].kind == "prismatic"
+    effort = _make_column_undo(channel.column, lambda v, phi: v - phi / channel.factor * _make_ramp(v))
+    yield Cause("drift of the effort", name, channel.unit, 1e-3, effort, False)
+    gain = _make_column_undo(channel.column, lambda v, phi: v / (1.0 + phi * _make_ramp(v)))
+    yield _make_bounded("drift of the torque constant, relative", name, "-", LARGEST_SCALE, gain, False)
+    warmed = _make_effort_undo(
+        machine, channel, lambda q, qd, qdd: _make_ramp(qd) * compute_friction(machine, name, qd, values)
+    )
+    yield Cause("growth of friction, relative", name, "-", 1e-3, warmed, False, least=-1.0)
+    angle = _make_column_undo(table.column, lambda v, phi: v - phi / factor * _make_ramp(v))
+    yield _make_bounded("drift of the angle", name, "m" if slides else "rad", LARGEST_ANGLE, angle)
+
+
+def _list_gear_causes(machine: Machine, channel: Channel, values: Values) -> Iterator[Cause]:
+    """Yield what a gear does with the effort that passes, of which it takes a part of the power, and an eccentric encoder."""
+    name = channel.place
+    table = machine.settings.joints[name].angle
+
+    def remove_losses(log: Log, mechanism: Mechanism, phi: float) -> tuple[Log, Mechanism]:
+        motion = compute_measured_motion(machine, log)
+        at = motion.names.index(name)
+        rate = motion.qd[:, at]
+        drive = compute_drive_effort(machine, name, rate, motion.qdd[:, at], values)
+        load = log.read_column(channel.column) * channel.factor * channel.ratio - drive
+        driven = np.sign(load) * np.tanh(
+            rate / max(machine.settings.still_rad_per_s, TINY)
+        )  # 1 where power goes to the load
+        lost = load - load * (1.0 + phi) ** driven
+        return apply_to_column(log, channel.column, lambda v: v - lost / (channel.factor * channel.ratio)), mechanism
+
+    least = LEAST_EFFICIENCY - 1.0
+    yield Cause("efficiency of the gear less one", name, "-", 1e-3, remove_losses, False, least=least, most=0.0)
+    slides = machine.mechanism.joint_of[name].kind == "prismatic"
+    for order in () if slides else ORDERS:
+        for wave in (np.sin, np.cos):
+            undo = _make_column_undo(table.column, _make_ripple(ANGLES[table.unit] / table.over, order, wave))
+            what = f"ripple of the angle, {order} a turn"
+            yield replace(
+                _make_bounded(what, name, "rad", LARGEST_RIPPLE, undo), kin=f"{what} {name} {wave.__name__}", wave=True
+            )
+
+
+def _make_ripple(factor: float, order: int, wave: Callable[[Array], Array]) -> Callable[[Array, float], Array]:
+    return lambda v, phi: v - phi / factor * wave(order * factor * v)
+
+
+def _make_ramp(values: Array) -> Array:
+    """From 0 at the first of so many samples to 1 at the last [-]."""
+    return np.linspace(0.0, 1.0, len(values))
 
 
 def _find_known_law(machine: Machine, values: Values, what: str, joint: str) -> float:
@@ -178,6 +247,10 @@ def _make_delay_undo(*columns: str) -> Undo:
         return log, mechanism
 
     return remove_delay
+
+
+def _make_column_undo(column: str, change: Callable[[Array, float], Array]) -> Undo:
+    return lambda log, m, phi: (apply_to_column(log, column, lambda v: change(v, phi)), m)
 
 
 def _make_offset_undo(column: str, factor: float) -> Undo:

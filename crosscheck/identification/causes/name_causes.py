@@ -12,6 +12,7 @@ The strongest ones are followed to their optimum, the best is named and undone, 
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -22,7 +23,7 @@ from crosscheck.identification.causes.detection_limits import DetectionLimit, fi
 from crosscheck.identification.causes.dictionary import list_possible_causes
 from crosscheck.identification.causes.encoders import compare_encoders
 from crosscheck.identification.causes.gross_faults import GrossFault, Score, compute_score, list_gross_faults
-from crosscheck.identification.causes.rounds import NOISE, CauseRound, CauseSearch
+from crosscheck.identification.causes.rounds import CauseRound, CauseSearch
 from crosscheck.identification.causes.signals import (
     find_clipped_samples,
     list_broken_columns,
@@ -48,8 +49,10 @@ ASKED = 2.0  # least drop of the linear estimate, which a large fault makes smal
 NEAREST = 6  # causes that are followed: at phi = 0 some are alike, a delay and a lag above all
 ALIKE = 4.0  # of drops that differ by less than this neither is the better one: the first of the dictionary is named
 LARGEST = 4  # causes named at most
+# Faults at once, beside friction that is another on another day: three numbers together explain nearly anything.
+TOGETHER = 2
 REACH = 2.0  # times a place from which a better one is looked for, inwards and outwards
-PART = 0.05  # of the largest drop: a further cause that explains less is what the first one leaves, linear as it is
+PART = 0.2  # of the largest drop: a further cause that explains less is what the first one leaves, linear as it is
 SURE = 3.0  # standard errors that a size has to be from 0
 UNKNOWN = "no cause that is known"
 
@@ -91,7 +94,7 @@ def find_remaining_causes(known: Identification, log: Log, seen: bool = False, h
         named.append(told)
         log = fault.undone(log, machine.mechanism, fault.size)[0]
     small, here, at = _find_small_causes(replace(search, seen=False), log)
-    least = find_least_sizes(here, at, compute_evidence_threshold(len(here.causes))) if hidden else []
+    least = find_least_sizes(here, at, compute_evidence_threshold(here.causes)) if hidden else []
     if broken:  # which says why more than noise is left
         small = [one for one in small if one.name != UNKNOWN]
     return CauseFindings([*named, *small, *compare_encoders(machine, found, log)], least)
@@ -154,6 +157,7 @@ def _find_small_causes(search: CauseSearch, log: Log) -> tuple[list[NamedCause],
     at = np.zeros(len(causes))
     named: dict[int, NamedCause] = {}
     here = CauseRound(search, log, causes, at, None)
+    first = here.compute_levels()
     while len(named) < LARGEST:
         best = _find_strongest_cause(here, at, {causes[k].kin or causes[k].name + causes[k].place for k in named})
         if best is None or best[1].drop < PART * max((other.drop for other in named.values()), default=0.0):
@@ -168,18 +172,40 @@ def _find_small_causes(search: CauseSearch, log: Log) -> tuple[list[NamedCause],
         if len(named) > 1:
             at, _ = here.fit_named_sizes()
             here = CauseRound(search, log, causes, at, here.wide)
-    return _list_sure_causes(here, at, named), here, at
+    return _list_sure_causes(here, at, named, first), here, at
 
 
-def _list_sure_causes(here: CauseRound, at: Array, named: dict[int, NamedCause]) -> list[NamedCause]:
-    """The causes with the sizes that they have together; one that says what is unknown where they do not do."""
+def _list_sure_causes(here: CauseRound, at: Array, named: dict[int, NamedCause], first: Array) -> list[NamedCause]:
+    """The causes with the sizes that they have together; one that says what is unknown where they do not do.
+
+    first : `CauseRound.compute_levels` of the log as it is
+    """
     errors = here.fit_named_sizes()[1]
-    found = [replace(one, size=float(at[k]), error=float(errors[k])) for k, one in named.items()]
+    found = _join_waves(
+        [(here.causes[k], replace(one, size=float(at[k]), error=float(errors[k]))) for k, one in named.items()]
+    )
     possible = all(here.causes[k].least < at[k] < here.causes[k].most for k in named)
-    if unexplained := here.list_unexplained_channels(NOISE if possible else 0.0):
-        worst = unexplained if possible else unexplained[:1]
+    few = sum("friction" not in one.name for one in found) <= TOGETHER
+    worst = (
+        here.list_unexplained_channels(first) if possible and few else here.list_unexplained_channels(first, 0.0)[:1]
+    )
+    if worst:
         return [_make_unknown_cause(channel, level, found) for channel, level in worst]
     return [one for one in found if abs(one.size) > SURE * one.error]
+
+
+def _join_waves(found: list[tuple[Cause, NamedCause]]) -> list[NamedCause]:
+    """The causes, of sine and cosine of a wave one with the amplitude (a^2 + b^2)^(1/2) [unit] and the larger error."""
+    out: dict[tuple[str, ...], NamedCause] = {}
+    for cause, one in found:
+        key = (one.name, one.place) if cause.wave else (one.name, one.place, cause.kin)
+        other = out.get(key)
+        if other is not None:
+            size = float(np.hypot(one.size, other.size))
+            out[key] = replace(other, size=size, error=max(one.error, other.error), drop=one.drop + other.drop)
+        else:
+            out[key] = replace(one, size=abs(one.size)) if cause.wave else one
+    return list(out.values())
 
 
 def _make_unknown_cause(channel: Channel, level: float, nearest: list[NamedCause]) -> NamedCause:
@@ -197,10 +223,8 @@ def _find_strongest_cause(here: CauseRound, at: Array, known: set[str]) -> tuple
     for k, cause in enumerate(here.causes):
         if (cause.kin or cause.name + cause.place) not in known:
             first += [(drop, k, size) for drop, size in _list_start_sizes(here, at, k, level) if drop > ASKED]
-    chosen: dict[int, float] = {}
-    for _, k, size in sorted(first, reverse=True):
-        chosen.setdefault(k, size)
-    tried = [_fit_possible_size(here, at, k, size, level) for k, size in list(chosen.items())[:NEAREST]]
+    chosen = _list_nearest_causes(here, first)
+    tried = [_fit_possible_size(here, at, k, size, level) for k, size in chosen.items()]
     followed = [(k, one) for k, one in filter(None, tried) if _is_possible(here, k, one)]
     if not followed:
         return None
@@ -210,6 +234,18 @@ def _find_strongest_cause(here: CauseRound, at: Array, known: set[str]) -> tuple
     others = [f"{one.name} of {one.place}, {one.size:.3g} {one.unit}" for _, one in alike[1:]]
     words = likely.evidence + (f"; next to as likely: {'; '.join(others)}" if others else "")
     return k, replace(likely, evidence=words)
+
+
+def _list_nearest_causes(here: CauseRound, first: list[tuple[float, int, float]]) -> dict[int, float]:
+    """The causes that are followed and the size [unit] at which each begins: `NEAREST` usual and as many rare ones.
+
+    first : about how much the cost falls, cause, and size
+    """
+    start: dict[int, float] = {}
+    for _, k, size in sorted(first, reverse=True):
+        start.setdefault(k, size)
+    usual, rare = ([k for k in start if here.causes[k].rare == one] for one in (False, True))
+    return {k: start[k] for k in (*usual[:NEAREST], *rare[:NEAREST])}
 
 
 def _fit_possible_size(
@@ -224,7 +260,7 @@ def _fit_possible_size(
 
 def _is_possible(here: CauseRound, k: int, one: NamedCause) -> bool:
     """Return true for a size that can be and has evidence."""
-    evident = one.drop >= compute_evidence_threshold(len(here.causes))
+    evident = _compute_cost_drop(here, k, one) >= compute_evidence_threshold(here.causes)
     return evident and here.causes[k].least < one.size < here.causes[k].most
 
 
@@ -248,14 +284,16 @@ def _find_spot(here: CauseRound, at: Array, k: int, size: float) -> Cause:
     return first.make_at(float(found.x))
 
 
-def compute_evidence_threshold(count: int) -> float:
-    """Return the drop of the cost [-] that is evidence where so many causes are asked for."""
-    return max(EVIDENCE, float(scipy.stats.chi2.isf(CHANCE / count, 1)))
+def compute_evidence_threshold(causes: Collection[Cause]) -> float:
+    """Return the drop of the cost [-] that is evidence where so many causes are asked for; rare ones have to give more anyway."""
+    usual = sum(not cause.rare for cause in causes)
+    return max(EVIDENCE, float(scipy.stats.chi2.isf(CHANCE / usual, 1)))
 
 
 def _compute_cost_drop(here: CauseRound, k: int, one: NamedCause) -> float:
-    """The drop of the cost; what is against nature has to explain more than what can be, by as much as counts as evidence."""
-    return one.drop - (EVIDENCE if here.causes[k].one_sided and one.size < 0.0 else 0.0)
+    """The drop of the cost; what is rare or against nature has to explain more by as much as counts as evidence."""
+    cause = here.causes[k]
+    return one.drop - EVIDENCE * (cause.rare or (cause.one_sided and one.size < 0.0))
 
 
 def _list_start_sizes(here: CauseRound, at: Array, k: int, level: Array) -> list[tuple[float, float]]:

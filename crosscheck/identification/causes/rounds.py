@@ -29,6 +29,10 @@ from flexinv.typing import Array
 SPOT = 0.01  # relative step of a derivative by a place
 # Times the RMS of what blocks left out have left: more is no noise, on another day of the same machine either.
 NOISE = 2.5
+# What is left of a channel beside causes that were named: above so many times that RMS it counts, and the causes have to explain
+# so much of the mean square that is no noise.
+SEEN = 1.2
+MOST = 0.75
 
 
 @dataclass(frozen=True)
@@ -153,16 +157,22 @@ class CauseRound:
         errors[self.named] = scatter[: len(self.named)]
         return sizes, errors
 
-    def list_unexplained_channels(self, noise: float = NOISE) -> list[tuple[Channel, float]]:
-        """Return channels of which more is left than noise, with how many times what blocks left out leave [-], worst first."""
+    def compute_levels(self) -> Array:
+        """Return the RMS that is left of each channel over that of blocks left out (channels,) [-]."""
         parts = np.split(self.compute_weighed_residual(self.at), self.ends)
+        spread = np.array([np.sqrt(np.mean(part**2)) for part in parts[: len(self.weight)]])
+        return np.asarray(spread / self.weight / self.search.fit.block)
+
+    def list_unexplained_channels(self, first: Array, noise: float = NOISE) -> list[tuple[Channel, float]]:
+        """Return channels of which more is left than noise, with how many times it is left [-], worst first.
+
+        first : `compute_levels` of the log as it is; of what was more than noise there, causes have to explain `MOST`
+        """
+        levels = self.compute_levels()
+        rest = np.maximum(levels**2 - 1.0, 0.0)
+        partly = (levels > SEEN) & (levels < first) & (rest > (1.0 - MOST) * (first**2 - 1.0))
         channels = self.search.machine.channels
-        levels = [
-            float(np.sqrt(np.mean(part**2)) / weight / block)
-            for part, weight, block in zip(parts[: len(channels)], self.weight, self.search.fit.block, strict=True)
-        ]
-        order = np.argsort(levels)[::-1]
-        return [(channels[c], levels[c]) for c in order if levels[c] > noise]
+        return [(channels[c], float(levels[c])) for c in np.argsort(levels)[::-1] if levels[c] > noise or partly[c]]
 
     def build_task_at(self, at: Array, level: Problem | None) -> Problem:
         """Return the log and the mechanism at sizes ``at`` of all causes [unit of each]; level : the round's own, if known."""

@@ -25,6 +25,7 @@ BESIDE = 12  # samples after a step, whose median says whether it lasts
 LEVELS = 5000  # a signal of more of them is no coarse one
 EXACT = 1e-3  # part of a step by which values may miss its multiples
 LEAP = 3.0  # times the largest step beside it is a leap: an angle that was held for `HELD` samples makes more
+AMONG_SMALLEST = 0.1  # of a signal's values are smaller than those at the ends of a dead band: of dropouts any are
 HALF = 0.5  # of what remains: an angle's steps that make more of the readings are named
 
 
@@ -78,7 +79,8 @@ def _find_held_samples(values: Array, stands: bool) -> NDArray[np.bool_]:
     if len(np.unique(values)) < HALF * len(values):  # of a coarse signal neighbours are equal
         return np.zeros(len(values), dtype=bool)
     inside = (values > values.min()) & (values < values.max())
-    equal &= inside | (values == 0.0)  # what stands at another extreme is clipped
+    zero = (values == 0.0) & (not _has_dead_band(values))
+    equal &= np.where(values == 0.0, zero, inside)  # what stands at another extreme is clipped
     steps = np.abs(np.diff(values))
     typical = float(np.median(steps))
     ends = np.flatnonzero(np.diff(np.concatenate([[False], equal, [False]]).astype(int)))
@@ -86,10 +88,18 @@ def _find_held_samples(values: Array, stands: bool) -> NDArray[np.bool_]:
     for first, last in ends.reshape(-1, 2):
         if last - first < HELD:
             continue
-        if stands and not _is_beside_leap(steps, max(first - 1, 0), last - 1, typical):
+        begins = first <= 1  # a signal that comes late stands on its first value
+        if (stands or begins) and not _is_beside_leap(steps, max(first - 1, 0), last - 1, typical):
             continue
         out[max(first - 1, 0) : last] = True
     return out
+
+
+def _has_dead_band(values: Array) -> bool:
+    """Tell whether a signal (samples,) is zero where it is small: what stands beside zeros is of the smallest that there is."""
+    size = np.abs(values)
+    beside = (size > 0.0) & (np.convolve(size == 0.0, np.ones(3), mode="same") > 0.0)
+    return bool(beside.any() and np.median(size[beside]) < np.quantile(size[size > 0.0], AMONG_SMALLEST))
 
 
 def _is_beside_leap(steps: Array, first: int, last: int, typical: float) -> bool:

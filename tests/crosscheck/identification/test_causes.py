@@ -265,3 +265,41 @@ def test_a_joint_that_stands_still_has_no_dropouts(known: tuple[Identification, 
 
     assert list_dropouts(still[: len(angle)]) == []
     assert list_dropouts(held) == ["shoulder"]
+
+
+@pytest.mark.parametrize(
+    ("name", "size", "spoil"),
+    [
+        ("drift of the effort", 1.5, lambda v, ramp: v + 1.5 * ramp),
+        ("drift of the torque constant, relative", 0.1, lambda v, ramp: v * (1.0 + 0.1 * ramp)),
+        ("ripple of the angle, 1 a turn", 0.02, lambda v, ramp: v + 0.02 * np.sin(v + 0.5)),
+        ("drift of the angle", 0.03, lambda v, ramp: v + 0.03 * ramp),
+    ],
+)
+def test_what_changes_within_a_log_is_named_with_its_size(
+    known: tuple[Identification, Log], name: str, size: float, spoil: Callable[[Array, Array], Array]
+) -> None:
+    """A ripple has sine and cosine of its own, which are one cause with the amplitude."""
+    result, whole = known
+    log = without_encoder(whole)
+    joint = result.machine.channels[0].place
+    column = (
+        result.machine.settings.joints[joint].angle.column if "angle" in name else result.machine.channels[0].column
+    )
+    values = log.columns[column]
+    plain = replace(
+        result,
+        machine=replace(
+            result.machine,
+            settings=result.machine.settings.model_copy(
+                update={
+                    "joints": {
+                        n: t.model_copy(update={"link_angle": None}) for n, t in result.machine.settings.joints.items()
+                    }
+                }
+            ),
+        ),
+    )
+    found = find_causes(plain, changed(log, column, spoil(values, np.linspace(0.0, 1.0, len(values)))))
+    assert [(one.name, one.place) for one in found] == [(name, joint)]
+    assert abs(found[0].size - size) < 3.0 * found[0].error + 0.05 * size
