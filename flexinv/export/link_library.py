@@ -30,10 +30,8 @@ class Compiler:
 def find_compiler(target: str) -> Compiler | None:
     """Return a compiler [-] for a target, None where there is none."""
     machine = TARGETS[target][0].partition("-")[0]
-    own = target == NATIVE or _is_own(machine)
-    names = ("cc", "gcc", "clang") if own else (f"{machine}-linux-gnu-gcc",)
     archive = shutil.which("ar")
-    found = next(filter(None, map(shutil.which, names)), None)
+    found = next(filter(None, map(shutil.which, _list_names(target))), None)
     if found and archive:
         return Compiler((found,), (archive,))
     if importlib.util.find_spec("ziglang") is not None:
@@ -43,14 +41,16 @@ def find_compiler(target: str) -> Compiler | None:
     return None
 
 
-def _is_own(machine: str) -> bool:
-
-    return platform.machine().lower().replace("amd64", "x86_64") == machine
+def _list_names(target: str) -> tuple[str, ...]:
+    """Names of compilers for a target, the usual one first."""
+    machine = TARGETS[target][0].partition("-")[0]
+    own = target == NATIVE or platform.machine().lower().replace("amd64", "x86_64") == machine
+    return ("cc", "gcc", "clang") if own else (f"{machine}-linux-gnu-gcc",)
 
 
 def list_link_commands(prefix: str, target: str, compiler: Compiler | None) -> list[list[str]]:
     """Return the commands, run in the folder of a library, that make it of its object and its source [-]."""
-    use = compiler or Compiler(("cc",), ("ar",))
+    use = compiler or Compiler(_list_names(target)[:1], ("ar",))
     place = f"lib/{target}"
     machine_code = f"{place}/{prefix}_kernels.o"
     checks = f"{place}/{prefix}.o"

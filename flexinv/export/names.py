@@ -11,7 +11,7 @@ from collections.abc import Iterable, Sequence
 from flexinv.errors import InputError
 
 LIBRARY_PREFIX = "flexinv_"  # of all that a library defines: no keyword of C or C++, no name of the system begins so
-LONGEST = 40  # characters of a mangled name: compilers need not tell longer ones apart with what is put around them
+LONGEST = 100  # characters of a mangled name: a file that bears it has a name that every system takes
 
 
 def make_word(name: str) -> str:

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from c_library import Block, needs_compiler, undefined_symbols
 from hub_arm import hub_arm
+from reader_pages import ROOT, blocks
 
 import flexinv
 from flexinv.errors import InputError
@@ -127,12 +128,15 @@ def test_a_copy_goes_on_by_itself(in_plane: Mechanism, made_in_plane: ExportedLi
     assert all(np.array_equal(one, expected) for one in runs)
 
 
-def test_the_self_test_and_the_examples_run(made_in_plane: ExportedLibrary, tmp_path: Path) -> None:
+def test_the_self_test_and_the_programs_that_are_shown_run(made_in_plane: ExportedLibrary, tmp_path: Path) -> None:
     folder = made_in_plane.folder
     assert subprocess.run([folder / "lib" / "native" / "selftest"], capture_output=True).returncode == 0
     library = folder / "lib" / "native" / f"lib{made_in_plane.name}.a"
-    for compiler, source in (("cc", "example.c"), ("c++", "example.cpp")):
-        words = [compiler, "-Wall", "-Werror", f"-I{folder / 'include'}", folder / source, library, "-lm"]
+    (shown,) = blocks((ROOT / "docs" / "howto" / "c-library.md").read_text(), "cpp")
+    page = tmp_path / "page.cpp"
+    page.write_text(shown)
+    for compiler, source in (("cc", folder / "example.c"), ("c++", folder / "example.cpp"), ("c++", page)):
+        words = [compiler, "-Wall", "-Werror", f"-I{folder / 'include'}", source, library, "-lm"]
         subprocess.run(list(map(str, [*words, "-o", tmp_path / "example"])), check=True)
         assert subprocess.run([tmp_path / "example"], capture_output=True).returncode == 0
 
