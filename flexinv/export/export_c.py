@@ -54,6 +54,8 @@ def export_c(
     chosen = [check_target(target) for target in targets]
     if not chosen:
         raise InputError("export_c: targets is empty; write targets=('native',)")
+    if mechanism.nv == 0:
+        raise InputError(f"export_c: mechanism {mechanism.name!r} has no joint that moves, and so no torques")
     check_compiler()
     folder = _check_folder(Path(out), overwrite)
     prefix = LIBRARY_PREFIX + make_word(mechanism.name).lower()

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+import shutil
 import subprocess
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
@@ -234,6 +236,32 @@ def test_closures_are_refused_before_anything_is_written(model: str, step: float
     with pytest.raises(InputError, match=rf"mechanism '{model}' has .*closures \(.*from Python"):
         export_c(flexinv.load_mechanism(f"models/{model}"), tmp_path / "out", step=step)
     assert not (tmp_path / "out").exists()
+
+
+def test_without_a_compiler_objects_and_commands_are_there(
+    mechanism: Mechanism, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Machine code of another processor is an object of that processor; the commands name the compiler that is needed."""
+    monkeypatch.setattr("flexinv.export.export_c.find_compiler", lambda target: None)
+    out = tmp_path / "out"
+    made = export_c(mechanism, out, targets=("aarch64",))
+    assert all(line.startswith(("aarch64-linux-gnu-gcc ", "ar ")) for line in made.to_link)
+    code = (out / "lib" / "aarch64" / f"{made.name}_kernels.o").read_bytes()
+    assert code[:4] == b"\x7fELF"
+    assert int.from_bytes(code[18:20], "little") == 183  # e_machine of the ELF format: AArch64
+    with pytest.raises(InputError, match=r"has files in it already: write another folder, or overwrite=True"):
+        export_c(mechanism, out)
+
+
+def test_a_package_for_cmake_and_one_for_pkg_config_find_the_library(made: ExportedLibrary, tmp_path: Path) -> None:
+    library = made.folder / "lib"
+    assert f"lib/${{FLEXINV_TARGET}}/lib{made.name}.a" in (library / "cmake" / f"{made.name}Config.cmake").read_text()
+    if shutil.which("pkg-config") is None:
+        pytest.skip("there is no pkg-config")
+    words = ["pkg-config", "--cflags", "--libs", made.name]
+    place = {**os.environ, "PKG_CONFIG_PATH": str(library / "pkgconfig")}
+    flags = subprocess.run(words, env=place, capture_output=True, text=True, check=True).stdout.split()
+    subprocess.run(["cc", str(made.folder / "example.c"), *flags, "-o", str(tmp_path / "example")], check=True)
 
 
 def test_targets_that_are_not_there_are_refused(mechanism: Mechanism, tmp_path: Path) -> None:
