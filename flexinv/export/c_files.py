@@ -38,11 +38,12 @@ def render_files(plan: LibraryPlan, prefix: str, targets: Sequence[str]) -> dict
     """Return path in the folder -> text [-] of all files that a C compiler and a reader need."""
     kind = plan.kind
     values = _collect_values(plan, prefix, targets)
+    parts = [kind, *plan.more]
     values["notes"] = _fill(f"{kind}.md", values)
-    values["functions"] = _fill(f"{kind}.h", values)
+    values["functions"] = "".join(_fill(f"{part}.h", values) for part in parts)
     return {
         f"include/{prefix}.h": _fill("common.h", values),
-        f"src/{prefix}.c": _fill("common.c", values) + _fill(f"{kind}.c", values),
+        f"src/{prefix}.c": "".join(_fill(f"{part}.c", values) for part in ["common", *parts]),
         "example.c": _fill(f"{kind}_example.c", values),
         "example.cpp": _fill("example.cpp", values),
         "src/selftest.c": _fill("selftest.c", values),

@@ -38,6 +38,7 @@ class LibraryPlan:
 
     kind : of the templates, "rigid" or "flexible"; entries : functions of machine code; image : the block of memory
     values : name in the templates -> text; golden : series for the self-test
+    more : templates of what only some libraries of a kind have
     start : (nq,) position in which a flexible mechanism begins [rad], [m]; step : of its march [s]
     """
 
@@ -47,6 +48,7 @@ class LibraryPlan:
     image: MemoryImage
     values: Mapping[str, str]
     golden: GoldenSeries
+    more: tuple[str, ...] = ()
     start: Array | None = None
     step: float | None = None
 

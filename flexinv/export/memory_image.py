@@ -15,6 +15,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 from numba import types
 from numba.core.registry import cpu_target
 
@@ -67,7 +68,7 @@ class MemoryImage:
             zeros += not any(data)
         self.size = -(-end // ALIGNMENT) * ALIGNMENT
 
-    def find_place(self, array: Array) -> int:
+    def find_place(self, array: NDArray[Any]) -> int:
         """Return the offset [bytes], [-] of the first number of an array; FlexinvError where it was not laid out."""
         if array.size == 0:
             return 0

@@ -44,6 +44,10 @@ class Block:
         )
         return list(STATUSES)[status]
 
+    def start_at(self, q: Array) -> str:
+        size = ctypes.c_size_t(self.size)
+        return self.call_alone("start_at", ctypes.c_void_p(self.address), size, LAYOUT, q)
+
     def copy(self, to: Block) -> str:
         places = ctypes.c_void_p(self.address), ctypes.c_void_p(to.address), ctypes.c_size_t(to.size)
         return list(STATUSES)[self._function("copy", ctypes.c_int)(*places)]

@@ -28,7 +28,8 @@ Rows = list[tuple[Array, Array, Array]]
 
 @pytest.fixture(scope="module")
 def in_plane() -> Mechanism:
-    return flexinv.load_mechanism("models/flex_two_link")
+    """Two beams that hang in their plane, so that a start in equilibrium is a bent one."""
+    return replace(flexinv.load_mechanism("models/flex_two_link"), gravity=np.array([0.0, -9.81, 0.0]))
 
 
 @pytest.fixture(scope="module")
@@ -78,6 +79,18 @@ def test_steps_in_space_have_the_digits_of_a_controller(tmp_path: Path) -> None:
     assert undefined_symbols(made.folder / "lib" / "native" / f"lib{made.name}.so") <= {
         *NEEDED, "_ITM_deregisterTMCloneTable", "_ITM_registerTMCloneTable", "__cxa_finalize", "__gmon_start__",
     }  # fmt: skip
+
+
+def test_a_block_begins_in_equilibrium_anywhere(in_plane: Mechanism, made_in_plane: ExportedLibrary) -> None:
+    """Far from where the library was made for: the steps of a controller that starts there."""
+    block = Block(made_in_plane, begin=False)
+    start = np.array([0.7, -0.4])
+    assert block.start_at(np.array([np.inf, 0.0])) == "NOT_FINITE"
+    assert block.start_at(start) == "OK"
+    rows = swing(in_plane, start)
+    expected = controlled(in_plane, start, rows)
+    # Equilibrium is found to the last digits of the positions: 1e-15 of them times the axial stiffness over the bending one.
+    np.testing.assert_allclose(stepped(block, rows), expected, rtol=0, atol=1e-9 * np.ptp(expected))
 
 
 def test_a_refused_step_leaves_the_arm_where_it_was(in_plane: Mechanism, made_in_plane: ExportedLibrary) -> None:
