@@ -79,6 +79,7 @@ ALONE = {
     "flexinv.export.c_files": "files of C, apart from the order in which all files are written",
     "flexinv.export.flexible_plan": "a library with beams, beside that of a rigid tree",
     "flexinv.export.link_library": "the system's C compiler, apart from files and machine code",
+    "flexinv.export.rest_plan": "a start of its own, which not every library has",
     "flexinv.export.rigid_plan": "a library of a rigid tree, beside that with beams",
     "flexinv.kernels.compiler.kernel_compiler": "Numba's compiler; keeping what it makes on the disk is another matter",
     "flexinv.kernels.compiler.arrays": "private parts of Numba for threads, apart from those for records",

@@ -39,11 +39,11 @@ def render_files(plan: LibraryPlan, prefix: str, targets: Sequence[str]) -> dict
     kind = plan.kind
     values = _collect_values(plan, prefix, targets)
     parts = [kind, *plan.more]
-    values["notes"] = _fill(f"{kind}.md", values)
-    values["functions"] = "".join(_fill(f"{part}.h", values) for part in parts)
+    values["notes"] = _join(parts, "md", values)
+    values["functions"] = _join(parts, "h", values)
     return {
         f"include/{prefix}.h": _fill("common.h", values),
-        f"src/{prefix}.c": "".join(_fill(f"{part}.c", values) for part in ["common", *parts]),
+        f"src/{prefix}.c": _join(["common", *parts], "c", values),
         "example.c": _fill(f"{kind}_example.c", values),
         "example.cpp": _fill("example.cpp", values),
         "src/selftest.c": _fill("selftest.c", values),
@@ -57,6 +57,13 @@ def make_constants(plan: LibraryPlan, prefix: str) -> dict[str, bytes]:
     """Return the name of each constant of the object -> its bytes [-]."""
     places = b"".join(one.to_bytes(8, "little") for one in plan.image.relocations)
     return {f"{prefix}_model": plan.image.write_content(), f"{prefix}_relocations": places}
+
+
+def _join(parts: Sequence[str], ending: str, values: Mapping[str, str]) -> str:
+    """The templates of the parts that have one with this ending, filled, one after the other."""
+    folder = resources.files("flexinv.export") / "templates"
+    there = [part for part in parts if (folder / f"{part}.{ending}.in").is_file()]
+    return "".join(_fill(f"{part}.{ending}", values) for part in there)
 
 
 def _fill(template: str, values: Mapping[str, str]) -> str:

@@ -16,25 +16,21 @@ from typing import Any
 import numpy as np
 
 from flexinv.analysis.controller import Controller, FlexibleState
-from flexinv.dynamics.generalized_alpha import build_generalized_alpha
 from flexinv.dynamics.stepper import SLIPPED, SUDDEN_START, TURNED_TOO_MUCH, integrate_instants
 from flexinv.errors import InputError
 from flexinv.export.library_plan import BLOCK_HEADER, GoldenSeries, LibraryPlan, refuse_parts
 from flexinv.export.machine_code import Entry, KernelCall, add_entry
 from flexinv.export.memory_image import MemoryImage, list_arrays
 from flexinv.export.names import format_numbers
+from flexinv.export.rest_plan import RestStart, plan_rest_start
 from flexinv.inverse.balance import REASON, compute_carried_energy, compute_energy_rounding, evaluate_guarded_torques
 from flexinv.kinematics.configuration import fill_given, fill_relative, integrate_array
 from flexinv.model.joint_kinds import KINDS
 from flexinv.model.mechanism import Mechanism
-from flexinv.planar.solver import PlanarMarch
 from flexinv.planar.stepper import integrate_planar_motion
 from flexinv.typing import Array
 
 REPLAYED_STEPS = 20  # steps of the self-test
-# A step of so many seconds from rest, of a scheme that keeps no rates, ends where the forces of beams are those of inertia over
-# (frequency times step)^2: a part of 1e-8 and less of them, and three such steps leave rounding.
-SETTLING_STEP = 1e3  # [s]
 GOLDEN_SWING = 0.02  # way of every driven joint in it [rad], [m]
 # Of the self-test, in parts of the largest effort: a rounding of the position of 0.4 m is 7e-12 of the peak acceleration at steps
 # of 5e-4 s, and marches on.  On this processor no digit differs.
@@ -53,8 +49,9 @@ def plan_flexible_library(
     state = controller.flexible
     assert state is not None
     motion = [np.zeros(size) for size in (mechanism.nq, mechanism.nv, mechanism.nv)]
-    joints = np.zeros((state.solver.mesh.size, 3))
-    calls = [*_list_step_calls(state, motion, prefix), *_list_rest_calls(state, joints, prefix)]
+    rest = plan_rest_start(state, motion, prefix)
+    steps = _list_step_calls(state, motion, prefix)
+    calls = [*steps, *(rest.calls if rest else ())]
     image = MemoryImage(BLOCK_HEADER, [one for call in calls for one in list_arrays(call.arguments)])
     entries = [add_entry(image, call) for call in calls]
     at_q, at_qd, at_qdd = map(image.find_place, motion)
@@ -66,9 +63,9 @@ def plan_flexible_library(
     values = {name: str(value) for name, value in places.items()} | _format_guard(state)
     values["start_numbers"] = format_numbers(start)
     more: tuple[str, ...] = ()
-    if state.flat is not None:
-        values |= _format_rest(image, entries, state.flat, joints, state.given)
-        more = ("rest",)
+    if rest is not None:
+        values |= _format_rest(image, rest, entries[len(steps) :])
+        more = ("settle", rest.template, "rest")
     golden = _make_step_series(controller, state, start)
     return LibraryPlan("flexible", mechanism, entries, image, values, golden, more, start, step)
 
@@ -112,35 +109,14 @@ def _list_step_calls(state: FlexibleState, motion: list[Array], prefix: str) -> 
     ]
 
 
-def _list_rest_calls(state: FlexibleState, joints: Array, prefix: str) -> list[KernelCall]:
-    """The kernels of a start at rest in the plane: undeformed at ``joints``, settled by long steps, and then still."""
-    if state.flat is None:
-        return []
-    settling = build_generalized_alpha(SETTLING_STEP, 0.0)
-    on, _, *rest = state.arguments
-    ways = {"begin": (settling, joints, False), "settle": (settling, on, False), "rest": (state.scheme, on, True)}
-    return [
-        KernelCall(f"{prefix}_kernel_{name}", integrate_planar_motion, (state.system, *way, *rest))
-        for name, way in ways.items()
-    ]
-
-
-def _format_rest(
-    image: MemoryImage, entries: Sequence[Entry], flat: PlanarMarch, joints: Array, given: Array
-) -> dict[str, str]:
+def _format_rest(image: MemoryImage, rest: RestStart, entries: Sequence[Entry]) -> dict[str, str]:
     """Places of the start at rest, and of what is zero there."""
-    state = flat.system.state
-    still = (state.d, state.u, state.du, state.pseudo, state.trend, state.bend, state.u0, state.du0, state.order)
-    begin, settle, rest = entries[-3:]
-    places = {
-        "at_joints": image.find_place(joints), "at_given": image.find_place(given), "at_begun": begin.result,
-        "at_settled": settle.result, "at_rested": rest.result,
-    }  # fmt: skip
-    texts = {
-        "rest_rates": ", ".join(f"{{{image.find_place(one)}, {one.size}}}" for one in still),
-        "joint_nodes": ", ".join(map(str, flat.model.joints.node)),
+    results = zip(("at_begun", "at_settled", "at_rested"), entries, strict=True)
+    places = {name: image.find_place(one) for name, one in rest.places.items()} | {
+        name: one.result for name, one in results
     }
-    return {name: str(place) for name, place in places.items()} | texts
+    still = ", ".join(f"{{{image.find_place(one)}, {one.size}}}" for one in rest.still)
+    return {name: str(place) for name, place in places.items()} | {"rest_rates": still, **rest.texts}
 
 
 def _make_step_series(controller: Controller, state: FlexibleState, start: Array) -> GoldenSeries:

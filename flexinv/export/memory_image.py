@@ -15,9 +15,9 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from numba import types
 from numba.core.registry import cpu_target
+from numpy.typing import NDArray
 
 from flexinv.errors import FlexinvError
 from flexinv.kernels.compiler.record_types import RecordType, compute_size, list_field_places, list_member_types

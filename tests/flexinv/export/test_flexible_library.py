@@ -17,12 +17,15 @@ import flexinv
 from flexinv.errors import InputError
 from flexinv.export.export_c import ExportedLibrary, export_c
 from flexinv.export.machine_code import NEEDED
+from flexinv.export.rest_plan import plan_rest_start
 from flexinv.model.mechanism import Attachment, Force, Mechanism
 from flexinv.typing import Array
 
 pytestmark = needs_compiler
 STEP = 2e-3
 STEPS = 50
+# Two ways to one equilibrium, to the last digits of positions: 1e-15 of them times the axial stiffness over the bending one, 1e6.
+REST = 1e-9
 Rows = list[tuple[Array, Array, Array]]
 
 
@@ -37,13 +40,13 @@ def made_in_plane(in_plane: Mechanism, tmp_path_factory: pytest.TempPathFactory)
     return export_c(in_plane, tmp_path_factory.mktemp("plane") / "library", step=STEP)
 
 
-def swing(mechanism: Mechanism, start: Array, count: int = STEPS) -> Rows:
+def swing(mechanism: Mechanism, start: Array) -> Rows:
     """Driven joints turn by 0.3 and back, smoothly, from rest."""
-    t = np.arange(1, count + 1)[:, None] * STEP
-    w = 2 * np.pi / (count * STEP)
+    t = np.arange(1, STEPS + 1)[:, None] * STEP
+    w = 2 * np.pi / (STEPS * STEP)
     way = 0.15 * mechanism.actuated
     parts = start + way * (1 - np.cos(w * t)), way * w * np.sin(w * t), way * w * w * np.cos(w * t)
-    return [tuple(np.ascontiguousarray(part[k]) for part in parts) for k in range(count)]  # type: ignore[misc]
+    return [tuple(np.ascontiguousarray(part[k]) for part in parts) for k in range(STEPS)]  # type: ignore[misc]
 
 
 def stepped(block: Block, rows: Rows) -> Array:
@@ -66,8 +69,8 @@ def test_steps_in_a_plane_have_the_digits_of_a_controller(in_plane: Mechanism, m
 
 
 def test_steps_in_space_have_the_digits_of_a_controller(tmp_path: Path) -> None:
-    """A drive that turns a damped beam through a spring, from another place than the neutral one."""
-    arm = hub_arm(2)
+    """From another place than the neutral one; and from a place that the library was not made for, in equilibrium."""
+    arm = flexinv.load_mechanism("models/spatial_arm")
     start = np.full(arm.nq, 0.2)
     made = export_c(arm, tmp_path / "library", step=STEP, start=start)
     block = Block(made)
@@ -76,9 +79,21 @@ def test_steps_in_space_have_the_digits_of_a_controller(tmp_path: Path) -> None:
     assert np.array_equal(begins, start)
     rows = swing(arm, start)
     assert np.array_equal(stepped(block, rows), controlled(arm, start, rows))
+    other = np.linspace(-0.5, 0.7, arm.nq)
+    assert block.start_at(other) == "OK"
+    rows = swing(arm, other)
+    expected = controlled(arm, other, rows)
+    np.testing.assert_allclose(stepped(block, rows), expected, rtol=0, atol=REST * np.ptp(expected))
     assert undefined_symbols(made.folder / "lib" / "native" / f"lib{made.name}.so") <= {
         *NEEDED, "_ITM_deregisterTMCloneTable", "_ITM_registerTMCloneTable", "__cxa_finalize", "__gmon_start__",
     }  # fmt: skip
+
+
+def test_a_joint_that_could_sink_is_given_no_start_anywhere() -> None:
+    """A drive turns a beam through a spring, which a long step might carry past its rest position."""
+    state = flexinv.Controller.of(hub_arm(2), step=STEP).flexible
+    assert state is not None
+    assert plan_rest_start(state, [], "any") is None
 
 
 def test_a_block_begins_in_equilibrium_anywhere(in_plane: Mechanism, made_in_plane: ExportedLibrary) -> None:
@@ -89,8 +104,7 @@ def test_a_block_begins_in_equilibrium_anywhere(in_plane: Mechanism, made_in_pla
     assert block.start_at(start) == "OK"
     rows = swing(in_plane, start)
     expected = controlled(in_plane, start, rows)
-    # Equilibrium is found to the last digits of the positions: 1e-15 of them times the axial stiffness over the bending one.
-    np.testing.assert_allclose(stepped(block, rows), expected, rtol=0, atol=1e-9 * np.ptp(expected))
+    np.testing.assert_allclose(stepped(block, rows), expected, rtol=0, atol=REST * np.ptp(expected))
 
 
 def test_a_refused_step_leaves_the_arm_where_it_was(in_plane: Mechanism, made_in_plane: ExportedLibrary) -> None:
