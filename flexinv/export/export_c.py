@@ -20,7 +20,7 @@ from flexinv.export.names import LIBRARY_PREFIX, make_word
 from flexinv.export.rigid_plan import plan_rigid_library
 from flexinv.model.mechanism import Mechanism
 from flexinv.typing import Array
-from flexinv.validation import check_kind, check_seconds, convert_to_floats
+from flexinv.validation import check_finite_array, check_flag, check_kind, check_names, check_path, check_seconds
 
 
 @dataclass(frozen=True)
@@ -51,13 +51,13 @@ def export_c(
     Raises InputError before anything is written: for what cannot be exported, names that are one in C, an unknown target.
     """
     check_kind("mechanism", mechanism, Mechanism)
-    chosen = [check_target(target) for target in targets]
+    chosen = [check_target(target) for target in check_names("targets", targets, "processors")]
     if not chosen:
         raise InputError("export_c: targets is empty; write targets=('native',)")
     if mechanism.nv == 0:
         raise InputError(f"export_c: mechanism {mechanism.name!r} has no joint that moves, and so no torques")
     check_compiler()
-    folder = _check_folder(Path(out), overwrite)
+    folder = _check_folder(Path(check_path("out", out, "a folder")), check_flag("overwrite", overwrite))
     prefix = LIBRARY_PREFIX + make_word(mechanism.name).lower()
     if mechanism.is_rigid:
         if step is not None or start is not None:
@@ -96,10 +96,7 @@ def _check_start(mechanism: Mechanism, start: ArrayLike | None) -> Array:
     """The position in which a mechanism begins."""
     if start is None:
         return mechanism.neutral
-    q = np.array(convert_to_floats("start", start))
-    if q.shape != (mechanism.nq,) or not np.isfinite(q).all():
-        raise InputError(f"start = {q.tolist()}: expected {mechanism.nq} finite numbers [rad], [m], one for each of q")
-    return q
+    return np.array(check_finite_array("start", start, (mechanism.nq,), "rad, m"))
 
 
 def _write_library(plan: LibraryPlan, prefix: str, folder: Path, targets: Sequence[str]) -> ExportedLibrary:

@@ -265,5 +265,9 @@ def test_a_package_for_cmake_and_one_for_pkg_config_find_the_library(made: Expor
 
 
 def test_targets_that_are_not_there_are_refused(mechanism: Mechanism, tmp_path: Path) -> None:
+    with pytest.raises(
+        InputError, match=r"targets = 'native': expected a list of names of processors; write \['native'\]"
+    ):
+        export_c(mechanism, tmp_path / "out", targets="native")
     with pytest.raises(InputError, match=r"target = 'x86-64-v5': expected one of .* write target='x86-64-v"):
         export_c(mechanism, tmp_path / "out", targets=("x86-64-v5",))
