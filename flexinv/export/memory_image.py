@@ -56,16 +56,12 @@ class MemoryImage:
         """Lay out the numbers of arrays behind a header of so many bytes; what is zero now stands at the end."""
         self.relocations: list[int] = []
         self._words: list[tuple[int, bytes]] = []
-        pieces = list(_join_intervals(arrays))
-        placed = sorted(pieces, key=lambda piece: not any(piece[1]))
         self._segments = list[_Segment]()
         end = header
-        zeros = 0
-        for address, data in placed:
-            offset = end + (address - end) % ALIGNMENT
-            self._segments.append(_Segment(address, data, offset))
-            end = offset + len(data)
-            zeros += not any(data)
+        for address, data in sorted(_join_intervals(arrays), key=lambda piece: not any(piece[1])):
+            end = -(-end // ALIGNMENT) * ALIGNMENT
+            self._segments.append(_Segment(address, data, end))
+            end += len(data)
         self.size = -(-end // ALIGNMENT) * ALIGNMENT
 
     def find_place(self, array: NDArray[Any]) -> int:
@@ -146,17 +142,21 @@ def list_arrays(part: Any) -> Iterator[Array]:
             yield from list_arrays(one)
 
 
-def _join_intervals(arrays: Sequence[Array]) -> Iterator[tuple[int, bytes]]:
-    """Address and bytes of every stretch of memory that arrays cover, overlapping ones as one."""
-    bounds = sorted(np.lib.array_utils.byte_bounds(one) for one in arrays if one.size)
-    merged = list[list[int]]()
-    for start, end in bounds:
-        if merged and start < merged[-1][1]:
-            merged[-1][1] = max(merged[-1][1], end)
+def _join_intervals(arrays: Sequence[Array]) -> list[tuple[int, bytes]]:
+    """Address and bytes of every stretch of memory that arrays cover, overlapping ones as one, in the order of the arrays.
+
+    So the block does not depend on where Python happened to put them.
+    """
+    bounds = [np.lib.array_utils.byte_bounds(one) for one in arrays if one.size]
+    joined = list[list[int]]()
+    for start, end in sorted(bounds):
+        if joined and start < joined[-1][1]:
+            joined[-1][1] = max(joined[-1][1], end)
         else:
-            merged.append([start, end])
-    for start, end in merged:
-        yield start, _read_memory(start, end - start)
+            joined.append([start, end])
+    first = [min(k for k, bound in enumerate(bounds) if start <= bound[0] < end) for start, end in joined]
+    ordered = [joined[k] for k in np.argsort(first)]
+    return [(start, _read_memory(start, end - start)) for start, end in ordered]
 
 
 def _read_memory(address: int, size: int) -> bytes:

@@ -19,7 +19,7 @@ from flexinv.dynamics.generalized_alpha import ACCELERATIONS, build_generalized_
 from flexinv.dynamics.stepper import integrate_instants
 from flexinv.export.machine_code import KernelCall
 from flexinv.kinematics.configuration import fill_world_motion
-from flexinv.kinematics.nodal_motion import NodalMotion
+from flexinv.kinematics.tree import Frames
 from flexinv.planar.stepper import integrate_planar_motion
 from flexinv.typing import Array
 
@@ -70,17 +70,17 @@ def _plan_in_plane(state: FlexibleState, prefix: str) -> RestStart:
 
 def _plan_in_space(state: FlexibleState, motion: list[Array], prefix: str) -> RestStart:
     """The march in space goes on from poses of the independent nodes, which are those of exact rigid kinematics."""
-    undeformed = NodalMotion.make_uninitialized(1, state.solver.mesh.size)
+    undeformed = Frames(*(np.zeros((1, *part.shape)) for part in state.frames))
     settling = build_generalized_alpha(SETTLING_STEP, 0.0)
     rows = [part[None] for part in motion]
     calls = [
-        KernelCall(f"{prefix}_kernel_begin", fill_world_motion, (state.nodes, *rows, state.joints, undeformed.frames)),
+        KernelCall(f"{prefix}_kernel_begin", fill_world_motion, (state.nodes, *rows, state.joints, undeformed)),
         KernelCall(f"{prefix}_kernel_settle", integrate_instants, (state.system, settling, *state.arguments)),
         KernelCall(f"{prefix}_kernel_rest", integrate_instants, (state.system, ACCELERATIONS, *state.arguments)),
     ]
     nodes = ", ".join(map(str, np.flatnonzero(state.solver.topology.independent)))
     unknowns = state.solver.state
-    places = {"at_x": unknowns.x, "at_r": unknowns.r, "at_begun_x": undeformed.x, "at_begun_r": undeformed.rotation}
+    places = {"at_x": unknowns.x, "at_r": unknowns.r, "at_begun_x": undeformed.x, "at_begun_r": undeformed.r}
     return RestStart("rest_in_space", calls, places, {"free_nodes": nodes}, _list_rates(unknowns))
 
 

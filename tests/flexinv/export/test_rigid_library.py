@@ -18,6 +18,7 @@ import flexinv
 from flexinv.errors import InputError
 from flexinv.export.export_c import ExportedLibrary, export_c
 from flexinv.export.machine_code import NEEDED
+from flexinv.export.rigid_plan import plan_rigid_library
 from flexinv.model.links import Body
 from flexinv.model.mechanism import Inertia, Mechanism
 from flexinv.rnea.loop_plan import sample_configurations
@@ -153,6 +154,13 @@ def test_memory_that_does_not_suit_is_refused(made: ExportedLibrary, motion: tup
     assert moved.call("torque", *one, one[1]) == "MOVED"
     assert block.copy(moved) == "OK"
     assert np.array_equal(torques(moved, motion), torques(block, motion))
+
+
+def test_a_block_does_not_depend_on_where_python_has_its_arrays(mechanism: Mechanism) -> None:
+    """What is exported again is the same, byte by byte: nothing of this process is in it."""
+    one, other = (plan_rigid_library(mechanism, "any").image for _ in range(2))
+    assert one.write_content() == other.write_content()
+    assert one.relocations == other.relocations
 
 
 def test_threads_with_blocks_of_their_own_do_not_disturb_each_other(
