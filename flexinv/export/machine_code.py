@@ -115,7 +115,7 @@ def write_object(entries: Sequence[Entry], constants: dict[str, bytes], target: 
     machine = _make_machine(target)
     whole = _join_modules(entries, constants, machine)
     _remove_all_but([*(one.call.name for one in entries), *constants], whole)
-    _check_needs(whole)
+    check_needs(whole)
     return bytes(machine.emit_object(whole))
 
 
@@ -210,8 +210,8 @@ def _remove_all_but(kept: Sequence[str], module: Any) -> None:
     passes.run(module, llvm.create_pass_builder(machine, llvm.create_pipeline_tuning_options()))
 
 
-def _check_needs(module: Any) -> None:
-    """Raise FlexinvError for what the system would have to bring beyond `NEEDED`."""
+def check_needs(module: Any) -> None:
+    """Raise FlexinvError for functions of a module that the system would have to bring beyond `NEEDED`, [-]."""
     called = {one.name for one in module.functions if one.is_declaration and not one.name.startswith("llvm.")}
     called |= {one.name for one in module.global_variables if one.is_declaration}
     if beyond := sorted(called - NEEDED):

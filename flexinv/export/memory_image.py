@@ -55,6 +55,7 @@ class MemoryImage:
     def __init__(self, header: int, arrays: Sequence[Array]) -> None:
         """Lay out the numbers of arrays behind a header of so many bytes; what is zero now stands at the end."""
         self.relocations: list[int] = []
+        self._arrays = list(arrays)  # as long as they are there, no other array has their addresses
         self._words: list[tuple[int, bytes]] = []
         self._segments = list[_Segment]()
         end = header
