@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from flexinv.analysis.solve_many import Batch, solve_many
     from flexinv.analysis.statics import Load, statics
     from flexinv.errors import ConvergenceError, FlexinvError, InputError, ModelWarning
+    from flexinv.export.export_c import ExportedLibrary, export_c
     from flexinv.files.from_urdf import from_urdf
     from flexinv.files.load_cases import Case, load_cases
     from flexinv.files.load_mechanism import load_mechanism
@@ -41,6 +42,7 @@ _NAMES = {
     "analysis.solution": "Solution", "analysis.solve": "solve", "analysis.solve_in_parts": "solve_in_parts",
     "analysis.solve_many": "Batch solve_many", "analysis.statics": "Load statics",
     "sampled.torques": "torques", "sampled.write_torques": "TorqueSummary write_torques",
+    "export.export_c": "ExportedLibrary export_c",
     "errors": "ConvergenceError FlexinvError InputError ModelWarning",
     "files.from_urdf": "from_urdf", "files.load_cases": "Case load_cases", "files.load_mechanism": "load_mechanism",
     "linearized.linear_model": "LinearModel linear_model", "linearized.modes": "Modes",
@@ -55,11 +57,12 @@ _NAMES = {
 _HOME = {name: module for module, names in _NAMES.items() for name in names.split()}
 
 __all__ = [
-    "BaseParameters", "Batch", "Body", "Case", "Controller", "ConvergenceError", "FlexinvError", "Following", "Inertia",
+    "BaseParameters", "Batch", "Body", "Case", "Controller", "ConvergenceError", "ExportedLibrary", "FlexinvError",
+    "Following", "Inertia",
     "InputError",
     "LimitUse", "LinearModel", "Load", "Mechanism", "ModelWarning", "Modes", "Motion", "Path", "Regressor", "Solution",
     "SteadyModes", "TorqueDerivatives", "TorqueFunction", "TorqueSummary",
-    "__version__", "base_parameters", "find_limits", "follow", "from_urdf",
+    "__version__", "base_parameters", "export_c", "find_limits", "follow", "from_urdf",
     "joint_torques",
     "linear_model", "load_cases", "load_mechanism", "motor_side", "natural_modes", "prepare", "simulate", "solve",
     "solve_in_parts", "solve_many", "statics", "steady_modes", "torque_derivatives", "torque_regressor",

@@ -17,6 +17,7 @@ from flexinv.analysis.motor_side import motor_side
 from flexinv.analysis.solution import Solution
 from flexinv.analysis.solve import solve as solve_motion
 from flexinv.analysis.views.solution_figures import draw_solution
+from flexinv.cli.export_c import write_c_library
 from flexinv.cli.output import (
     ACCURACY,
     FILE,
@@ -278,6 +279,7 @@ app.add_command(follow_task)
 app.add_command(warm)
 app.add_command(simulate_file)
 app.add_command(write_torque_file)
+app.add_command(write_c_library)
 
 
 def _read_own_cases(model: Path, mechanism: Mechanism) -> dict[str, Case]:

@@ -78,8 +78,12 @@ def compute_carried_energy(mesh: Mesh, qd: Array, passive: set[str]) -> Array:
 
 def find_excessive_energies(mesh: Mesh, from_nowhere: Array | float, most: Array | float) -> Array:
     """Return a mask [-] of energies from nowhere [J] that exceed what was put in at ``most`` [J] beyond all reason (`REASON`)."""
-    stiffness = mesh.elements.stiffness[..., 3:].max() / mesh.length
-    return np.asarray(from_nowhere > REASON * np.asarray(most) + ENERGY_ROUNDING * stiffness)
+    return np.asarray(from_nowhere > REASON * np.asarray(most) + compute_energy_rounding(mesh))
+
+
+def compute_energy_rounding(mesh: Mesh) -> float:
+    """Return the energy below which nothing is said of where it comes from [J], `ENERGY_ROUNDING` of a beam bent by a radian."""
+    return float(ENERGY_ROUNDING * mesh.elements.stiffness[..., 3:].max() / mesh.length)
 
 
 @send_by_address

@@ -25,7 +25,7 @@ _Kind = TypeVar("_Kind", bound=type)
 
 _WORD = 8  # [bytes]
 _KINDS: set[type] = set()
-_SIZES: dict[Any, int] = {}  # what `_compute_size` has found; it asks LLVM, which takes a while
+_SIZES: dict[Any, int] = {}  # what `compute_size` has found; it asks LLVM, which takes a while
 
 
 class RecordType(types.Type):
@@ -77,7 +77,7 @@ def read_field(context: Any, builder: Any, kind: Any, given: Any, number: int) -
     """Return one of the fields of a record [any unit]; of a record within one at an address its address."""
     if not isinstance(kind, RecordType):
         return builder.extract_value(given, number)
-    for one, offset in _list_field_places(context, kind.value, 0):
+    for one, offset in list_field_places(context, kind.value, 0):
         if number == 0:
             place = _move_address(builder, given, offset)
             nested = isinstance(resolve_argument_type(one), RecordType)
@@ -105,18 +105,18 @@ def _resolve_value_type(kind: Any) -> Any:
     )
 
 
-def _list_field_places(context: Any, kind: Any, start: int) -> Iterator[tuple[Any, int]]:
-    """Types of the fields of a named tuple, each with its place [bytes] behind the record's."""
+def list_field_places(context: Any, kind: Any, start: int) -> Iterator[tuple[Any, int]]:
+    """Yield the types of the fields of a named tuple, each with its place [bytes] behind the record's, [-]."""
     for one in kind.types:
         yield one, start
-        start += _compute_size(context, one)
+        start += compute_size(context, one)
 
 
-def _compute_size(context: Any, kind: Any) -> int:
-    """Size of a field [bytes], in whole words."""
+def compute_size(context: Any, kind: Any) -> int:
+    """Return the size of a field or of a record by value [bytes], in whole words, [-]."""
     if kind not in _SIZES:
         if isinstance(resolve_argument_type(kind), RecordType):
-            _SIZES[kind] = sum(_compute_size(context, one) for one in kind.types)
+            _SIZES[kind] = sum(compute_size(context, one) for one in kind.types)
         else:
             _SIZES[kind] = -(-context.get_abi_sizeof(context.get_value_type(kind)) // _WORD) * _WORD
     return _SIZES[kind]
@@ -124,7 +124,7 @@ def _compute_size(context: Any, kind: Any) -> int:
 
 def _make_room(context: Any, builder: Any, kind: Any) -> Any:
     """Memory for a record in the frame of the function that is written."""
-    words = max(_compute_size(context, kind.value) // _WORD, 1)
+    words = max(compute_size(context, kind.value) // _WORD, 1)
     return builder.bitcast(cgutils.alloca_once(builder, ir.ArrayType(ir.IntType(64), words)), cgutils.voidptr_t)
 
 
@@ -165,11 +165,11 @@ def _write_record(context: Any, builder: Any, have: Any, wanted: Any, given: Any
 
 
 def _write(context: Any, builder: Any, have: Any, given: Any, wanted: Any, room: Any) -> None:
-    for k, (one, (kind, offset)) in enumerate(zip(have.types, _list_field_places(context, wanted, 0), strict=True)):
+    for k, (one, (kind, offset)) in enumerate(zip(have.types, list_field_places(context, wanted, 0), strict=True)):
         part = builder.extract_value(given, k)
         place = _move_address(builder, room, offset)
         if isinstance(one, RecordType):
-            cgutils.raw_memcpy(builder, place, part, ir.IntType(64)(_compute_size(context, kind)), 1, align=_WORD)
+            cgutils.raw_memcpy(builder, place, part, ir.IntType(64)(compute_size(context, kind)), 1, align=_WORD)
         elif isinstance(resolve_argument_type(one), RecordType):
             _write(context, builder, one, part, kind, place)
         else:
@@ -197,7 +197,7 @@ def _convert_from_python(kind: Any, given: Any, native: Any) -> Any:
 
 
 def _write_fields(kind: Any, given: Any, room: Any, native: Any) -> Iterator[Any]:
-    for k, (one, offset) in enumerate(_list_field_places(native.context, kind, 0)):
+    for k, (one, offset) in enumerate(list_field_places(native.context, kind, 0)):
         item = native.pyapi.tuple_getitem(given, k)
         place = _move_address(native.builder, room, offset)
         if isinstance(resolve_argument_type(one), RecordType):

@@ -1,0 +1,120 @@
+"""export_c: inverse dynamics of a mechanism as a C library, from the kernels that Python uses."""
+
+from __future__ import annotations
+
+import shlex
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from flexinv.errors import InputError
+from flexinv.export.c_files import make_constants, render_files
+from flexinv.export.flexible_plan import plan_flexible_library
+from flexinv.export.library_plan import LibraryPlan
+from flexinv.export.link_library import find_compiler, list_link_commands, run_commands
+from flexinv.export.machine_code import NATIVE, check_compiler, check_target, write_object
+from flexinv.export.names import LIBRARY_PREFIX, make_word
+from flexinv.export.rigid_plan import plan_rigid_library
+from flexinv.model.mechanism import Mechanism
+from flexinv.typing import Array
+from flexinv.validation import check_finite_array, check_flag, check_kind, check_names, check_path, check_seconds
+
+
+@dataclass(frozen=True)
+class ExportedLibrary:
+    """A library that `export_c` has written.
+
+    folder, name : of the library; files : paths in the folder
+    to_link : commands for the targets for which no compiler was found here, to be run in the folder
+    """
+
+    folder: Path
+    name: str
+    files: tuple[str, ...]
+    to_link: tuple[str, ...]
+
+
+def export_c(
+    mechanism: Mechanism, out: str | Path, targets: Sequence[str] = (NATIVE,), overwrite: bool = False,
+    step: float | None = None, start: ArrayLike | None = None, initial: str = "static", spectral_radius: float = 0.8,
+) -> ExportedLibrary:  # fmt: skip
+    """Write the inverse dynamics of a mechanism as a C library into a folder; return what was written [-].
+
+    out : the folder, which is made; targets : processors, of `machine_code.TARGETS`
+    overwrite : the folder may have files in it already
+    step : of a mechanism with beams, the time between two calls [s]; spectral_radius : as in `Controller` [-]
+    start : (nq,) the position [rad], [m] in which it begins at rest, by default the neutral one; initial : in equilibrium
+        ("static") or undeformed ("consistent")
+    Raises InputError before anything is written: for what cannot be exported, names that are one in C, an unknown target.
+    """
+    check_kind("mechanism", mechanism, Mechanism)
+    chosen = [check_target(target) for target in check_names("targets", targets, "processors")]
+    if not chosen:
+        raise InputError("export_c: targets is empty; write targets=('native',)")
+    if mechanism.nv == 0:
+        raise InputError(f"export_c: mechanism {mechanism.name!r} has no joint that moves, and so no torques")
+    check_compiler()
+    folder = _check_folder(Path(check_path("out", out, "a folder")), check_flag("overwrite", overwrite))
+    prefix = LIBRARY_PREFIX + make_word(mechanism.name).lower()
+    if mechanism.is_rigid:
+        if step is not None or start is not None:
+            raise InputError(
+                f"export_c: mechanism {mechanism.name!r} is rigid and has no state; leave out step and start"
+            )
+        plan = plan_rigid_library(mechanism, prefix)
+    else:
+        beginning = _check_start(mechanism, start)
+        plan = plan_flexible_library(
+            mechanism, prefix, _check_step(mechanism, step), beginning, initial, spectral_radius
+        )
+    return _write_library(plan, prefix, folder, chosen)
+
+
+def _check_folder(folder: Path, overwrite: bool) -> Path:
+    """The folder, which may be written into."""
+    if folder.exists() and not folder.is_dir():
+        raise InputError(f"{folder} is a file; write the name of a folder")
+    if folder.is_dir() and any(folder.iterdir()) and not overwrite:
+        raise InputError(f"{folder} has files in it already: write another folder, or overwrite=True (--overwrite)")
+    return folder
+
+
+def _check_step(mechanism: Mechanism, step: float | None) -> float:
+    """The time between two calls [s]."""
+    if step is None:
+        raise InputError(
+            f"export_c: mechanism {mechanism.name!r} has beams, whose deformation is carried on from call to call; write step = "
+            "the time between two calls in seconds, for example step=5e-4 (--step 5e-4)"
+        )
+    return check_seconds("step", step, "the time between two calls in seconds, for example step=5e-4")
+
+
+def _check_start(mechanism: Mechanism, start: ArrayLike | None) -> Array:
+    """The position in which a mechanism begins."""
+    if start is None:
+        return mechanism.neutral
+    return np.array(check_finite_array("start", start, (mechanism.nq,), "rad, m"))
+
+
+def _write_library(plan: LibraryPlan, prefix: str, folder: Path, targets: Sequence[str]) -> ExportedLibrary:
+    """Write all files, first those that may still fail to be made."""
+    constants = make_constants(plan, prefix)
+    texts = render_files(plan, prefix, targets)
+    objects = {f"lib/{one}/{prefix}_kernels.o": write_object(plan.entries, constants, one) for one in targets}
+    for path, data in {**{path: text.encode() for path, text in texts.items()}, **objects}.items():
+        file = folder / path
+        file.parent.mkdir(parents=True, exist_ok=True)
+        file.write_bytes(data)
+    left = list[str]()
+    for target in targets:
+        compiler = find_compiler(target)
+        commands = list_link_commands(prefix, target, compiler)
+        if compiler is None:
+            left += map(shlex.join, commands)
+        else:
+            run_commands(folder, commands)
+    files = sorted(str(path.relative_to(folder)) for path in folder.rglob("*") if path.is_file())
+    return ExportedLibrary(folder, prefix, tuple(files), tuple(left))

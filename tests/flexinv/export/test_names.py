@@ -1,0 +1,40 @@
+"""Whatever a name is, it is a word, a string and a comment of C that nothing gets out of."""
+
+from __future__ import annotations
+
+import ast
+import re
+
+import pytest
+
+from flexinv.export.names import format_comment, format_markdown, format_string, make_word
+
+HOSTILE = (
+    '*/ #include "x"',
+    "// \\\n",
+    "??/",
+    "int",
+    "é\N{GREEK SMALL LETTER TAU}",
+    '")); system("x',
+    "<img src=x>|",
+    "",
+    "$(x) ${y}",
+)
+
+
+@pytest.mark.parametrize("name", HOSTILE)
+def test_a_hostile_name_stays_a_name(name: str) -> None:
+    assert re.fullmatch(r"[A-Za-z0-9_]+", make_word(name))
+    literal = format_string(name)
+    assert "\n" not in literal
+    assert not re.search(r'[?"]', literal[1:-1])
+    read = ast.literal_eval(f"b{literal}")  # octal escapes are those of C
+    assert read.decode() == name
+    assert not re.search(r"[*/#\[\]\n\\?]", format_comment(name))
+    assert not re.search(r"[<>|\n\[\]`()!]", format_markdown(name))
+
+
+def test_words_of_different_names_may_be_one() -> None:
+    """Which is why `make_words` refuses them."""
+    assert make_word("a b") == make_word("a-b") == "a_b"
+    assert make_word("a\N{LATIN SMALL LETTER E WITH ACUTE}") == "aue9"
