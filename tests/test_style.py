@@ -99,8 +99,6 @@ ALONE = {
     "crosscheck.engines.pinocchio.adapter": "found by its name: an engine's adapter",
     "crosscheck.identification.causes.encoders": EQUATIONS,
     "crosscheck.identification.causes.wide_rows": EQUATIONS,
-    "crosscheck.identification.write_back.mjcf_file": "elements of a file and what a model has of them, before any edit",
-    "crosscheck.identification.write_back.same_efforts": "a judge of a written file, apart from its edits",
     "crosscheck.kit.tree": "a file of kits for programs that want no JSON",
     "crosscheck.kit.page": "the page of a kit in words, apart from its data",
     "crosscheck.equivalence.beams.sampled": "numbers of a beam, apart from what differs in them",

@@ -134,7 +134,7 @@ def command(
                 proposal = find_exciting_motion(identification.machine, identification.fit, log, seconds)
                 _write_proposed_motion(console, proposal, folder)
             took = clock.perf_counter() - begun
-            results = write_page(identification, causes, " ".join(sys.argv[1:]), folder, took)
+            results = write_page(identification, causes, " ".join(sys.argv[1:]), folder, took, mjcf and mjcf[0])
     except (FlexinvError, OSError) as error:
         raise Failure(str(error)) from error
     console.print(f"page: {folder / 'index.html'}", highlight=False, soft_wrap=True)

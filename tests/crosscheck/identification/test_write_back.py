@@ -15,6 +15,7 @@ from click.testing import CliRunner
 import crosscheck
 from crosscheck.cli import Main
 from crosscheck.identification.identify import Identification
+from crosscheck.identification.maker_values import build_maker_tables
 from crosscheck.identification.table import Row
 from crosscheck.identification.write_back.mjcf import write_mjcf
 from crosscheck.identification.write_back.urdf import write_urdf
@@ -104,6 +105,8 @@ def test_the_file_has_the_torques_that_were_identified(folder: Path, found: Iden
     assert (
         "engines' own features different" in done.output
     )  # of higher order, which the file had and the mechanism cannot say
+    summary = (tmp_path / "out" / "summary.md").read_text()
+    assert re.findall("## Against the maker's values: (.*)", summary) == ["arm.urdf", "arm.xml"]
     assert (tmp_path / "same.urdf").read_bytes() == (tmp_path / "new.urdf").read_bytes()
     loaded = load_mechanism(tmp_path / "out" / "identified.toml")
     own = from_urdf(tmp_path / "new.urdf")
@@ -261,3 +264,20 @@ def test_another_gravity_of_the_file_is_said(folder: Path, found: Identification
     (tmp_path / "old.xml").write_text(MJCF.replace("-9.81", "-9.80665"))
     left = write_mjcf(found, tmp_path / "old.xml", tmp_path / "new.xml")
     assert left[-1].startswith("gravity: the file keeps 0.0 0.0 -9.80665 m/s^2, masses were identified with")
+
+
+def test_values_of_the_maker_stand_beside_what_was_found(folder: Path, found: Identification) -> None:
+    """What each file says, in the frames of the mechanism: the body's frame is 0.1 m in front of the joint, the link's at it."""
+    tables = build_maker_tables(found, folder / "arm.xml")
+    said = [{(row["parameter"], row["place"]): row for row in table["rows"]} for table in tables]
+    assert [table["mass", "upper"]["maker"] for table in said] == ["6", "6"]
+    assert [table["com x", "upper"]["maker"] for table in said] == ["0.2", "0.2"]
+    assert [table["viscous friction", "shoulder"]["maker"] for table in said] == ["3", "0.25"]
+    assert [table["viscous friction", "shoulder"]["inside"] for table in said] == ["no", "no"]  # 4 was found
+    assert [table["coulomb friction", "shoulder"]["inside"] for table in said] == ["yes", "yes"]
+    for table in said:
+        told = [row["told"] for row in table.values()]
+        assert told == sorted(told, reverse=True)  # "yes" comes first
+        assert set(table) == {
+            (row.parameter, row.place) for row in found.parameters if row.parameter != "effort offset"
+        }
