@@ -25,7 +25,8 @@ from crosscheck.identification.excitation import Proposal, find_exciting_motion
 from crosscheck.identification.files import write_judged, write_parameters, write_prediction
 from crosscheck.identification.identified_file import write_identified
 from crosscheck.identification.identify import Identification, identify, judge_blocks, read_machine, read_of
-from crosscheck.identification.logs.log import list_column_names, read_log
+from crosscheck.identification.logs.log import read_columns, read_log
+from crosscheck.identification.logs.meanings import choose_time_column
 from crosscheck.identification.page import write_page
 from crosscheck.identification.propose import format_identify_toml
 from crosscheck.identification.settings import FILE
@@ -33,7 +34,7 @@ from crosscheck.identification.write_back.mjcf import write_mjcf
 from crosscheck.identification.write_back.urdf import write_urdf
 from crosscheck.report.words import format_by_width, format_interval, format_short
 from flexinv.errors import FlexinvError, InputError
-from flexinv.files.header_words import find_time_column, find_time_unit
+from flexinv.files.header_words import find_time_unit
 from flexinv.files.load_mechanism import load_mechanism
 from flexinv.files.toml_tables import resolve_toml_file
 
@@ -147,9 +148,10 @@ def _write_proposed_settings(console: Console, source: Path, log: str) -> None:
         if file.exists():
             raise InputError(f"{file} is there already: move it away, or mend it by hand")
         path = _resolve_log_paths(source, (log,))[0]
-        time = find_time_column(list_column_names(path))
-        unit = find_time_unit(time, read_log(path.partition("@")[0], time).spacing)
-        text = format_identify_toml(load_mechanism(source), read_log(path, time, unit[0]), time, unit)
+        time, doubt = choose_time_column(read_columns(path))
+        unit, why = find_time_unit(time, read_log(path.partition("@")[0], time).spacing)
+        words = "; ".join(filter(None, (doubt, why)))
+        text = format_identify_toml(load_mechanism(source), read_log(path, time, unit), time, (unit, words))
         file.write_text(text, encoding="utf-8")
     except (FlexinvError, OSError) as error:
         raise Failure(str(error)) from error

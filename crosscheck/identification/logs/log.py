@@ -105,11 +105,11 @@ def read_log(source: str | Path, time: str = "time_s", unit: str = "s") -> Log:
     return log.take_interval(start, end)
 
 
-def list_column_names(source: str | Path) -> list[str]:
-    """Return the names of the columns of a log.  Raises InputError: no such file, unknown format."""
+def read_columns(source: str | Path) -> dict[str, Array]:
+    """Return all columns of a log as they are written [any unit].  Raises InputError: no such file, unknown format."""
     path = Path(str(source).partition("@")[0])
     _check_there(path)
-    return list(_read_columns(path, "time_s"))
+    return _read_columns(path, "time_s")
 
 
 def _check_there(path: Path) -> None:
