@@ -21,6 +21,7 @@ RATE = 0.99  # correlation of a rate with the derivative: two angles that move a
 UNITS = {1.0: "", 180.0 / np.pi: "deg per rad", np.pi / 180.0: "rad per deg", 1000.0: "mm per m", 1e-3: "m per mm"}
 FACTOR = 0.03  # relative: what noise and low-pass leave of the factor
 COPY = 1e-3  # of the spread
+SAMPLES = 2000  # that tell whether two columns are the same: bags have hundreds of columns
 DRIFT = 0.1  # of the spread that a parabola leaves: of an angle that goes back and forth it leaves more than half
 FASTEST = 10.0  # [Hz]
 STILL = 0.02  # of the largest rate: slower than this, dry friction has no sign
@@ -76,9 +77,10 @@ def find_rates(columns: Mapping[str, Array], spacing: float) -> dict[str, tuple[
 
 
 def find_copies(columns: Mapping[str, Array]) -> dict[str, str]:
-    """Return by copy the first column that it is the same as [-]."""
+    """Return by copy the first column that it is the same as [-], by some samples of each."""
     out: dict[str, str] = {}
     names = list(columns)
+    columns = {name: values[:: max(1, len(values) // SAMPLES)] for name, values in columns.items()}
     for k, name in enumerate(names):
         for other in names[:k]:
             spread = np.std(columns[other])

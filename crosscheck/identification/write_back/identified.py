@@ -56,12 +56,12 @@ def check_joint_number(file: Path, attribute: str, joint: str, found: float, exp
 
 
 def write_checked(file: Path, text: bytes, check: Callable[[], None]) -> None:
-    """Write a file, and remove it where its check, which reads it again, raises InputError."""
+    """Write a file, and remove it where its check, which reads it again, raises InputError or comes to no end."""
     file.parent.mkdir(parents=True, exist_ok=True)
     file.write_bytes(text)
     try:
         check()
-    except InputError:
+    except BaseException:
         file.unlink()
         raise
 
