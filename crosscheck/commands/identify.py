@@ -14,6 +14,8 @@ from rich.table import Table
 
 from crosscheck import output_folder as owned
 from crosscheck.commands.shared.terminal import MODELS, Console, Failure
+from crosscheck.equivalence.compare import compare
+from crosscheck.equivalence.output.text import describe_repair
 from crosscheck.identification.bands import ChannelJudgement
 from crosscheck.identification.causes.cause import NOTHING_REMAINS
 from crosscheck.identification.causes.detection_limits import describe_least_sizes
@@ -23,14 +25,16 @@ from crosscheck.identification.excitation import Proposal, find_exciting_motion
 from crosscheck.identification.files import write_judged, write_parameters, write_prediction
 from crosscheck.identification.identified_file import write_identified
 from crosscheck.identification.identify import Identification, identify, judge_blocks, read_machine, read_of
-from crosscheck.identification.logs.log import list_column_names, read_log
+from crosscheck.identification.logs.log import read_columns, read_log
+from crosscheck.identification.logs.meanings import choose_time_column
 from crosscheck.identification.page import write_page
 from crosscheck.identification.propose import format_identify_toml
 from crosscheck.identification.settings import FILE
-from crosscheck.identification.write_back import write_urdf
+from crosscheck.identification.write_back.mjcf import write_mjcf
+from crosscheck.identification.write_back.urdf import write_urdf
 from crosscheck.report.words import format_by_width, format_interval, format_short
 from flexinv.errors import FlexinvError, InputError
-from flexinv.files.header_words import find_time_column, find_time_unit
+from flexinv.files.header_words import find_time_unit
 from flexinv.files.load_mechanism import load_mechanism
 from flexinv.files.toml_tables import resolve_toml_file
 
@@ -70,6 +74,14 @@ FOLD = "Cut the window of the first log into so many blocks; each is judged by w
     help="New file: the mechanism's own URDF with the identified masses, damping and friction.",
 )
 @click.option(
+    "--write-mjcf",
+    "mjcf",
+    nargs=2,
+    type=click.Path(dir_okay=False, path_type=Path),
+    metavar="OLD NEW",
+    help="Your MJCF of the machine, and a new file: OLD with the identified masses, damping, friction, armature, stiffness.",
+)
+@click.option(
     "--out", type=click.Path(file_okay=False, path_type=Path), help="Folder; reports/identify/NAME by default."
 )
 def command(
@@ -83,6 +95,7 @@ def command(
     seconds: float | None,
     propose: bool,
     urdf: Path | None,
+    mjcf: tuple[Path, Path] | None,
     out: Path | None,
 ) -> None:
     """Identify parameters of mechanism NAME from logs, with intervals; predict other logs, with bands.
@@ -111,8 +124,7 @@ def command(
             )
             _write_predictions(console, identification, _resolve_log_paths(source, wanted), folder)
             _write_parameters(console, identification)
-            if urdf is not None:
-                _write_urdf(console, identification, urdf)
+            _write_robot_files(console, identification, folder, urdf, mjcf)
             doubtful = _list_logs_in_question(identification, given, held, asked)
             causes = _find_causes(console, identification, doubtful, asked)
             if count is not None:
@@ -123,7 +135,7 @@ def command(
                 proposal = find_exciting_motion(identification.machine, identification.fit, log, seconds)
                 _write_proposed_motion(console, proposal, folder)
             took = clock.perf_counter() - begun
-            results = write_page(identification, causes, " ".join(sys.argv[1:]), folder, took)
+            results = write_page(identification, causes, " ".join(sys.argv[1:]), folder, took, mjcf and mjcf[0])
     except (FlexinvError, OSError) as error:
         raise Failure(str(error)) from error
     console.print(f"page: {folder / 'index.html'}", highlight=False, soft_wrap=True)
@@ -136,9 +148,10 @@ def _write_proposed_settings(console: Console, source: Path, log: str) -> None:
         if file.exists():
             raise InputError(f"{file} is there already: move it away, or mend it by hand")
         path = _resolve_log_paths(source, (log,))[0]
-        time = find_time_column(list_column_names(path))
-        unit = find_time_unit(time, read_log(path.partition("@")[0], time).spacing)
-        text = format_identify_toml(load_mechanism(source), read_log(path, time, unit[0]), time, unit)
+        time, doubt = choose_time_column(read_columns(path))
+        unit, why = find_time_unit(time, read_log(path.partition("@")[0], time).spacing)
+        words = "; ".join(filter(None, (doubt, why)))
+        text = format_identify_toml(load_mechanism(source), read_log(path, time, unit), time, (unit, words))
         file.write_text(text, encoding="utf-8")
     except (FlexinvError, OSError) as error:
         raise Failure(str(error)) from error
@@ -162,11 +175,30 @@ def _write_predictions(console: Console, identification: Identification, logs: l
         console.print(f"prediction of {escape(Path(log).name)}: {file}", highlight=False, soft_wrap=True)
 
 
-def _write_urdf(console: Console, identification: Identification, file: Path) -> None:
-    left = write_urdf(identification, file)
-    console.print(f"\n[bold]URDF with what was identified[/bold]: {escape(str(file))}", highlight=False, soft_wrap=True)
-    for words in left:
-        console.print(escape(words), highlight=False, soft_wrap=True, style="dim")
+def _write_robot_files(
+    console: Console, identification: Identification, folder: Path, urdf: Path | None, mjcf: tuple[Path, Path] | None
+) -> None:
+    """Write the user's own files with what was identified, say what they cannot, and hold them against identified.toml."""
+    written = []
+    if urdf is not None:
+        written.append(("URDF", urdf, write_urdf(identification, urdf)))
+    if mjcf is not None:
+        written.append(("MJCF", mjcf[1], write_mjcf(identification, *mjcf)))
+    for kind, file, left in written:
+        console.print(
+            f"\n[bold]{kind} with what was identified[/bold]: {escape(str(file))}", highlight=False, soft_wrap=True
+        )
+        for words in [*left, _describe_comparison(file, folder / "identified.toml")]:
+            console.print(escape(words), highlight=False, soft_wrap=True, style="dim")
+
+
+def _describe_comparison(file: Path, identified: Path) -> str:
+    """Describe a written file beside identified.toml in the sentence of `crosscheck compare`."""
+    try:
+        found = compare(file, identified)
+    except InputError as error:
+        return f"it could not be compared with {identified}: {error}"
+    return f"crosscheck compare {file} {identified}: {found.sentence} {describe_repair(found)}"
 
 
 def _resolve_log_paths(folder: Path, logs: tuple[str, ...]) -> list[str]:

@@ -15,6 +15,7 @@ from crosscheck.identification.card import describe_gist
 from crosscheck.identification.causes.cause import NOTHING_REMAINS
 from crosscheck.identification.causes.name_causes import CauseFindings
 from crosscheck.identification.identify import Identification
+from crosscheck.identification.maker_values import build_maker_tables
 from crosscheck.identification.readings import Machine, Run
 from crosscheck.identification.settings import LimitTable, list_matching_names
 from crosscheck.identification.table import Row
@@ -70,12 +71,15 @@ def write_page(
     command: str,
     out: Path,
     elapsed: float,
+    mjcf: Path | None = None,
 ) -> Results:
     """Write index.html, the page of the study, results.json, junit.xml and summary.md into a folder; return the results [-].
 
     causes : name of a log and what it shows beside the model; elapsed : time that all of it took [s]
+    mjcf : a file of the machine whose values stand beside those found; a URDF's do where the mechanism comes from one
+    Raises InputError where such a file cannot be read.
     """
-    study = build_study_row(identification, causes)
+    study = build_study_row(identification, causes, build_maker_tables(identification, mjcf))
     results = Results(
         format_current_time(),
         command,
@@ -91,8 +95,10 @@ def write_page(
     return results
 
 
-def build_study_row(identification: Identification, causes: Sequence[tuple[str, CauseFindings]]) -> StudyRow:
-    """Return all that the page shows [unit of each]."""
+def build_study_row(
+    identification: Identification, causes: Sequence[tuple[str, CauseFindings]], makers: Sequence[SideTable]
+) -> StudyRow:
+    """Return all that the page shows [unit of each]; makers : tables of values that robot files say."""
     name = identification.machine.mechanism.name
     told = sum(row.identifiable for row in identification.parameters)
     scatter = SCATTER.format(identification.fit.kappa) if identification.fit.kappa > WIDER else STEADY
@@ -101,6 +107,7 @@ def build_study_row(identification: Identification, causes: Sequence[tuple[str, 
     text = text.replace("\n", " ") + _describe_missing_judges(identification)
     tables = [
         _build_told_table(identification.parameters),
+        *makers,
         _build_cause_table(causes),
         _build_doubt_table(identification.words),
         _build_untold_table(identification.parameters),

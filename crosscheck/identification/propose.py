@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 
 import numpy as np
 
 from crosscheck.identification.filters import low_pass
-from crosscheck.identification.logs.header import Column, Found, match_joint_columns
+from crosscheck.identification.logs.header import Column, Found
 from crosscheck.identification.logs.log import Log
+from crosscheck.identification.logs.meanings import Meaning, find_meanings
 from crosscheck.identification.settings import ANGLES, EFFORTS
 from flexinv.errors import InputError
 from flexinv.files.values import FORMAT
@@ -41,7 +42,7 @@ def format_identify_toml(
     Raises InputError where no column is an angle of a joint.
     """
     joints = [j for j in mechanism.joints if j.nv == 1 and j.actuated] or [j for j in mechanism.joints if j.nv == 1]
-    columns = match_joint_columns(joints, log.columns)
+    columns, meanings = find_meanings(joints, log)
     found = {j.name: own for j in joints if "angle" in (own := columns.get(j.name, {}))}
     if not found:
         raise InputError(
@@ -52,7 +53,13 @@ def format_identify_toml(
     head = _format_head(log, found, time, unit)
     return (
         "\n".join(
-            [*head, *_format_joint_tables(mechanism, found, lost), *_format_free_tables(mechanism, log, found), LIMITS]
+            [
+                *head,
+                *_format_meanings(meanings),
+                *_format_joint_tables(mechanism, found, lost),
+                *_format_free_tables(mechanism, log, found),
+                LIMITS,
+            ]
         )
         + "\n"
     )
@@ -65,10 +72,17 @@ def _format_head(log: Log, columns: Found, time: str, unit: tuple[str, str]) -> 
     if time != "time_s":
         yield f"time = {json.dumps(time)}"
     if unit[0] != "s" or unit[1]:
-        yield f'time_unit = "{unit[0]}"' + (f"   # {unit[1]}" if unit[1] else "")
+        yield f'time_unit = "{unit[0]}"{_format_comment([unit[1]])}'
     yield f"bandwidth_Hz = {_choose_bandwidth(log):.3g}      # above it nothing is compared"
     yield f"still_rad_per_s = {QUICK * rate:.2g}   # slower than this a joint stands"
     yield f"block_s = {max(0.5, (log.time[-1] - log.time[0]) / 8.0):.3g}"
+
+
+def _format_meanings(meanings: Iterable[Meaning]) -> Iterator[str]:
+    """Lines that say of each column its meaning; names as TOML writes them, so that none begins a line of its own."""
+    yield "\n# What each column was taken for:"
+    for one in meanings:
+        yield f"#   {json.dumps(one.column, ensure_ascii=False)}: {' '.join(one.words.split())}"
 
 
 def _choose_bandwidth(log: Log) -> float:
@@ -106,7 +120,13 @@ def _format_column(kind: str, column: Column, drive: Drive | None) -> str:
     if kind == "effort" and _needs_constant(column, drive):
         words += ", constant_Nm_per_A = 1.0"
         doubts.append('write the torque constant, and remove its "effort gain" below')
-    return f"{kind} = {{ {words} }}" + (f"   # {'; '.join(doubts)}" if doubts else "")
+    return f"{kind} = {{ {words} }}{_format_comment(doubts)}"
+
+
+def _format_comment(doubts: Iterable[str]) -> str:
+    """Doubts behind a line, on that line whatever the names in them hold; "" for none."""
+    words = " ".join("; ".join(filter(None, doubts)).split())
+    return f"   # {words}" if words else ""
 
 
 def _is_at_motor(column: Column) -> bool:

@@ -48,6 +48,7 @@ SLOPE = 0.2
 POINT_UNITS = {"marker": "m", "accelerometer": "m/s^2"}
 # At the ends of a log the low-pass knows one side only: so many periods of the bandwidth do not count.
 EDGE = 1.5
+LEAP = 8.0  # times the usual change: of a smooth effort the largest change is some three times the usual one
 HIGHEST = 0.4  # of the sampling rate: no filter above
 
 
@@ -241,9 +242,31 @@ def make_run(machine: Machine, log: Log, efforts: bool = True, once: bool = Fals
     edge = EDGE / settings.bandwidth_Hz
     window &= (motion.time >= edge) & (motion.time <= motion.time[-1] - edge)
     measured = read_measured_channels(machine, log) if efforts else None
+    counted = sliding & window[:, None]
+    if efforts and len(log.pauses):
+        counted &= ~find_unseen_leaps(machine, log)
     response = build_response(machine.mechanism, machine.space, settings, motion, once)
     wide = compute_wide_responses(machine, log) if efforts else ()
-    return Run(log.name, log.time, motion, response, measured, sliding, sliding & window[:, None], wide)
+    return Run(log.name, log.time, motion, response, measured, sliding, counted, wide)
+
+
+def find_unseen_leaps(machine: Machine, log: Log) -> NDArray[np.bool_]:
+    """Return the samples (samples, channels) [-] near a leap of an effort that fell into a pause of an uneven log.
+
+    Dry friction turns round in one step: where that sample is missing nobody knows when, and a spline makes it up.  A leap is
+    `LEAP` times what the effort usually changes by in as many samples; what the low-pass spreads of it does not count.
+    """
+    out = np.zeros((len(log.time), len(machine.channels)), dtype=bool)
+    reach = EDGE / machine.settings.bandwidth_Hz
+    first = np.clip(np.searchsorted(log.time, log.pauses[:, 0] + 1e-9) - 1, 0, len(log.time) - 1)
+    last = np.clip(np.searchsorted(log.time, log.pauses[:, 1] - 1e-9), 0, len(log.time) - 1)
+    for c, channel in enumerate(machine.channels):
+        values = log.read_column(channel.column)
+        for start, end in zip(first, last, strict=True):
+            usual = float(np.median(np.abs(values[end - start :] - values[: len(values) - (end - start)])))
+            if channel.sense == "effort" and abs(values[end] - values[start]) > LEAP * usual:
+                out[:, c] |= (log.time > log.time[start] - reach) & (log.time < log.time[end] + reach)
+    return out
 
 
 def _find_window_samples(settings: IdentifyTable, log: Log) -> NDArray[np.bool_]:

@@ -86,19 +86,19 @@ def _move_mass_properties(factor: bytes, x: bytes) -> Array:
     return move_mass_properties(np.frombuffer(factor).reshape(4, 4), np.frombuffer(x))
 
 
+def make_body(name: str, ten: Array) -> Body:
+    """Return the body of m, h, I (10,) [kg], [kg m], [kg m^2]: its tensor about its centre of mass by Steiner's theorem."""
+    mass = float(ten[0])
+    com = ten[1:4] / mass
+    tensor = np.zeros((3, 3))
+    tensor[ROWS, COLUMNS] = tensor[COLUMNS, ROWS] = ten[4:]
+    return Body(name, Inertia.build_unchecked(mass, com, tensor - compute_parallel_axis_term(mass, com)))
+
+
 def replace_masses(mechanism: Mechanism, masses: Mapping[str, Array]) -> Mechanism:
     """Return the mechanism whose links carry one body each with m, h, I (10,) [kg], [kg m], [kg m^2]."""
-
-    def make_bodies(name: str, ten: Array) -> tuple[Body, ...]:
-        mass = ten[0]
-        com = ten[1:4] / ten[0]
-        tensor = np.zeros((3, 3))
-        tensor[ROWS, COLUMNS] = tensor[COLUMNS, ROWS] = ten[4:]
-        tensor -= compute_parallel_axis_term(mass, com)
-        return (Body(name, Inertia.build_unchecked(float(mass), com, tensor)),)
-
     links = tuple(
-        replace(k, bodies=make_bodies(k.name, masses[k.name])) if k.name in masses else k for k in mechanism.links
+        replace(k, bodies=(make_body(k.name, masses[k.name]),)) if k.name in masses else k for k in mechanism.links
     )
     return replace(mechanism, links=links)
 

@@ -99,6 +99,21 @@ def _render_studies(results: Results) -> list[str]:
     return _render_section("Studies", ("study", "verdict", "rows"), _list_study_rows(results))
 
 
+def _render_leading_tables(results: Results) -> Iterator[str]:
+    """The tables of studies that were asked for, before those that are judged."""
+    for study in results.studies:
+        for table in study.tables:
+            if table.get("leads") and table["rows"]:
+                keys = [key for key, _, _ in table["columns"]]
+                head = tuple(title for _, title, _ in table["columns"])
+                rows = [tuple(_format_value(row.get(key)) for key in keys) for row in table["rows"]]
+                yield from _render_section(escape(table["title"]), head, rows)
+
+
+def _format_value(value: object) -> str:
+    return format_short(value) if isinstance(value, int | float) else str(value or "")
+
+
 def _render_comparisons(results: Results) -> list[str]:
     if results.studies and not results.cases:
         return []
@@ -119,6 +134,7 @@ SECTIONS: tuple[Callable[[Results], Iterable[str]], ...] = (
     _render_matrix,
     _render_diagnoses,
     _render_studies,
+    _render_leading_tables,
     _render_comparisons,
     _render_engines,
 )

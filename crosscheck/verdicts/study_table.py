@@ -41,7 +41,7 @@ class StudyFigure(TypedDict):
 
 
 class SideTable(TypedDict):
-    """A table beside the one that is judged; leads : it stands before that one, as what was asked for."""
+    """A table beside the one that is judged; leads : it stands before that one, and in summary.md, as what was asked for."""
 
     title: str
     columns: Sequence[Column]

@@ -23,7 +23,9 @@ EFFORT_UNITS = {
     "ampere": "A", "mnm": "mN m",
 }  # fmt: skip
 TIME_WORDS = re.compile(
-    r"^(t|time|timestamp|stamp|clock)(?![a-z0-9])(?!_\d)|^time|[_ .]time$|^(milli|micro|nano)s", re.IGNORECASE
+    r"^(t|time|timestamp|stamp|clock|tick)(?![a-z0-9])(?!_\d)|^time|[_ .](time|stamp)$|^(milli|micro|nano)s"
+    r"|^(zeit|temps|tiempo|時間|時刻|时间)",
+    re.IGNORECASE,
 )
 SLOW_SAMPLES = 0.5  # [s]: no motion of a machine is seen in samples that are farther apart
 SHORT_NAME = 3  # letters: names as short as that stand in words that mean something else

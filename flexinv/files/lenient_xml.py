@@ -23,7 +23,7 @@ MOST_PREFIXES = 100  # that are put right: no document of this field has ten
 
 def replace_invalid_xml(data: bytes) -> tuple[bytes, list[str]]:
     """Return a text of XML with its comments and prefixes put right [-], and what was wrong, a line each."""
-    text, comments = _replace_hyphens(data)
+    text, comments = replace_hyphens(data)
     return _add_namespaces(text, comments)
 
 
@@ -39,8 +39,8 @@ def _find_sections(data: bytes) -> Iterator[tuple[bytes, int, int]]:
         at = end + len(SECTION_ENDS[mark])
 
 
-def _replace_hyphens(data: bytes) -> tuple[bytes, list[str]]:
-    """The text with spaces for hyphens that a comment must not hold; lines stay where they are."""
+def replace_hyphens(data: bytes) -> tuple[bytes, list[str]]:
+    """Return the text with spaces for hyphens that a comment must not hold [-], and what was wrong; bytes stay where they are."""
     words: list[str] = []
     parts: list[bytes] = []
     copied = 0

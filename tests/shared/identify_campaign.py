@@ -14,6 +14,7 @@ from tempfile import TemporaryDirectory
 
 import click
 import numpy as np
+from logged_arm import jitter
 from scipy.interpolate import CubicSpline
 
 sys.path.insert(0, str(Path(__file__).parents[2]))
@@ -21,7 +22,7 @@ sys.path.insert(0, str(Path(__file__).parents[2]))
 from crosscheck.identification.bands import compute_margins, judge, predict
 from crosscheck.identification.estimation.fit import Fit, build_problem, fit
 from crosscheck.identification.identify import read_machine
-from crosscheck.identification.logs.log import Log
+from crosscheck.identification.logs.log import Log, take_even_steps
 from crosscheck.identification.parameters import KINDS, MASS, Key
 from crosscheck.identification.pseudo_inertia import NAMES, QUANTITIES, convert_to_com, move_mass_properties
 from crosscheck.identification.readings import Machine, compute_raw_signals, make_run
@@ -194,12 +195,7 @@ def trial(kind: str, seed: int, off: float = 0.0) -> tuple[list[ParameterOutcome
     off : so many widths of its prior one parameter of the truth is off [-], which is no mass property
     """
     random = np.random.default_rng([seed, CLASSES.index(kind)])
-    with TemporaryDirectory() as folder:
-        base = Path(folder) / f"{kind}{seed}"
-        base.mkdir()
-        for name, text in zip(("mechanism.toml", "identify.toml"), text_of(kind, random), strict=True):
-            (base / name).write_text(text, encoding="utf-8")
-        machine = read_machine(base)
+    machine = _read_random_machine(kind, seed, random)
     z = np.clip(random.normal(size=len(machine.space.parameters)), -2.5, 2.5)
     moved: Key | None = None
     if off:
@@ -218,6 +214,39 @@ def trial(kind: str, seed: int, off: float = 0.0) -> tuple[list[ParameterOutcome
         [r.coverage for r in judge(machine, runs[1], told)],
         "",
     )
+
+
+def _read_random_machine(kind: str, seed: int, random: np.random.Generator) -> Machine:
+    with TemporaryDirectory() as folder:
+        base = Path(folder) / f"{kind}{seed}"
+        base.mkdir()
+        for name, text in zip(("mechanism.toml", "identify.toml"), text_of(kind, random), strict=True):
+            (base / name).write_text(text, encoding="utf-8")
+        return read_machine(base)
+
+
+def moved_by_jitter(kind: str, seed: int) -> tuple[list[str], int]:
+    """Identify a random mechanism from a log, and from the same one at uneven times (`logged_arm.jitter`).
+
+    Return which parameters leave the interval of the even log by that [unit of each], and how many there are.
+    """
+    random = np.random.default_rng([seed, CLASSES.index(kind)])
+    machine = _read_random_machine(kind, seed, random)
+    z = np.clip(random.normal(size=len(machine.space.parameters)), -2.5, 2.5)
+    log = logged(machine, moving(machine, random, kind), z, random)
+    at = jitter(log.time, seed)
+    curves = {name: CubicSpline(log.time, values)(at) for name, values in log.columns.items()}
+    uneven = take_even_steps(Log("uneven", at, curves))
+    tables = [
+        list_parameter_rows(machine.space, fit(build_problem(machine, (make_run(machine, one),))))
+        for one in (log, uneven)
+    ]
+    outside = [
+        f"{row.parameter} of {row.place}: {other.value:.4g}, {row.low:.4g} to {row.high:.4g} {row.unit} by the even log"
+        for row, other in zip(*tables, strict=True)
+        if not row.low <= other.value <= row.high
+    ]
+    return outside, len(tables[0])
 
 
 def _told(machine: Machine, found: Fit, z: Array, name: str, moved: Key | None) -> Iterator[ParameterOutcome]:
@@ -252,8 +281,19 @@ def summary(outcomes: list[ParameterOutcome]) -> dict[str, tuple[int, float, flo
 @click.option(
     "--off", default=0.0, show_default=True, help="Widths of its prior by which one parameter of each truth is off."
 )
-def main(count: int, first: int, off: float) -> None:
+@click.option(
+    "--jitter", "uneven", is_flag=True, help="Hold logs at uneven times against the same at even ones instead."
+)
+def main(count: int, first: int, off: float, uneven: bool) -> None:
     """Identify random mechanisms of known truth, and count how often 90 % intervals hold it."""
+    if uneven:
+        for k in range(count):
+            kind = CLASSES[k % len(CLASSES)]
+            outside, number = moved_by_jitter(kind, first + k)
+            click.echo(f"{kind}{first + k}: {number - len(outside)} of {number} within the intervals of the even log")
+            for words in outside:
+                click.echo(f"  {words}")
+        return
     told: list[ParameterOutcome] = []
     covered: list[float] = []
     for k in range(count):

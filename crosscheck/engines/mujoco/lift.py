@@ -338,7 +338,7 @@ def _read_site_tie(model: Any, k: int, name: str, weld: bool) -> Closure:
         point = model.site_pos[site]
         turn = _convert_quaternion(model.site_quat[site])
         link, anchor = (
-            (resolve_name(model, OBJECT.mjOBJ_BODY, body, "body"), _read_anchor(model, body))
+            (resolve_name(model, OBJECT.mjOBJ_BODY, body, "body"), read_anchor(model, body))
             if body
             else (WORLD, np.zeros(3))
         )
@@ -367,7 +367,7 @@ def _read_body_tie(model: Any, k: int, name: str, weld: bool) -> Closure:
     turns = (_convert_quaternion(model.eq_data[k][6:10]), np.eye(3)) if weld else (np.eye(3), np.eye(3))
     first, second = (
         Attachment(
-            resolve_name(model, OBJECT.mjOBJ_BODY, body, "body"), Placement(point - _read_anchor(model, body), turn)
+            resolve_name(model, OBJECT.mjOBJ_BODY, body, "body"), Placement(point - read_anchor(model, body), turn)
         )
         if body
         else Attachment(WORLD, Placement(np.array(point), turn))
@@ -376,7 +376,8 @@ def _read_body_tie(model: Any, k: int, name: str, weld: bool) -> Closure:
     return Closure(name, "fixed" if weld else "spherical", first, second)
 
 
-def _read_anchor(model: Any, body: int) -> Array:
+def read_anchor(model: Any, body: int) -> Array:
+    """Return the place of a body's link in the body's frame (3,) [m]: at the anchor of its last joint."""
     count = int(model.body_jntnum[body])
     first = int(model.body_jntadr[body])
     if not count or model.jnt_type[first + count - 1] == JOINT_KIND.mjJNT_FREE:

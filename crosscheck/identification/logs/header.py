@@ -29,16 +29,25 @@ UNITS = {
     "deg": "deg", "degs": "deg", "degree": "deg", "degrees": "deg", "°": "deg", "rad": "rad", "rads": "rad", "radians": "rad",
     "mm": "mm", "m": "m",
 } | EFFORT_UNITS  # fmt: skip
-RATES = re.compile(r"per_s|/s(?![a-z])|_s\b|rate|vel|speed|acc|qd|dq", re.IGNORECASE)
+RATES = re.compile(
+    r"per_s|/s(?![a-z])|_s\b|rate|vel|speed|acc|qd|dq|geschw|drehzahl|beschl|vitesse|速度", re.IGNORECASE
+)
 # What was asked for, what a controller makes of it, and what is told of the tool or of the room: no sensor of a joint.
 TOLD = re.compile(
-    r"ref|des|cmd|command|target|setpoint|error|goal|(?:q|tau|pos|torque|theta)_d(?![a-z])|_ext|tcp|pose|cart|temp|volt|limit",
+    r"ref|des|cmd|command|target|setpoint|error|goal|(?:q|tau|pos|torque|theta)_d(?![a-z])|_ext|tcp|pose|cart|temp(?!s)|volt|limit|setpos"
+    r"|soll|consigne|温度|指令|目標|目标",
     re.IGNORECASE,
 )
+CURRENT = re.compile(r"curr|strom|courant|電流|电流|(?:^|[^a-z])i_?\d", re.IGNORECASE)
 SECOND = re.compile(r"link|secondary|output|joint_side", re.IGNORECASE)
-ANGLE = re.compile(r"angle|pos|(?:^|[^a-z])q(?![a-z])|theta|phi|enc", re.IGNORECASE)
+ANGLE = re.compile(
+    r"angle|pos|(?:^|[^a-z])q(?![a-z])|theta|phi|enc|winkel|角|位置|(?<!torque_)(?<!curr_)axis_act|(?:^|[^a-z])(?:ang|ist)(?![a-z])",
+    re.IGNORECASE,
+)
 EFFORT = re.compile(
-    r"torque|trq|effort|current|tau|force|moment|(?:^|[^a-z])(?:eff|i_?\d+|t\d+)(?![a-z])", re.IGNORECASE
+    r"torque|trq|effort|current|tau|force|moment|strom|couple|courant|トルク|力矩|扭矩|電流|电流"
+    r"|(?:^|[^a-z])(?:eff|curr|i_?\d+|t\d+)(?![a-z])",
+    re.IGNORECASE,
 )
 TURNS = 4.0 * np.pi  # [rad]: an angle without a unit that reaches farther is taken as degrees
 
@@ -99,10 +108,33 @@ def _resolve_unit(column: Column, kind: str, slides: bool) -> Column:
     """The column with a unit: where its header names none, that of the joint, with a doubt."""
     if column.unit:
         return column
+    if kind == "effort" and CURRENT.search(column.name):
+        return replace(column, unit="A", why="the header names no unit, and its name a current: is it A?")
     units = ("N", "N m") if kind == "effort" else ("m", "deg" if column.why else "rad")
     unit = units[0] if slides else units[1]
     reaches = f" and {column.why}" if column.why else ""
     return Column(column.name, unit, f"the header names no unit{reaches}: is it {unit}?")
+
+
+def make_angle_column(name: str, values: Array, joint: Joint) -> Column:
+    """Return a column as the coordinate of a joint [unit of the column]: in the unit in which it keeps to the joint's limits."""
+    column = _resolve_unit(_resolve_angle_unit(name, values), "angle", joint.kind == "prismatic")
+    reach = max(abs(joint.limits.lower), abs(joint.limits.upper))
+    far = float(np.abs(values).max(initial=0.0))
+    if column.unit == "rad" and reach < far <= reach / ANGLES["deg"]:
+        return Column(name, "deg", f"it reaches {far:.3g}, and {joint.name} {reach:.3g} rad: it is taken as deg")
+    return column
+
+
+def make_effort_column(name: str, joint: Joint) -> Column:
+    """Return a column as the effort of a joint [unit of the column]."""
+    return _resolve_unit(Column(name, find_header_unit(name, EFFORT_UNITS)), "effort", joint.kind == "prismatic")
+
+
+def has_other_unit(name: str) -> bool:
+    """Return True for a header whose brackets hold the unit of neither an angle nor an effort: [bar], (degC)."""
+    inside = re.search(r"[\[(]\s*[^\d\W][^\])]*[\])]|[\[(]\s*[°℃%]", name)
+    return inside is not None and not find_header_unit(name, UNITS)
 
 
 def _has_fitting_unit(column: Column, kind: str, slides: bool) -> bool:

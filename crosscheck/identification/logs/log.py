@@ -6,7 +6,7 @@ import gzip
 import re
 import warnings
 import zlib
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -26,6 +26,7 @@ LARGEST_FILE = 1 << 30  # [byte]
 MOST_SAMPLES = 10_000_000  # what a packed file may swell to: three hours at 1 kHz
 # Times are written with few decimals: their steps are even to a tenth.
 EVEN = 0.1
+PAUSE = 1.5  # times the usual step: a sample is missing
 LARGEST_NUMBER = 1e30  # of any unit: the square of what no sensor measures still is a number
 
 
@@ -35,12 +36,14 @@ class Log:
 
     time : (samples,) [s]; columns : name -> (samples,) in the unit that identify.toml gives
     notes : what was done to the samples as they were written, in words
+    pauses : (pauses, 2) [s] between which samples are missing, where the log was taken at even steps
     """
 
     name: str
     time: Array
     columns: dict[str, Array]
     notes: tuple[str, ...] = ()
+    pauses: Array = field(default_factory=lambda: np.zeros((0, 2)))
 
     @property
     def spacing(self) -> float:
@@ -77,7 +80,7 @@ class Log:
                 f"the log goes from {self.time[0]:g} to {self.time[-1]:g} s"
             )
         columns = {k: v[chosen] for k, v in self.columns.items()}
-        return Log(f"{self.name}[{start:g}:{end:g}]", self.time[chosen], columns, self.notes)
+        return Log(f"{self.name}[{start:g}:{end:g}]", self.time[chosen], columns, self.notes, self.pauses)
 
 
 def read_log(source: str | Path, time: str = "time_s", unit: str = "s") -> Log:
@@ -95,7 +98,7 @@ def read_log(source: str | Path, time: str = "time_s", unit: str = "s") -> Log:
             f"{path.name}: no column {time!r} of times [s]; it has {', '.join(list(columns)[:40])}; "
             'write time = "NAME" into identify.toml'
         )
-    log = _take_even_times(Log(path.name, columns.pop(time) * TIMES[unit], columns))
+    log = take_even_steps(Log(path.name, columns.pop(time) * TIMES[unit], columns))
     if not part:
         return log
     try:
@@ -105,11 +108,11 @@ def read_log(source: str | Path, time: str = "time_s", unit: str = "s") -> Log:
     return log.take_interval(start, end)
 
 
-def list_column_names(source: str | Path) -> list[str]:
-    """Return the names of the columns of a log.  Raises InputError: no such file, unknown format."""
+def read_columns(source: str | Path) -> dict[str, Array]:
+    """Return all columns of a log as they are written [any unit].  Raises InputError: no such file, unknown format."""
     path = Path(str(source).partition("@")[0])
     _check_there(path)
-    return list(_read_columns(path, "time_s"))
+    return _read_columns(path, "time_s")
 
 
 def _check_there(path: Path) -> None:
@@ -233,8 +236,11 @@ def _read_mat_arrays(path: Path) -> dict[str, Array]:
     return numbers
 
 
-def _take_even_times(log: Log) -> Log:
-    """The log as it is where its steps are even; else at even times, which a note says.  Raises InputError: times that jump."""
+def take_even_steps(log: Log) -> Log:
+    """Return the log [s] as it is where its steps are even; else at even times, which a note says.
+
+    Raises InputError: times that jump, run backwards or are none.
+    """
     _check_times(log)
     steps = np.diff(log.time)
     middle = float(np.median(steps))
@@ -250,7 +256,8 @@ def _take_even_times(log: Log) -> Log:
     time, columns = take_even_times([(log.time, log.columns)])
     found = f"{np.mean(uneven):.1%} of its steps are uneven ({steps.min():.3g} to {steps.max():.3g} s)"
     note = f"{log.name}: {found}: it was taken at even steps of {middle:.4g} s"
-    return Log(log.name, time, columns, (note,))
+    paused = np.flatnonzero(steps > PAUSE * middle)
+    return Log(log.name, time, columns, (note,), np.column_stack([log.time[paused], log.time[paused + 1]]))
 
 
 def _check_times(log: Log) -> None:

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from crosscheck.identification.logs.log import list_column_names, read_log
+from crosscheck.identification.logs.log import read_columns, read_log
 from flexinv.errors import InputError
 
 RATE = 100.0  # [Hz]
@@ -65,7 +65,7 @@ def test_messages_become_columns_over_even_times(storage: str, tmp_path: Path) -
         assert np.allclose(log.read_column("/joint_states/elbow/position"), np.sin(log.time), atol=1e-6)
         assert np.allclose(log.read_column("/joint_states/shoulder/effort"), 2.0 * np.cos(log.time), atol=1e-6)
         assert np.allclose(log.read_column("/heat"), 20.0 + np.minimum(log.time, 2.95), atol=1e-6)
-    assert "/heat" in list_column_names(folder)
+    assert "/heat" in read_columns(folder)
 
 
 def test_what_lies_in_a_gap_is_not_made_up(tmp_path: Path) -> None:

@@ -13,6 +13,9 @@ from scipy.interpolate import CubicSpline
 
 import crosscheck
 from crosscheck.cli import Main
+from crosscheck.identification.identify import read_machine
+from crosscheck.identification.logs.log import read_log
+from crosscheck.identification.readings import make_run
 from flexinv.errors import InputError
 
 
@@ -125,6 +128,23 @@ def test_uneven_steps_give_the_parameters_of_even_ones(folder: Path, tmp_path: P
     assert "of its steps are uneven" in uneven.words[0]
     for row, other in zip(even.parameters, uneven.parameters, strict=True):
         assert row.low < other.value < row.high
+
+
+def test_a_leap_that_no_sample_saw_does_not_count(folder: Path, tmp_path: Path) -> None:
+    """Friction of the elbow turns round between two samples that are there: a spline makes that up, and the fit believed it."""
+    table = pd.read_csv(folder / "one.csv")
+    turns = np.flatnonzero(np.diff(np.sign(np.diff(table["q2"]))))
+    turn = int(turns[(turns > 500) & (turns < 1500)][0])
+    machine = read_machine(folder)
+    counted = {}
+    for name, lost in (("even", []), ("leap", [turn, turn + 1]), ("smooth", [turn + 200])):
+        table.drop(index=lost).to_csv(tmp_path / f"{name}.csv", index=False)
+        counted[name] = make_run(machine, read_log(tmp_path / f"{name}.csv")).counted
+    assert (counted["smooth"] == counted["even"]).all()
+    left_out = np.flatnonzero(counted["even"][:, 1] & ~counted["leap"][:, 1])
+    assert left_out.min() < turn < left_out.max()
+    assert np.ptp(left_out) * 0.004 < 2 * 1.5 / 10.0 + 0.02  # 1.5 periods of the bandwidth, 10 Hz, on either side
+    assert (counted["leap"][:, 0] == counted["even"][:, 0]).all()  # the shoulder's friction does not turn round there
 
 
 def test_few_degrees_that_are_promised_as_radians_are_said(folder: Path, tmp_path: Path) -> None:
