@@ -314,7 +314,7 @@ def compute_raw_signals(
             own = effort[:, at] + compute_drive_effort(
                 machine, channel.place, motion.qd[:, at], motion.qdd[:, at], values
             )
-            offset = _resolve_value(machine, values, "effort offset", channel.place)
+            offset = resolve_value(machine, values, "effort offset", channel.place)
             columns.append(
                 _apply_sensor(machine, channel, own / channel.ratio + offset / channel.constant, values, spacing)
             )
@@ -322,7 +322,7 @@ def compute_raw_signals(
             columns.append(_compute_gauge_signal(machine, motion, channel, moment, values, spacing))
         else:
             signal = points[:, places.index((channel.sense, channel.place))]
-            zero = _resolve_value(machine, values, f"{channel.sense} zero", channel.place)
+            zero = resolve_value(machine, values, f"{channel.sense} zero", channel.place)
             columns.append(_apply_sensor(machine, channel, signal, values, spacing) + zero)
     return np.column_stack(columns)
 
@@ -332,7 +332,7 @@ def _apply_sensor(
 ) -> Array:
     """A signal (samples,) [any unit] through what every sensor may have: lag, delay, gain."""
     lag_s, delay, gain = (
-        _resolve_value(machine, values, f"{channel.sense} {k}", channel.place) for k in ("lag", "delay", "gain")
+        resolve_value(machine, values, f"{channel.sense} {k}", channel.place) for k in ("lag", "delay", "gain")
     )
     return gain * apply_delay(apply_first_order_lag(signal, spacing, lag_s), spacing, delay)
 
@@ -342,7 +342,7 @@ def compute_drive_effort(
 ) -> Array:
     """Return the effort of rotor and friction of a joint (samples,) [N m], [N] at its rates and accelerations (samples,)."""
     numbers = tuple(
-        _resolve_value(machine, values, kind, joint)
+        resolve_value(machine, values, kind, joint)
         for kind in (
             *("rotor inertia", "viscous friction", "coulomb friction", "transition rate"),
             *("stribeck share", "stribeck rate", "friction asymmetry"),
@@ -371,11 +371,12 @@ def compute_friction(machine: Machine, joint: str, v: Array, values: Mapping[Key
 
 def compute_friction_reading(machine: Machine, channel: Channel, v: Array, values: Mapping[Key, float]) -> Array:
     """Return friction as the sensor of an effort reads it (samples,) [unit of the channel] at rates v (samples,)."""
-    gain = _resolve_value(machine, values, "effort gain", channel.place)
+    gain = resolve_value(machine, values, "effort gain", channel.place)
     return gain * compute_friction(machine, channel.place, v, values) / channel.ratio
 
 
-def _resolve_value(machine: Machine, values: Mapping[Key, float], kind: str, place: str) -> float:
+def resolve_value(machine: Machine, values: Mapping[Key, float], kind: str, place: str) -> float:
+    """Return a parameter [unit of it] by the values, or by the mechanism and the settings where it is not free."""
     if (kind, place) in values:
         return values[kind, place]
     return find_prior_value(machine.mechanism, machine.settings, KINDS[kind], place)
@@ -394,12 +395,12 @@ def _compute_gauge_signal(
         compute_gauge_flexibility(machine, channel.place)
         * moment[:, list(machine.settings.gauges).index(channel.place)]
     )
-    told = _apply_sensor(machine, channel, bent, values, spacing) + _resolve_value(
+    told = _apply_sensor(machine, channel, bent, values, spacing) + resolve_value(
         machine, values, "gauge zero", channel.place
     )
     if table.slope_joint:
         at = motion.names.index(table.slope_joint)
-        told = told + _resolve_value(machine, values, "gauge slope", channel.place) * motion.q[:, at]
+        told = told + resolve_value(machine, values, "gauge slope", channel.place) * motion.q[:, at]
     return apply_lag(told, spacing, table.lag_Hz, table.lag_damping) if table.lag_Hz else told
 
 

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from crosscheck.identification.causes.cause import Cause
 from crosscheck.identification.causes.wide_rows import WideRows, build_wide_rows
+from crosscheck.identification.estimation.days import compute_day_deviations
 from crosscheck.identification.estimation.fit import Fit, Problem, build_problem, compute_jacobian
 from crosscheck.identification.estimation.noise import count_agreeing_samples
 from crosscheck.identification.logs.log import Log
@@ -46,10 +47,14 @@ class CauseSearch:
 
     @property
     def root(self) -> Array:
-        """Square root of the precision with which the parameters are known beside this log (parameters, parameters)."""
+        """Square root of the precision with which the parameters are known beside this log (parameters, parameters).
+
+        On another day than those that identified, friction and offsets may have moved as far as days scatter.
+        """
         if self.seen:
             return np.eye(len(self.fit.z))
-        return np.asarray(np.linalg.cholesky(np.linalg.inv(self.fit.covariance)).T)
+        deviations = compute_day_deviations(self.machine, self.fit.z, self.fit.scatter)
+        return np.asarray(np.linalg.cholesky(np.linalg.inv(self.fit.covariance + np.diag(deviations**2))).T)
 
     def build_task(
         self, log: Log, mechanism: Mechanism, level: Problem | None = None, moves: bool = True, once: bool = False

@@ -6,7 +6,7 @@ import gzip
 import re
 import warnings
 import zlib
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -35,12 +35,14 @@ class Log:
 
     time : (samples,) [s]; columns : name -> (samples,) in the unit that identify.toml gives
     notes : what was done to the samples as they were written, in words
+    day : logs of one day have the same friction and offsets: of a log that was read its file, else "" and its name counts
     """
 
     name: str
     time: Array
     columns: dict[str, Array]
     notes: tuple[str, ...] = ()
+    day: str = ""
 
     @property
     def spacing(self) -> float:
@@ -77,7 +79,7 @@ class Log:
                 f"the log goes from {self.time[0]:g} to {self.time[-1]:g} s"
             )
         columns = {k: v[chosen] for k, v in self.columns.items()}
-        return Log(f"{self.name}[{start:g}:{end:g}]", self.time[chosen], columns, self.notes)
+        return Log(f"{self.name}[{start:g}:{end:g}]", self.time[chosen], columns, self.notes, self.day)
 
 
 def read_log(source: str | Path, time: str = "time_s", unit: str = "s") -> Log:
@@ -95,7 +97,7 @@ def read_log(source: str | Path, time: str = "time_s", unit: str = "s") -> Log:
             f"{path.name}: no column {time!r} of times [s]; it has {', '.join(list(columns)[:40])}; "
             'write time = "NAME" into identify.toml'
         )
-    log = _take_even_times(Log(path.name, columns.pop(time) * TIMES[unit], columns))
+    log = _take_even_times(Log(path.name, columns.pop(time) * TIMES[unit], columns, day=str(path.resolve())))
     if not part:
         return log
     try:
@@ -250,7 +252,7 @@ def _take_even_times(log: Log) -> Log:
     time, columns = take_even_times([(log.time, log.columns)])
     found = f"{np.mean(uneven):.1%} of its steps are uneven ({steps.min():.3g} to {steps.max():.3g} s)"
     note = f"{log.name}: {found}: it was taken at even steps of {middle:.4g} s"
-    return Log(log.name, time, columns, (note,))
+    return replace(log, time=time, columns=columns, notes=(note,))
 
 
 def _check_times(log: Log) -> None:
