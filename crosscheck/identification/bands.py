@@ -133,7 +133,7 @@ class Margins:
 
 def predict(machine: Machine, fit: Fit, margin: Margins, run: Run) -> Prediction:
     """Return readings with 90 % bands [units of the channels] of a run; margin : of `compute_margins`."""
-    value = compute_readings(machine, run, machine.space.compute_values(fit.z))
+    value = compute_readings(machine, run, machine.space.compute_values(fit.z, run.load))
     parameter_scatter = _compute_parameter_scatter(machine, fit, run)
     left = np.column_stack(
         [s.evaluate_scatter(v) for s, v in zip(margin.scatters, _compute_channel_rates(machine, run).T, strict=True)]
@@ -178,11 +178,11 @@ def _compute_channel_rates(machine: Machine, run: Run) -> Array:
 
 def _compute_parameter_scatter(machine: Machine, fit: Fit, run: Run) -> Array:
     slopes = []
-    level = compute_raw_signals(machine, run.motion, run.response, machine.space.compute_values(fit.z))
+    level = compute_raw_signals(machine, run.motion, run.response, machine.space.compute_values(fit.z, run.load))
     for k in range(len(fit.z)):  # one prediction each; those of sensors and friction solve nothing anew
         ahead = fit.z.copy()
         ahead[k] += STEP
-        raw = compute_raw_signals(machine, run.motion, run.response, machine.space.compute_values(ahead))
+        raw = compute_raw_signals(machine, run.motion, run.response, machine.space.compute_values(ahead, run.load))
         slopes.append(apply_bandwidth(machine, run, (raw - level) / STEP))
     j = np.stack(slopes, axis=-1)
     variance = np.einsum("tcp,pq,tcq->tc", j, fit.covariance, j, optimize=True)
@@ -191,7 +191,7 @@ def _compute_parameter_scatter(machine: Machine, fit: Fit, run: Run) -> Array:
 
 def _compute_standing_scatter(machine: Machine, fit: Fit, run: Run) -> Array:
     """Scatter of what a joint holds while it stands, (samples, channels)."""
-    values = machine.space.compute_values(fit.z)
+    values = machine.space.compute_values(fit.z, run.load)
     still = machine.settings.still_rad_per_s
     spacing = float(run.time[1] - run.time[0])
     out = np.zeros((len(run.time), len(machine.channels)))
@@ -205,7 +205,7 @@ def _compute_standing_scatter(machine: Machine, fit: Fit, run: Run) -> Array:
 
 def _compute_day_scatter(machine: Machine, fit: Fit, run: Run) -> Array:
     """Standard deviation of what friction and offsets of another day change, (samples, channels)."""
-    values = machine.space.compute_values(fit.z)
+    values = machine.space.compute_values(fit.z, run.load)
     out = np.zeros((len(run.time), len(machine.channels)))
     for c, channel in enumerate(machine.channels):
         if channel.sense == "effort" and fit.scatter:

@@ -77,6 +77,7 @@ class Run:
     measured : (samples, channels) [units of the channels], low-passed; None without effort columns
     sliding, counted : (samples, channels) the joint is not standing; it is, and inside the window
     wide : of each channel its response above the bandwidth; None of gauges, and where the log has no room for one
+    load : link that carries the payload of this log, "" if none does
     """
 
     name: str
@@ -87,6 +88,7 @@ class Run:
     sliding: NDArray[np.bool_]
     counted: NDArray[np.bool_]
     wide: tuple[WideResponse | None, ...] = ()
+    load: str = ""
 
 
 @dataclass(frozen=True)
@@ -222,10 +224,10 @@ def _check_wraps(log: Log, name: str, table: AngleTable, raw: Array) -> None:
         )
 
 
-def make_run(machine: Machine, log: Log, efforts: bool = True, once: bool = False) -> Run:
+def make_run(machine: Machine, log: Log, efforts: bool = True, once: bool = False, load: str = "") -> Run:
     """Return a log made ready [s, rad, N m]; without ``efforts`` no column of an effort or a gauge is looked at.
 
-    once : its response is asked for at one set of values
+    once : its response is asked for at one set of values; load : as `Run` has it
     """
     settings = machine.settings
     motion = compute_measured_motion(machine, log)
@@ -243,7 +245,7 @@ def make_run(machine: Machine, log: Log, efforts: bool = True, once: bool = Fals
     measured = read_measured_channels(machine, log) if efforts else None
     response = build_response(machine.mechanism, machine.space, settings, motion, once)
     wide = compute_wide_responses(machine, log) if efforts else ()
-    return Run(log.name, log.time, motion, response, measured, sliding, sliding & window[:, None], wide)
+    return Run(log.name, log.time, motion, response, measured, sliding, sliding & window[:, None], wide, load)
 
 
 def _find_window_samples(settings: IdentifyTable, log: Log) -> NDArray[np.bool_]:

@@ -31,6 +31,7 @@ from crosscheck.report.words import format_by_width, format_interval, format_sho
 from flexinv.typing import Array
 
 INSIDE = 0.9
+MACHINE = "any day"  # what stands for a day where the machine is meant
 NORMAL = 1.6448536269514722  # half width of it, in standard deviations of a normal distribution
 FARTHEST = (
     20.0  # widths of its prior that a value of logs alone is away at most: of what they hardly tell it is no number
@@ -157,11 +158,13 @@ def list_day_rows(machine: Machine, days: DayFits, table: list[Row]) -> list[Day
     drawn = [DayRow(r.parameter, r.place, r.unit, "", r.value, r.low, r.high) for r in found]
     still = np.zeros(len(space.parameters))
     if len(days.own) > 1:
-        own = [_make_day_row(space, k, one, still, n) for n, one in zip(days.names, days.own, strict=True) for k in moved]
+        own = [
+            _make_day_row(space, k, one, still, n) for n, one in zip(days.logs, days.own, strict=True) for k in moved
+        ]
         return own + drawn
     deviations = compute_day_deviations(machine, days.machine.z, days.widths)
     whole = [_make_day_row(space, k, days.own[0], deviations, "") for k in moved]
-    return [replace(row, day=days.names[0]) for row in drawn] + whole
+    return [replace(row, day=days.logs[0]) for row in drawn] + whole
 
 
 def _make_day_row(space: ParameterSpace, k: int, own: Fit, deviations: Array, day: str) -> DayRow:

@@ -81,7 +81,7 @@ def update_space(machine: Machine, mechanism: Mechanism) -> ParameterSpace:
     """Return the parameters as before, with the masses [kg] that the changed mechanism has beside those of the first one."""
     if mechanism is machine.mechanism:
         return machine.space
-    own = machine.space.factors
+    own = [name for name in machine.space.factors if name in mechanism.link_of]
     more = {
         n: compute_link_parameters(mechanism.link_of[n]) - compute_link_parameters(machine.mechanism.link_of[n])
         for n in own

@@ -10,12 +10,13 @@ With the logs' information H and pull g about all delta, z made up for, and p_k 
 
     log p(logs | w) = 1/2 (sum log p_k - log |H + diag p| + g^T (H + diag p)^-1 g)
 
-and w_c^2 is the mean over this and the prior.  Two days differ by 2 w^2 in variance: so does a new day from a single one that is
-known.  Source: A. Gelman, "Prior distributions for variance parameters in hierarchical models", Bayesian Analysis 1 (2006): of few
-groups a prior that is finite at 0 and falls; here half-normal and not half-Cauchy, as bands need the mean of w^2.  That friction
-follows temperature and load: A. Bittencourt, S. Gunnarsson, "Static friction in a robot joint", J. Dynamic Systems, Measurement and
-Control 134 (2012).  A = 0.15: a gear oil (ISO 3448, VG 150) loses nine tenths of its viscosity from 40 to 100 degrees Celsius, 4 %
-per kelvin, and rooms and drives differ by some 4 K.
+and w_c^2 is its mean under this and the prior.  Two days differ by 2 w^2 in variance: so does a new day from a single one.
+
+Sources: A. Gelman, "Prior distributions for variance parameters in hierarchical models", Bayesian Analysis 1 (2006): where groups
+are few, a prior that is finite at 0 and falls.  It is half-normal and not half-Cauchy because bands need the mean of w^2.
+A. Bittencourt, S. Gunnarsson, "Static friction in a robot joint", J. Dynamic Systems, Measurement and Control 134 (2012), for
+friction that follows temperature and load.  A = 0.15: gear oil (ISO 3448, VG 150) loses nine tenths of its viscosity from 40 to
+100 degrees Celsius, which is 4 % per kelvin, and rooms and warm drives differ by some 4 K.
 """
 
 from __future__ import annotations
@@ -41,6 +42,7 @@ OFFSET = "effort offset"
 # Kinds that differ -> what is expected in parts of between_runs.  An offset is what friction has more one way than the other, and
 # the zero of a current sensor, a hundredth of a range that is some five times the dry friction.
 SHARES = {VISCOUS: 1.0, DRY: 1.0, OFFSET: 1.0 / 3.0}
+MOST_NAMED = 3  # logs of a day
 TRIED = np.array([0.1, 0.3, 0.5, 0.75, 1.0, 1.35, 1.8, 2.4, 3.2, 4.2])  # widths, in those expected
 
 
@@ -48,20 +50,48 @@ TRIED = np.array([0.1, 0.3, 0.5, 0.75, 1.0, 1.35, 1.8, 2.4, 3.2, 4.2])  # widths
 class DayFits:
     """Fits of all days.
 
-    rule : what is a day; names : of each; own : parameters of each [-]; machine : those of their mean, which a new day differs from
-    widths : of a class from day to day; before : as they were expected; told : the logs say something of them
+    rule : what is a day; names : of each; logs : of each in words; own : parameters of each [-]
+    machine : those that a new day differs from by its ``scatter``: of the mean of several days, of the only one
+    widths : of each class from day to day [-]; before : as they were expected
     """
 
     rule: DayRule
     names: tuple[str, ...]
+    logs: tuple[str, ...]
     own: tuple[Fit, ...]
     machine: Fit
     widths: DayWidths
     before: DayWidths
 
     def choose_fit(self, day: str) -> Fit:
-        """Return what is known of the parameters [-] on a day: on one that identified its own, on another that of the machine."""
+        """Return the parameters [-] as they are known on a day: its own if it identified, else those of the machine."""
         return self.own[self.names.index(day)] if day in self.names else self.machine
+
+
+def describe_days(days: DayFits) -> str:
+    """Return in words what is assumed, or was found, to differ from day to day [-]."""
+    if not days.machine.scatter:
+        return "Friction and offsets are taken to be the same every day."
+    held = "Bands of logs of another day hold that, and so do the intervals of the machine on any day."
+    if len(days.own) == 1:
+        return (
+            "The logs that identify are of one day, and tell nothing of others. From day to day "
+            f"{_describe_widths(days.before)} are expected (between_runs in identify.toml, as one standard deviation). {held}"
+        )
+    return (
+        f"The logs that identify are of {len(days.own)} days, each with friction and offsets of its own. From day to day "
+        f"{_describe_widths(days.widths)} were found, as one standard deviation, where {_describe_widths(days.before)} were "
+        f"expected. {held}"
+    )
+
+
+def _describe_widths(widths: DayWidths) -> str:
+    viscous, dry, offset = (f"{100.0 * widths[kind]:.2g} %" for kind in (VISCOUS, DRY, OFFSET))
+    return f"{viscous} of the viscous friction, {dry} of the dry friction and an offset of {offset} of the dry friction"
+
+
+def _describe_logs(names: list[str]) -> str:
+    return ", ".join(names) if len(names) <= MOST_NAMED else f"{names[0]} and {len(names) - 1} more"
 
 
 def find_day(log: Log, rule: DayRule) -> str:
@@ -100,6 +130,9 @@ def fit_days(machine: Machine, runs: Sequence[Run], days: Sequence[str], rule: D
     days : name of the day of each run
     """
     names = tuple(dict.fromkeys(days))
+    logs = tuple(
+        _describe_logs([run.name for run, day in zip(runs, days, strict=True) if day == name]) for name in names
+    )
     before = compute_expected_widths(machine)
     unit = compute_day_deviations(machine, np.zeros(len(machine.space.parameters)), before)
     moved = tuple(np.flatnonzero(unit).tolist()) if len(names) > 1 else ()
@@ -108,7 +141,7 @@ def fit_days(machine: Machine, runs: Sequence[Run], days: Sequence[str], rule: D
         found = fit(task)
         apart = {kind: np.sqrt(2.0) * width for kind, width in before.items()}
         other = replace(found, scatter=apart if machine.settings.between_runs else {})
-        return task, DayFits(rule, names, (found,) * len(names), other, before, before)
+        return task, DayFits(rule, names, logs, (found,) * len(names), other, before, before)
     first = fit(task, prior=_build_day_prior(task, unit))
     unit = compute_day_deviations(machine, _take_machine(task, first.z), before)
     widths = find_day_widths(task, first, unit, before)
@@ -116,7 +149,7 @@ def fit_days(machine: Machine, runs: Sequence[Run], days: Sequence[str], rule: D
     both = fit(task, first.z, _build_day_prior(task, now))
     own = tuple(_map_fit(both, task.build_day_map(day)) for day in range(len(names)))
     mean = replace(_map_fit(both, np.eye(len(unit), task.size)), scatter=widths)
-    return task, DayFits(rule, names, own, mean, widths, before)
+    return task, DayFits(rule, names, logs, own, mean, widths, before)
 
 
 def _take_machine(task: Problem, z: Array) -> Array:
@@ -132,9 +165,7 @@ def _build_day_prior(task: Problem, deviations: Array) -> tuple[Array, Array]:
 
 def _map_fit(found: Fit, places: Array) -> Fit:
     """The fit of the parameters ``places z`` (parameters,); products with gains are told in z as a whole only."""
-    return replace(
-        found, z=places @ found.z, covariance=places @ found.covariance @ places.T, information={}
-    )
+    return replace(found, z=places @ found.z, covariance=places @ found.covariance @ places.T, information={})
 
 
 def find_day_widths(task: Problem, found: Fit, unit: Array, before: DayWidths) -> dict[str, float]:
@@ -145,7 +176,7 @@ def find_day_widths(task: Problem, found: Fit, unit: Array, before: DayWidths) -
     kinds = [task.machine.space.parameters[k].kind for k in task.moved] * len(set(task.days))
     scales = np.tile(unit[list(task.moved)], len(set(task.days)))
     held = _build_day_prior(task, unit)[1]
-    whole = np.linalg.inv(found.covariance)
+    whole = np.linalg.inv(found.covariance).astype(np.float64)
     information, pull = _remove_machine(whole, whole @ found.z, len(unit))
     information -= np.diag(np.diag(held)[len(unit) :] ** 2)
     classes = list(dict.fromkeys(kinds))

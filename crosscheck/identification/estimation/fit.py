@@ -3,9 +3,10 @@
     z^ = argmin  sum_c sum_t (r_ct / s_c)^2 / n_c + |z|^2,   cov z = kappa (J^T J + 1)^-1
 
 z : coordinates that are standard normal before the log; of several days (`Problem`) those of the machine, then what each day has
-beside them, which the root of a prior in the place of 1 holds (`days.fit_days`); r_ct : residual of channel c; s_c, n_c : standard deviation and samples
-that agree of its noise, `compute_noise`.  So n_c neighbours count as one.  kappa >= 1 is how much more the estimates scatter when
-one block of time after the other is left out than the formula says (median of what is told).
+beside them, with a prior of its own in the place of 1 (`days.fit_days`)
+r_ct : residual of channel c; s_c, n_c : standard deviation and samples that agree of its noise, `compute_noise`.  So n_c
+neighbours count as one.  kappa >= 1 is how much more the estimates scatter when one block of time after the other is left out
+than the formula says (median of what is told).
 """
 
 from __future__ import annotations
@@ -50,7 +51,7 @@ class Fit:
     channels], samples that agree [-]; block : RMS of residuals of blocks that were left out (channels,); kappa : [-]
     held : per channel those residuals (counted,); unsure : their standard deviations by the parameters without the block
     information : (parameters, parameters) of z [-] of the channels that a free gain multiplies, by that gain, and of all others
-    scatter : by kind, how a day that is asked for differs from what z and covariance are of, `days.DayWidths` [-]; {}: it is that day
+    scatter : how much friction and offsets of the day that is asked for differ from these, `days.DayFits` [-]; {}: not at all
     """
 
     z: Array
@@ -91,7 +92,7 @@ class Problem:
         return len(self.machine.space.parameters) + len(self.moved) * len(set(self.days))
 
     def list_day_places(self, day: int) -> slice:
-        """Return where z has what a day adds to the parameters that move [-]."""
+        """Return the places in z of what a day adds to the parameters that move [-]."""
         first = len(self.machine.space.parameters) + day * len(self.moved)
         return slice(first, first + len(self.moved))
 
@@ -113,7 +114,7 @@ class Problem:
         space = self.machine.space
         of_day = {day: self.build_day_map(day) @ z for day in set(self.days)} if self.moved else {}
         days = self.days or (0,) * len(self.runs)
-        every = [space.compute_values(of_day.get(day, z)) for day in days]
+        every = [space.compute_values(of_day.get(day, z), run.load) for run, day in zip(self.runs, days, strict=True)]
         return [
             compute_raw_signals(self.machine, run.motion, run.response, values)
             for run, values in zip(self.runs, every, strict=True)

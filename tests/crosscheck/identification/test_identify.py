@@ -45,7 +45,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def found(folder: Path) -> Identification:
-    return crosscheck.identify(folder, [folder / "one.csv"], [folder / "two.csv"])
+    return crosscheck.identify(folder, [folder / "one.csv"], [folder / "two.csv"], days="one")
 
 
 def test_the_truth_lies_in_the_intervals(found: Identification) -> None:
