@@ -143,7 +143,6 @@ def fit_days(machine: Machine, runs: Sequence[Run], days: Sequence[str], rule: D
         other = replace(found, scatter=apart if machine.settings.between_runs else {})
         return task, DayFits(rule, names, logs, (found,) * len(names), other, before, before)
     first = fit(task, prior=_build_day_prior(task, unit))
-    unit = compute_day_deviations(machine, _take_machine(task, first.z), before)
     widths = find_day_widths(task, first, unit, before)
     now = compute_day_deviations(machine, _take_machine(task, first.z), widths)
     both = fit(task, first.z, _build_day_prior(task, now))
@@ -171,10 +170,11 @@ def _map_fit(found: Fit, places: Array) -> Fit:
 def find_day_widths(task: Problem, found: Fit, unit: Array, before: DayWidths) -> dict[str, float]:
     """Return the widths of all classes [-]: the root of the mean of their squares.
 
-    found : fit of all days with deviations ``unit`` (parameters,) of z, at the widths ``before``
+    found : fit of all days that held them by deviations ``unit`` (parameters,) of z; before : widths that are expected
     """
+    now = compute_day_deviations(task.machine, _take_machine(task, found.z), before)
     kinds = [task.machine.space.parameters[k].kind for k in task.moved] * len(set(task.days))
-    scales = np.tile(unit[list(task.moved)], len(set(task.days)))
+    scales = np.tile(now[list(task.moved)], len(set(task.days)))
     held = _build_day_prior(task, unit)[1]
     whole = np.linalg.inv(found.covariance).astype(np.float64)
     information, pull = _remove_machine(whole, whole @ found.z, len(unit))
