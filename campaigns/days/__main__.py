@@ -4,8 +4,9 @@
     python -m campaigns.days --count 1 --first 7      # one of them, with everything that was counted
 
 Each machine has friction, offsets and temperature of its own on each of three days, `pairs`.  Printed are, with exact 90 %
-intervals of the binomial distribution, the channels of the third day that lie to 80 % or more in their bands, parameters of two days that
-differ inside their 90 % intervals, and logs of the third day in which no cause is named but friction and offsets.
+intervals of the binomial distribution: the channels of the third day of which 80 % or more lie in their bands, the parameters of
+two days that differ inside their 90 % intervals, and the logs of the third day in which no cause is named but friction and
+offsets.
 """
 
 from __future__ import annotations
@@ -22,7 +23,7 @@ INSIDE = 0.9  # of the intervals that are printed
 
 
 def format_count(what: str, checks: Sequence[Check]) -> str:
-    """Return how many checks are good [-], with the interval in which their share lies."""
+    """Return the number of checks that are good [-], and the interval of their share."""
     good = sum(check.good for check in checks)
     ends = scipy.stats.binomtest(good, len(checks)).proportion_ci(INSIDE, method="exact")
     parts = [check.part for check in checks]

@@ -30,6 +30,7 @@ from flexinv.typing import Array
 SPOT = 0.01  # relative step of a derivative by a place
 # Times the RMS of what blocks left out have left: more is no noise, on another day of the same machine either.
 NOISE = 2.5
+ROUNDS = 4  # of weights on another day: the second is right but for what the first has left
 
 
 @dataclass(frozen=True)
@@ -106,20 +107,34 @@ class CauseRound:
         found = search.fit
         self.told = self.task.collect_counted_samples(self.task.predict(found.z))
         residual = self._compute_residual(self.task)
-        spread = np.array([np.sqrt(np.mean(r**2)) for r in residual])
-        self.weight = 1.0 / (spread * np.sqrt(found.agree))
         self.wide = build_wide_rows(self.task.runs[0], search.before) if wide is None else wide
         self._own_costs: dict[int, float] = {}
         sizes = [len(r) for r in residual] + [2 * len(w.weights) for w in self.wide]
         self.ends = np.cumsum(sizes)
         news = [len(r) / a for r, a in zip(residual, found.agree, strict=True)]
         self.news = np.array(news + [w.news for w in self.wide])
-        scaled = [w * j for w, j in zip(self.weight, compute_jacobian(self.task, found.z), strict=True)]
-        beside = np.zeros((sum(sizes[len(residual) :]), len(found.z)))
-        self.basis = np.linalg.qr(np.vstack([*scaled, beside, search.root]))[0]
+        self.basis: Array = np.zeros((0, 0))
+        self._fit_weights(residual)
         self.named: list[int] = np.flatnonzero(at).tolist()
         self.slopes = self._compute_named_slopes()
         self.basis = np.linalg.qr(np.column_stack([self.basis, self.slopes]))[0]
+
+    def _fit_weights(self, residual: list[Array]) -> None:
+        """Find the weights of the channels and the basis of what the parameters can make up for.
+
+        A channel weighs by what is left of it; on another day by what is left once friction and offsets have made up for the day.
+        """
+        found = self.search.fit
+        slopes = compute_jacobian(self.task, found.z)
+        beside = np.zeros((self.ends[-1] - self.ends[len(residual) - 1], len(found.z)))
+        spread = np.array([np.sqrt(np.mean(r**2)) for r in residual])
+        for _ in range(ROUNDS if found.scatter else 1):
+            self.weight = 1.0 / (spread * np.sqrt(found.agree))
+            scaled = [w * j for w, j in zip(self.weight, slopes, strict=True)]
+            self.basis = np.linalg.qr(np.vstack([*scaled, beside, self.search.root]))[0]
+            left = np.split(self.compute_weighed_residual(self.at), self.ends)[: len(residual)]
+            rest = np.array([np.sqrt(np.mean(r**2)) for r in left]) / self.weight
+            spread = np.maximum(rest, found.spread)
 
     def _compute_named_slopes(self) -> Array:
         """Slopes (rows, named) of the weighed residual by the sizes of the causes named so far, which stay free [1 / unit]."""

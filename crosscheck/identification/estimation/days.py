@@ -80,8 +80,8 @@ def describe_days(days: DayFits) -> str:
         )
     return (
         f"The logs that identify are of {len(days.own)} days, each with friction and offsets of its own. From day to day "
-        f"{_describe_widths(days.widths)} were found, as one standard deviation, where {_describe_widths(days.before)} were "
-        f"expected. {held}"
+        f"{_describe_widths(days.widths)} were found, as one standard deviation (expected were "
+        f"{', '.join(f'{100.0 * width:.2g} %' for width in days.before.values())}). {held}"
     )
 
 
