@@ -297,7 +297,7 @@ def _build_day_table(identification: Identification) -> SideTable:
         )
         value = format_by_width(one.value, one.high - one.low)
         row[f"day {names.index(one.day)}"] = f"{value} ({format_interval(one.low, one.high)})"
-    days = [(f"day {k}", name or f"the machine, {MACHINE}", "") for k, name in enumerate(names)]
+    days = [(f"day {k}", name or f"the machine: {MACHINE}", "") for k, name in enumerate(names)]
     columns = [("parameter", "parameter", ""), ("place", "place", ""), *days, ("unit", "unit", "")]
     return {"title": "From day to day: values and 90 % intervals", "columns": columns, "rows": list(rows.values())}
 

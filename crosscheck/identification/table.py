@@ -31,7 +31,7 @@ from crosscheck.report.words import format_by_width, format_interval, format_sho
 from flexinv.typing import Array
 
 INSIDE = 0.9
-MACHINE = "any day"  # what stands for a day where the machine is meant
+MACHINE = "mean of days"  # what stands for a day where the machine is meant
 NORMAL = 1.6448536269514722  # half width of it, in standard deviations of a normal distribution
 FARTHEST = (
     20.0  # widths of its prior that a value of logs alone is away at most: of what they hardly tell it is no number

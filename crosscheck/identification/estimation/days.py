@@ -72,7 +72,9 @@ def describe_days(days: DayFits) -> str:
     """Return in words what is assumed, or was found, to differ from day to day [-]."""
     if not days.machine.scatter:
         return "Friction and offsets are taken to be the same every day."
-    held = "Bands of logs of another day hold that, and so do the intervals of the machine on any day."
+    held = (
+        "Bands of logs of another day hold that, and so do the intervals of the machine, which is the mean of its days."
+    )
     if len(days.own) == 1:
         return (
             "The logs that identify are of one day, and tell nothing of others. From day to day "
