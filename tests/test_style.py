@@ -20,7 +20,7 @@ PACKAGES = NUMERICAL + sorted((ROOT / "crosscheck").rglob("*.py"))
 # Developers' tools, which are not installed: the rules of a single file hold for them, too.
 TOOLS = [
     path
-    for folder in ("benchmarks", "campaigns/beyond", "campaigns/log_faults")
+    for folder in ("benchmarks", "campaigns/beyond", "campaigns/days", "campaigns/log_faults")
     for path in sorted((ROOT / folder).rglob("*.py"))
 ]
 # What the build of the site writes below docs/.

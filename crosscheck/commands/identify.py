@@ -5,6 +5,7 @@ from __future__ import annotations
 import sys
 import time as clock
 from pathlib import Path
+from typing import get_args
 
 import click
 import numpy as np
@@ -21,8 +22,9 @@ from crosscheck.identification.causes.cause import NOTHING_REMAINS
 from crosscheck.identification.causes.detection_limits import describe_least_sizes
 from crosscheck.identification.causes.name_causes import CauseFindings, find_remaining_causes
 from crosscheck.identification.estimation.combinations import count_narrowed_directions
+from crosscheck.identification.estimation.days import DayRule, describe_days
 from crosscheck.identification.excitation import Proposal, find_exciting_motion
-from crosscheck.identification.files import write_judged, write_parameters, write_prediction
+from crosscheck.identification.files import write_days, write_judged, write_parameters, write_prediction
 from crosscheck.identification.identified_file import write_identified
 from crosscheck.identification.identify import Identification, identify, judge_blocks, read_machine, read_of
 from crosscheck.identification.logs.log import read_columns, read_log
@@ -38,6 +40,7 @@ from flexinv.files.header_words import find_time_unit
 from flexinv.files.load_mechanism import load_mechanism
 from flexinv.files.toml_tables import resolve_toml_file
 
+TABLES = ("parameters.csv", "days.csv", "judged.csv", "identified.toml")
 FOLD = "Cut the window of the first log into so many blocks; each is judged by what the others tell."
 
 
@@ -50,6 +53,21 @@ FOLD = "Cut the window of the first log into so many blocks; each is judged by w
     multiple=True,
     required=True,
     help="Log that identifies (.csv, .csv.gz, .parquet, .mat, bag of ROS); LOG@START:END: these seconds. Repeatable.",
+)
+@click.option(
+    "--payload",
+    "loads",
+    multiple=True,
+    metavar="LINK=LOG",
+    help="Log that identifies, too, with a payload on LINK that --log is without: it is told, with intervals. Repeatable.",
+)
+@click.option(
+    "--days",
+    "rule",
+    type=click.Choice(get_args(DayRule)),
+    default="files",
+    show_default=True,
+    help="What has friction and offsets of its own: each file, each log (parts of a file, too), or one day for all.",
 )
 @click.option("--hold-out", multiple=True, help="Log that only judges. Repeatable.")
 @click.option(
@@ -88,6 +106,8 @@ def command(
     name: str,
     models: Path,
     logs: tuple[str, ...],
+    loads: tuple[str, ...],
+    rule: DayRule,
     hold_out: tuple[str, ...],
     wanted: tuple[str, ...],
     count: int | None,
@@ -101,6 +121,14 @@ def command(
     """Identify parameters of mechanism NAME from logs, with intervals; predict other logs, with bands.
 
     identify.toml beside mechanism.toml says which column is what, which parameters are free, and what is known of them.
+
+    Logs of several days share masses and all else that stays; each day has friction and offsets of its own:
+
+        crosscheck identify my_arm --log monday.csv --log friday.csv --predict monday_next.csv
+
+    A payload is the difference of two logs, one without and one with it: its mass, centre and inertia are told, with intervals.
+
+        crosscheck identify my_arm --log empty.csv --payload forearm=loaded.csv
     """
     begun = clock.perf_counter()
     console = Console()
@@ -114,14 +142,9 @@ def command(
             owned.make_listed_folder(folder)  # what is written first is ours, too: the next run may write over it
             given = _resolve_log_paths(source, logs)
             held = _resolve_log_paths(source, hold_out)
-            identification = identify(source, given, held)
-            write_parameters(identification.parameters, owned.add_to_folder_list(folder / "parameters.csv"))
-            write_judged(identification.seen, identification.judged, owned.add_to_folder_list(folder / "judged.csv"))
-            write_identified(
-                identification,
-                resolve_toml_file(source, "mechanism.toml"),
-                owned.add_to_folder_list(folder / "identified.toml"),
-            )
+            payloads = _resolve_payloads(source, loads)
+            identification = identify(source, given, held, days=rule, payloads=payloads)
+            _write_tables(identification, source, folder)
             _write_predictions(console, identification, _resolve_log_paths(source, wanted), folder)
             _write_parameters(console, identification)
             _write_robot_files(console, identification, folder, urdf, mjcf)
@@ -164,6 +187,15 @@ def _write_proposed_motion(console: Console, proposal: Proposal, folder: Path) -
     console.print("\n[bold]a motion that tells more[/bold]: motion.csv, angles [rad] and ways [m]")
     for words in proposal.words:
         console.print(escape(words), highlight=False, soft_wrap=True)
+
+
+def _write_tables(identification: Identification, source: Path, folder: Path) -> None:
+    """Write what was found and how well logs are explained [unit of each], and the mechanism with it."""
+    files = {name: owned.add_to_folder_list(folder / name) for name in TABLES}
+    write_parameters(identification.parameters, files["parameters.csv"])
+    write_days(identification.of_days, files["days.csv"])
+    write_judged(identification.seen, identification.judged, files["judged.csv"])
+    write_identified(identification, resolve_toml_file(source, "mechanism.toml"), files["identified.toml"])
 
 
 def _write_predictions(console: Console, identification: Identification, logs: list[str], folder: Path) -> None:
@@ -211,6 +243,20 @@ def _resolve_log_paths(folder: Path, logs: tuple[str, ...]) -> list[str]:
     ]
 
 
+def _resolve_payloads(folder: Path, loads: tuple[str, ...]) -> dict[str, str]:
+    """Return link -> path of the log with a payload on it.  Raises InputError: no LINK=LOG, or a link twice."""
+    out: dict[str, str] = {}
+    for text in loads:
+        link, _, log = text.partition("=")
+        if not (link and log) or link in out:
+            given = "a second log of that link" if link in out else repr(text)
+            raise InputError(
+                f"--payload: {given}, expected LINK=LOG, once for a link; write --payload forearm=loaded.csv"
+            )
+        out[link] = _resolve_log_paths(folder, (log,))[0]
+    return out
+
+
 def _write_parameters(console: Console, identification: Identification) -> None:
     told = [row for row in identification.parameters if row.identifiable]
     console.print(
@@ -226,6 +272,7 @@ def _write_parameters(console: Console, identification: Identification) -> None:
         interval = format_interval(row.low, row.high)
         table.add_row(row.parameter, row.place, value, interval, format_short(row.before), row.unit)
     console.print(table)
+    console.print(describe_days(identification.days), highlight=False, soft_wrap=True, style="dim")
     _write_table(console, "logs that identify", identification.seen)
     if identification.judged:
         _write_table(console, "logs held out", identification.judged)
@@ -240,7 +287,7 @@ def _list_logs_in_question(
     logs = [(log, True) for log in given] + [(log, False) for log in held]
     chosen = [one for one in logs if not one[1]] or logs[:1]
     failed = {row.log for row in (*identification.seen, *identification.judged) if row.explained < 0.0}
-    names = [run.name for run, _ in (*identification.shown, *identification.held)]
+    names = [run.name for run, _ in (*identification.shown[: len(given)], *identification.held)]
     worse = [one for one, name in zip(logs, names, strict=True) if name in failed]
     return list(dict.fromkeys([*(chosen if asked else ()), *worse]))
 

@@ -1,8 +1,10 @@
 """Bands of predicted readings, and how often they hold: parameter and residual uncertainty apart, measured on blocks left out.
 
-sd^2 = J cov J^T (parameters) + s(v)^2 (residuals) + (between_runs friction)^2 + coulomb^2 (a joint that stands)
+sd^2 = J cov J^T (parameters) + s(v)^2 (residuals) + coulomb^2 (a joint that stands)
 s(v)^2 = a + b / (1 + (v / v_0)^2),   v the rate of the channel's joint; of all other sensors a alone
-band = value +- q sd,   q such that `HOLD` of the residuals of blocks left out lie inside, and at most `WIDEST` of their RMS
+day^2 = (w_v viscous v)^2 + (w_c dry)^2 + (w_o coulomb)^2,   w of `days.DayFits`, of a day that did not identify; else 0
+band = value +- (q^2 sd^2 + 1.645^2 day^2)^0.5,   q such that `HOLD` of the residuals of blocks left out lie inside, and at most
+`WIDEST` of their RMS
 
 Friction that turns round leaves more than the model knows.  A log whose joints are slower or faster than those that identified
 has another mix of that, so s(v) is told by the residuals of blocks left out: the a and b of the largest likelihood of normal
@@ -20,9 +22,12 @@ import numpy as np
 import scipy  # its parts are loaded when they are asked for
 from numpy.typing import NDArray
 
+from crosscheck.identification.estimation.days import DRY, OFFSET, VISCOUS
 from crosscheck.identification.estimation.fit import STEP, Fit, Problem
 from crosscheck.identification.filters import low_pass
+from crosscheck.identification.parameters import Values
 from crosscheck.identification.readings import (
+    Channel,
     Machine,
     Run,
     apply_bandwidth,
@@ -49,7 +54,7 @@ class Prediction:
     """Readings of a log that need no effort of it.
 
     time : (samples,) [s]; value, low, high : (samples, channels) [units of the channels]
-    parameters, residual : (samples, channels) standard deviations by their cause; sliding : (samples, channels)
+    parameters, residual, day : (samples, channels) standard deviations by their cause; sliding : (samples, channels)
     """
 
     name: str
@@ -59,6 +64,7 @@ class Prediction:
     high: Array
     parameters: Array
     residual: Array
+    day: Array
     sliding: NDArray[np.bool_]
 
 
@@ -127,21 +133,22 @@ class Margins:
 
 def predict(machine: Machine, fit: Fit, margin: Margins, run: Run) -> Prediction:
     """Return readings with 90 % bands [units of the channels] of a run; margin : of `compute_margins`."""
-    value = compute_readings(machine, run, machine.space.compute_values(fit.z))
+    value = compute_readings(machine, run, machine.space.compute_values(fit.z, run.load))
     parameter_scatter = _compute_parameter_scatter(machine, fit, run)
     left = np.column_stack(
         [s.evaluate_scatter(v) for s, v in zip(margin.scatters, _compute_channel_rates(machine, run).T, strict=True)]
     )
-    rest = np.sqrt(left**2 + _compute_run_scatter(machine, fit, run) ** 2)
-    half = margin.factor * np.sqrt(parameter_scatter**2 + rest**2)
-    return Prediction(run.name, run.time, value, value - half, value + half, parameter_scatter, rest, run.sliding)
+    rest = np.sqrt(left**2 + _compute_standing_scatter(machine, fit, run) ** 2)
+    day = _compute_day_scatter(machine, fit, run)
+    half = np.sqrt(margin.factor**2 * (parameter_scatter**2 + rest**2) + NORMAL**2 * day**2)
+    return Prediction(run.name, run.time, value, value - half, value + half, parameter_scatter, rest, day, run.sliding)
 
 
 def compute_margins(task: Problem, fit: Fit) -> Margins:
     """Return the scatter of each channel, and q [-] with which `HOLD` of the residuals of blocks left out lie inside."""
     machine = task.machine
     rates = task.collect_counted_samples([_compute_channel_rates(machine, run) for run in task.runs])
-    extra = task.collect_counted_samples([_compute_run_scatter(machine, fit, run) for run in task.runs])
+    extra = task.collect_counted_samples([_compute_standing_scatter(machine, fit, run) for run in task.runs])
     out = []
     factor = []
     for c, (channel, rate, more) in enumerate(zip(machine.channels, rates, extra, strict=True)):
@@ -171,33 +178,54 @@ def _compute_channel_rates(machine: Machine, run: Run) -> Array:
 
 def _compute_parameter_scatter(machine: Machine, fit: Fit, run: Run) -> Array:
     slopes = []
-    level = compute_raw_signals(machine, run.motion, run.response, machine.space.compute_values(fit.z))
+    level = compute_raw_signals(machine, run.motion, run.response, machine.space.compute_values(fit.z, run.load))
     for k in range(len(fit.z)):  # one prediction each; those of sensors and friction solve nothing anew
         ahead = fit.z.copy()
         ahead[k] += STEP
-        raw = compute_raw_signals(machine, run.motion, run.response, machine.space.compute_values(ahead))
+        raw = compute_raw_signals(machine, run.motion, run.response, machine.space.compute_values(ahead, run.load))
         slopes.append(apply_bandwidth(machine, run, (raw - level) / STEP))
     j = np.stack(slopes, axis=-1)
     variance = np.einsum("tcp,pq,tcq->tc", j, fit.covariance, j, optimize=True)
     return np.asarray(np.sqrt(np.maximum(variance, 0.0)))
 
 
-def _compute_run_scatter(machine: Machine, fit: Fit, run: Run) -> Array:
-    """Scatter of friction between runs, and what a joint holds while it stands, (samples, channels)."""
-    values = machine.space.compute_values(fit.z)
+def _compute_standing_scatter(machine: Machine, fit: Fit, run: Run) -> Array:
+    """Scatter of what a joint holds while it stands, (samples, channels)."""
+    values = machine.space.compute_values(fit.z, run.load)
+    still = machine.settings.still_rad_per_s
     spacing = float(run.time[1] - run.time[0])
-    columns = []
-    for channel in machine.channels:
-        if channel.sense != "effort":
-            columns.append(np.zeros(len(run.time)))
-            continue
-        v = run.motion.qd[:, run.motion.names.index(channel.place)]
-        took = np.abs(compute_friction_reading(machine, channel, v, values))
-        still = machine.settings.still_rad_per_s
-        dry = float(np.abs(compute_friction_reading(machine, channel, np.array([still]), values))[0])
-        stands = low_pass((np.abs(v) <= still).astype(float), spacing, machine.settings.bandwidth_Hz)
-        columns.append(machine.settings.between_runs * took + np.clip(stands, 0.0, 1.0) * dry / NORMAL)
-    return np.column_stack(columns)
+    out = np.zeros((len(run.time), len(machine.channels)))
+    for c, channel in enumerate(machine.channels):
+        if channel.sense == "effort":
+            stands = (np.abs(_read_rate(run, channel)) <= still).astype(float)
+            part = np.clip(low_pass(stands, spacing, machine.settings.bandwidth_Hz), 0.0, 1.0)
+            out[:, c] = part * _compute_dry_reading(machine, channel, values) / NORMAL
+    return out
+
+
+def _compute_day_scatter(machine: Machine, fit: Fit, run: Run) -> Array:
+    """Standard deviation of what friction and offsets of another day change, (samples, channels)."""
+    values = machine.space.compute_values(fit.z, run.load)
+    out = np.zeros((len(run.time), len(machine.channels)))
+    for c, channel in enumerate(machine.channels):
+        if channel.sense == "effort" and fit.scatter:
+            rate = _read_rate(run, channel)
+            whole = compute_friction_reading(machine, channel, rate, values)
+            viscous = whole - compute_friction_reading(machine, channel, rate, values | {(VISCOUS, channel.place): 0.0})
+            offset = fit.scatter[OFFSET] * _compute_dry_reading(machine, channel, values)
+            square = (fit.scatter[VISCOUS] * viscous) ** 2 + (fit.scatter[DRY] * (whole - viscous)) ** 2
+            out[:, c] = np.sqrt(square + offset**2)
+    return out
+
+
+def _read_rate(run: Run, channel: Channel) -> Array:
+    return run.motion.qd[:, run.motion.names.index(channel.place)]
+
+
+def _compute_dry_reading(machine: Machine, channel: Channel, values: Values) -> float:
+    """The friction of a joint that just slides, as its sensor reads it [unit of the channel]."""
+    still = np.array([machine.settings.still_rad_per_s])
+    return float(np.abs(compute_friction_reading(machine, channel, still, values))[0])
 
 
 @dataclass(frozen=True)
@@ -261,7 +289,7 @@ def judge_predictions(machine: Machine, some: list[tuple[Run, Prediction]]) -> l
         return out
     runs, tolds = zip(*some, strict=True)
     together = {
-        n: np.vstack([getattr(t, n) for t in tolds]) for n in ("value", "low", "high", "parameters", "residual")
+        n: np.vstack([getattr(t, n) for t in tolds]) for n in ("value", "low", "high", "parameters", "residual", "day")
     }
     sliding = np.vstack([t.sliding for t in tolds])
     time = np.concatenate([run.time for run in runs])

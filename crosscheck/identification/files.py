@@ -1,4 +1,4 @@
-"""Files of `crosscheck identify`: prediction.csv, parameters.csv, judged.csv."""
+"""Files of `crosscheck identify`: prediction.csv, parameters.csv, days.csv, judged.csv."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import pandas as pd
 
 from crosscheck.identification.bands import ChannelJudgement, Prediction
 from crosscheck.identification.readings import Machine
-from crosscheck.identification.table import Row
+from crosscheck.identification.table import MACHINE, DayRow, Row
 
 
 def write_prediction(machine: Machine, prediction: Prediction, file: Path) -> None:
@@ -25,6 +25,13 @@ def write_parameters(table: list[Row], file: Path) -> None:
     """Write every parameter with its 90 % interval [unit of each] and whether the log has told it."""
     frame = pd.DataFrame([vars(row) for row in table])
     frame = frame[["parameter", "place", "value", "low", "high", "unit", "identifiable"]]
+    frame.to_csv(file, index=False, float_format="%.9g")
+
+
+def write_days(rows: list[DayRow], file: Path) -> None:
+    """Write every parameter that differs from day to day with its 90 % intervals [unit of each]: of each day, of the machine."""
+    columns = ["parameter", "place", "day", "value", "low", "high", "unit"]
+    frame = pd.DataFrame([vars(row) | {"day": row.day or MACHINE} for row in rows], columns=columns)
     frame.to_csv(file, index=False, float_format="%.9g")
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path
@@ -20,6 +20,7 @@ from crosscheck.identification.bands import (
     predict,
 )
 from crosscheck.identification.estimation.combinations import list_combinations
+from crosscheck.identification.estimation.days import DayFits, DayRule, check_day_rule, find_day, fit_days
 from crosscheck.identification.estimation.fit import Fit, Problem, build_problem, fit
 from crosscheck.identification.logs.doubts import describe_log_doubts, describe_log_failures
 from crosscheck.identification.logs.log import Log, read_log
@@ -27,10 +28,12 @@ from crosscheck.identification.parameters import build_space
 from crosscheck.identification.readings import Machine, Run, make_run
 from crosscheck.identification.settings import IdentifyTable, read_settings
 from crosscheck.identification.table import (
+    DayRow,
     Row,
     describe_conflicts,
     describe_free_scales,
     describe_unidentified,
+    list_day_rows,
     list_parameter_rows,
 )
 from flexinv.display.card import Card, Shown
@@ -45,7 +48,8 @@ from flexinv.validation import refuse
 class Identification(Shown):
     """A machine identified from logs.
 
-    margin : what bands of predictions are made of; parameters : with intervals, in the unit of each
+    fit, days : of the machine, and of each day; margin : what bands of predictions are made of
+    parameters : with intervals, in the unit of each; of_days : those that differ from day to day, of each day and of the machine
     seen, judged : how well the logs that identified, and those held out, are explained; shown, held : with their predictions
     words : doubts and what cannot be told
     """
@@ -53,8 +57,10 @@ class Identification(Shown):
     machine: Machine
     task: Problem
     fit: Fit
+    days: DayFits
     margin: Margins
     parameters: list[Row]
+    of_days: list[DayRow]
     seen: list[ChannelJudgement]
     judged: list[ChannelJudgement]
     shown: list[tuple[Run, Prediction]]
@@ -67,14 +73,24 @@ class Identification(Shown):
         return make_identification_card(self)
 
     def predict(self, log: Log) -> Prediction:
-        """Return the readings of a log with 90 % bands [units of the channels]; no effort of it is looked at."""
-        return predict(self.machine, self.fit, self.margin, make_run(self.machine, log, efforts=False))
+        """Return the readings of a log with 90 % bands [units of the channels]; no effort of it is looked at.
+
+        Bands of a log of another day than those that identified hold what friction and offsets differ from day to day.
+        """
+        return predict(self.machine, self.choose_fit(log), self.margin, make_run(self.machine, log, efforts=False))
+
+    def choose_fit(self, log: Log) -> Fit:
+        """Return the parameters [-] as they are known on the day of a log."""
+        return self.days.choose_fit(find_day(log, self.days.rule))
 
 
-def read_machine(mechanism: Mechanism | str | Path, settings: IdentifyTable | None = None) -> Machine:
+def read_machine(
+    mechanism: Mechanism | str | Path, settings: IdentifyTable | None = None, loads: Sequence[str] = ()
+) -> Machine:
     """Return a mechanism with its identify.toml [units of the parameters].
 
     mechanism : the folder that holds mechanism.toml and identify.toml, or a mechanism with its ``settings``
+    loads : links that carry a payload in one of the logs
     Raises InputError: no such file, a key that is wrong, a mechanism without settings.
     """
     if isinstance(mechanism, Mechanism):
@@ -83,23 +99,23 @@ def read_machine(mechanism: Mechanism | str | Path, settings: IdentifyTable | No
                 f"identify: mechanism '{mechanism.name}' without settings, expected the folder that holds its identify.toml; "
                 "write crosscheck.identify('models/NAME', ...) or settings=read_settings(path, mechanism)"
             )
-        return _build_machine(mechanism, settings)
+        return _build_machine(mechanism, settings, loads)
     folder = Path(
         path_of("mechanism", mechanism, "a folder that has a mechanism.toml and an identify.toml, or a Mechanism")
     )
     read = load_mechanism(folder)
     table = read_settings(folder.parent if folder.suffix == ".toml" else folder, read) if settings is None else settings
-    return _build_machine(read, table)
+    return _build_machine(read, table, loads)
 
 
-def _build_machine(mechanism: Mechanism, settings: IdentifyTable) -> Machine:
+def _build_machine(mechanism: Mechanism, settings: IdentifyTable, loads: Sequence[str]) -> Machine:
     """The machine of a log: joints that stand during all of it are fixed where they stand."""
     joints = tuple(
         _make_fixed_joint(joint, settings.stands[joint.name].value) if joint.name in settings.stands else joint
         for joint in mechanism.joints
     )
     fixed = replace(mechanism, joints=joints) if settings.stands else mechanism
-    return Machine(fixed, settings, build_space(fixed, settings))
+    return Machine(fixed, settings, build_space(fixed, settings, loads))
 
 
 def _make_fixed_joint(joint: Joint, value: float) -> Joint:
@@ -117,38 +133,57 @@ def identify(
     logs: Sequence[Log | str | Path],
     hold_out: Sequence[Log | str | Path] = (),
     settings: IdentifyTable | None = None,
+    days: DayRule = "files",
+    payloads: Mapping[str, Log | str | Path] | None = None,
 ) -> Identification:
     """Return parameters with 90 % intervals [unit of each], and how well logs are explained that nothing was fitted to [-].
 
     mechanism : folder with mechanism.toml and identify.toml, or a mechanism with ``settings``; logs : files or `Log`
-    Method: maximum a posteriori, `fit.fit`.  Raises InputError: files, columns, units and numbers that cannot be used.
+    days : "files" if all parts of a file are of one day, and files are of different ones; "logs" if each log is of a day of its
+        own, parts of one file, too; "one" if all are of the same day
+    payloads : link -> log that identifies, too, with a payload on that link which is told as the difference [kg], [m], [kg m^2]
+    Method: maximum a posteriori, `days.fit_days`.  Raises InputError: files, columns, units and numbers that cannot be used.
     """
     for name, value in (("logs", logs), ("hold_out", hold_out)):
         if isinstance(value, str | Path) or not isinstance(value, Sequence):
             refuse(name, value, "a list of files, each a path or a Log", "logs=['run.csv']")
+    check_day_rule(days)
     if not logs:
         raise InputError("identify: no log, expected one at least; write logs=['run.csv']")
-    machine = read_machine(mechanism, settings)
-    given = [read_of(machine, log) for log in logs]
+    loads = payloads or {}
+    machine = read_machine(mechanism, settings, tuple(loads))
+    given = [read_of(machine, log) for log in (*logs, *loads.values())]
     held = [read_of(machine, log) for log in hold_out]
-    words = describe_log_doubts(machine, given, held)
-    runs = tuple(make_run(machine, log) for log in given)
-    task = build_problem(machine, runs)
-    found = fit(task)
-    q = compute_margins(task, found)
+    doubts = describe_log_doubts(machine, given, held)
+    carried = [""] * len(logs) + list(loads)
+    runs = [make_run(machine, log, load=load) for log, load in zip(given, carried, strict=True)]
+    task, of_days = fit_days(machine, runs, [find_day(log, days) for log in given], days)
+    return _build_identification(task, of_days, given, held, doubts)
+
+
+def _build_identification(
+    task: Problem, days: DayFits, given: list[Log], held: list[Log], doubts: list[str]
+) -> Identification:
+    """The result of logs that identify, with how well they and those held out are explained."""
+    machine = task.machine
+    found = days.own[0] if len(days.own) == 1 else days.machine
+    margins = compute_margins(task, found)
     table = list_parameter_rows(machine.space, found)
-    words += [*describe_conflicts(table), *describe_free_scales(machine.space)]
-    words += [*describe_unidentified(table), *(one.words for one in list_combinations(machine.space, found))]
+    told = [*describe_conflicts(table), *describe_free_scales(machine.space)]
+    told += [*describe_unidentified(table), *(one.words for one in list_combinations(machine.space, found))]
 
-    def list_predictions(some: Sequence[Run]) -> list[tuple[Run, Prediction]]:
-        return [(run, predict(machine, found, q, run)) for run in some]
+    def list_predictions(runs: Sequence[Run], logs: list[Log]) -> list[tuple[Run, Prediction]]:
+        fits = [days.choose_fit(find_day(log, days.rule)) for log in logs]
+        return [(run, predict(machine, own, margins, run)) for run, own in zip(runs, fits, strict=True)]
 
-    shown = list_predictions(runs)
-    others = list_predictions([make_run(machine, log) for log in held])
-    predictions = judge_predictions(machine, shown)
-    unseen = judge_predictions(machine, others)
-    words = describe_log_failures(machine, [*given, *held], [*predictions, *unseen]) + words
-    return Identification(machine, task, found, q, table, predictions, unseen, shown, others, words)
+    shown = list_predictions(task.runs, given)
+    others = list_predictions([make_run(machine, log) for log in held], held)
+    seen = judge_predictions(machine, shown)
+    judged = judge_predictions(machine, others)
+    failed = describe_log_failures(machine, [*given, *held], [*seen, *judged])
+    words = [*failed, *doubts, *told]
+    rows = list_day_rows(machine, days, table)
+    return Identification(machine, task, found, days, margins, table, rows, seen, judged, shown, others, words)
 
 
 def read_of(machine: Machine, log: Log | str | Path) -> Log:
@@ -162,7 +197,9 @@ def judge_blocks(machine: Machine, log: Log, count: int) -> list[ChannelJudgemen
     first, last = machine.settings.window_s or (float(log.time[0]), float(log.time[-1]))
     edges = np.linspace(first, last + 1e-9, count + 1)
     parts: list[Prediction] = []
-    told = {name: np.full(run.sliding.shape, np.nan) for name in ("value", "low", "high", "parameters", "residual")}
+    told = {
+        name: np.full(run.sliding.shape, np.nan) for name in ("value", "low", "high", "parameters", "residual", "day")
+    }
     for start, end in pairwise(edges):
         inside = ((run.time >= start) & (run.time < end))[:, None]
         task = build_problem(machine, (run,), (run.counted & ~inside,))

@@ -14,11 +14,13 @@ from crosscheck.identification.bands import ChannelJudgement, Prediction
 from crosscheck.identification.card import describe_gist
 from crosscheck.identification.causes.cause import NOTHING_REMAINS
 from crosscheck.identification.causes.name_causes import CauseFindings
+from crosscheck.identification.estimation.days import describe_days
 from crosscheck.identification.identify import Identification
 from crosscheck.identification.maker_values import build_maker_tables
+from crosscheck.identification.parameters import Key
 from crosscheck.identification.readings import Machine, Run
 from crosscheck.identification.settings import LimitTable, list_matching_names
-from crosscheck.identification.table import Row
+from crosscheck.identification.table import MACHINE, Row
 from crosscheck.report import render
 from crosscheck.report.words import format_by_width, format_interval
 from crosscheck.verdicts.results import (
@@ -53,9 +55,9 @@ COLUMNS = (
 )
 TEXT = """{count} of {all} parameters are told by the logs: their own error is at most a third of what was known before; all
 others are held by the prior. Values and bands are those of the readings behind the zero-phase low-pass at {bandwidth:g} Hz. Bands
-hold 90 %. They are made of the uncertainty of the parameters, of what remains, and of friction that differs between runs, and are
-calibrated on blocks of time that were left out. Explained is the part of the variance, of a joint while it slides; width is that
-of the band, and RMS the error's. {scatter}"""
+hold 90 %. They are made of the uncertainty of the parameters and of what remains, calibrated on blocks of time that were left
+out, and of what friction and offsets of another day differ by. Explained is the part of the variance, of a joint while it
+slides; width is that of the band, and RMS the error's. {scatter}"""
 SCATTER = (
     "From block to block the estimates scatter {:.2g} times what the formula says, in variance; intervals are widened."
 )
@@ -104,10 +106,12 @@ def build_study_row(
     scatter = SCATTER.format(identification.fit.kappa) if identification.fit.kappa > WIDER else STEADY
     bandwidth = identification.machine.settings.bandwidth_Hz
     text = TEXT.format(count=told, all=len(identification.parameters), bandwidth=bandwidth, scatter=scatter)
-    text = text.replace("\n", " ") + _describe_missing_judges(identification)
+    assumed = describe_days(identification.days)
+    text = text.replace("\n", " ") + f"\n\n{assumed}" + _describe_missing_judges(identification)
     tables = [
         _build_told_table(identification.parameters),
         *makers,
+        _build_day_table(identification),
         _build_cause_table(causes),
         _build_doubt_table(identification.words),
         _build_untold_table(identification.parameters),
@@ -124,6 +128,7 @@ def build_study_row(
         tables=tuple(tables),
         heading="How well the logs are explained",
         gist=describe_gist(identification),
+        assumed=assumed,
     )
 
 
@@ -287,6 +292,21 @@ def _build_told_table(table: Sequence[Row]) -> SideTable:
     """Return the parameters that the logs tell, with which the page opens: they are what was asked for."""
     told = [row for row in table if row.identifiable]
     return {**_build_parameter_table("Parameters before and after", told), "leads": True}
+
+
+def _build_day_table(identification: Identification) -> SideTable:
+    """Return the parameters that differ from day to day, with an interval for each day that identified and the machine's."""
+    names = [*identification.days.logs, ""]
+    rows: dict[Key, dict[str, str]] = {}
+    for one in identification.of_days:
+        row = rows.setdefault(
+            (one.parameter, one.place), {"parameter": one.parameter, "place": one.place, "unit": one.unit}
+        )
+        value = format_by_width(one.value, one.high - one.low)
+        row[f"day {names.index(one.day)}"] = f"{value} ({format_interval(one.low, one.high)})"
+    days = [(f"day {k}", name or f"the machine: {MACHINE}", "") for k, name in enumerate(names)]
+    columns = [("parameter", "parameter", ""), ("place", "place", ""), *days, ("unit", "unit", "")]
+    return {"title": "From day to day: values and 90 % intervals", "columns": columns, "rows": list(rows.values())}
 
 
 def _build_untold_table(table: Sequence[Row]) -> SideTable:

@@ -5,22 +5,27 @@ value = known exp(error z)  for what is positive by its nature,   value = known 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from crosscheck.identification.points import list_point_sensors
 from crosscheck.identification.pseudo_inertia import (
+    COLUMNS,
     NAMES,
+    ROWS,
     compute_prior_errors,
     compute_pseudo_inertia,
     compute_upper_factor,
+    convert_to_com,
     make_plausible,
 )
 from crosscheck.identification.settings import STRAINS, IdentifyTable, list_matching_names
 from flexinv.errors import InputError
+from flexinv.model.links import Link
 from flexinv.model.mechanism import Body, Inertia, Joint, Mechanism, Section
+from flexinv.model.parallel_axis import compute_parallel_axis_term
 from flexinv.rigid.torque_regressor import compute_link_parameters
 from flexinv.typing import Array
 from flexinv.validation import find_nearest_word
@@ -29,6 +34,12 @@ Key = tuple[str, str]
 Values = dict[Key, float]
 MASS = "mass properties"
 ZEROS = {"marker": "m", "accelerometer": "m/s^2"}  # units of the zeros of sensors at points
+# A payload before a log tells it: so many times the mass and the radii of gyration of its link, with these relative errors: nine
+# tenths lie within factors of 12 and 5.  A block of steel is that much smaller than a link, and a box that much larger.
+LOAD_SHARE = 0.3
+LOAD_RADIUS = 0.5
+LOAD_ERROR = 1.5
+LOAD_SHAPE = 1.0
 GJ = 3  # column of a section's stiffness
 # What is asked for under a name that is no parameter here -> where it is.
 ELSEWHERE = {
@@ -37,7 +48,8 @@ ELSEWHERE = {
     "gravity direction": 'write parameter = "gravity tilt x", and another table with "gravity tilt y"',
     "angle offset": "angles are taken as they are: correct the column, or the placement of the joint in mechanism.toml",
     "marker position": 'it is the zero of the marker: write parameter = "marker zero"',
-    "payload": f'on a beam write parameter = "payload mass"; on a rigid link it is part of that link: "{MASS}"',
+    "payload": f'on a beam write parameter = "payload mass"; on a rigid link it is part of that link: "{MASS}", '
+    "or the difference of a log with it: --payload LINK=LOG",
 }
 
 
@@ -113,6 +125,7 @@ class Parameter:
     """One free number: kind, place (with component, of mass properties), unit, value known before, its error, and scale.
 
     known [unit]; error : of the logarithm where positive [-], else [unit]
+    load : link whose payload it is one of, which few logs have; "" : of the machine itself
     """
 
     kind: str
@@ -121,6 +134,7 @@ class Parameter:
     known: float
     error: float
     positive: bool
+    load: str = ""
 
     @property
     def key(self) -> Key:
@@ -136,24 +150,42 @@ class Parameter:
 class ParameterSpace:
     """All free parameters of a mechanism.
 
-    factors : L (4, 4) of the mass properties of links that are free; more : m, h, I (10,) beside them [kg], [kg m], [kg m^2]
+    factors : L (4, 4) of the mass properties of links that are free, and of payloads
+    more : m, h, I (10,) beside them [kg], [kg m], [kg m^2]
     """
 
     parameters: tuple[Parameter, ...]
     factors: Mapping[str, Array]
     more: Mapping[str, Array] = field(default_factory=dict)
 
-    def compute_values(self, z: Array) -> Values:
-        """Return the values [units of the parameters] at coordinates z (parameters,) [-]."""
-        return {p.key: p.compute_value(float(x)) for p, x in zip(self.parameters, z, strict=True)}
+    @property
+    def loads(self) -> tuple[str, ...]:
+        """Links that carry a payload in some of the logs [-]."""
+        return tuple(dict.fromkeys(p.load for p in self.parameters if p.load))
+
+    @property
+    def changed_links(self) -> tuple[str, ...]:
+        """Links whose mass properties are not those of the mechanism, in some of the logs at least [-]."""
+        loads = self.loads
+        return tuple(dict.fromkeys([n for n in self.factors if n not in map(make_load_place, loads)] + list(loads)))
+
+    def compute_values(self, z: Array, load: str = "") -> Values:
+        """Return the values [units of the parameters] at coordinates z (parameters,) [-]; load : link with its payload."""
+        both = zip(self.parameters, z, strict=True)
+        return {p.key: p.compute_value(float(x)) for p, x in both if p.load in ("", load)}
 
     def describe_parameters(self) -> list[str]:
         """Return the parameters in words [-]."""
         return [f"{p.kind} of {p.place}" for p in self.parameters]
 
 
-def build_space(mechanism: Mechanism, settings: IdentifyTable) -> ParameterSpace:
-    """Return the free parameters with what is known before [units of the parameters].
+def make_load_place(link: str) -> str:
+    """Return the place of the parameters of a link's payload [-]."""
+    return f"payload of {link}"
+
+
+def build_space(mechanism: Mechanism, settings: IdentifyTable, loads: Sequence[str] = ()) -> ParameterSpace:
+    """Return the free parameters with what is known before [units of the parameters]; loads : links with payloads in some logs.
 
     Raises InputError: unknown kind, no such place, free twice, nothing known of what is positive.
     """
@@ -170,17 +202,50 @@ def build_space(mechanism: Mechanism, settings: IdentifyTable) -> ParameterSpace
                 f"expected {expected}; remove the table or mend it"
             )
         for place in chosen:
-            made: list[Parameter]
             if kind.name == MASS:
-                link = mechanism.link_of[place]
-                ten = make_plausible(compute_link_parameters(link), settings.least_radius_m)
-                factors[place] = compute_upper_factor(compute_pseudo_inertia(ten))
+                factors[place] = _compute_factor(compute_link_parameters(mechanism.link_of[place]), settings)
                 errors = compute_prior_errors(factors[place], free.relative or free.error or 0.0)
-                made = [Parameter(MASS, f"{place}.{n}", "-", 0.0, e, False) for n, e in zip(NAMES, errors, strict=True)]
+                made = _make_mass_parameters(place, errors)
             else:
                 made = [_make_parameter(mechanism, settings, kind, place, free.value, free.relative, free.error)]
             parameters |= {p.key: p for p in made}
+    _check_loads(loads, list_places(mechanism, settings, KINDS[MASS]))
+    for name in loads:
+        place = make_load_place(name)
+        factors[place] = _compute_factor(_compute_usual_load(mechanism.link_of[name]), settings)
+        errors = compute_prior_errors(factors[place], LOAD_ERROR, LOAD_SHAPE)
+        parameters |= {p.key: p for p in _make_mass_parameters(place, errors, name)}
     return ParameterSpace(tuple(parameters.values()), factors)
+
+
+def _check_loads(loads: Sequence[str], links: list[str]) -> None:
+    """Raise InputError where a payload is on no rigid link with mass."""
+    for name in loads:
+        if name not in links:
+            near = find_nearest_word(name, links) or (links or ["LINK"])[-1]
+            expected = f"a rigid link with mass: {', '.join(links)}"
+            raise InputError(f"identify: a payload on {name!r}, expected {expected}; write --payload {near}=LOG")
+
+
+def _compute_factor(ten: Array, settings: IdentifyTable) -> Array:
+    """The factor L (4, 4) of a body with m, h, I (10,) [kg], [kg m], [kg m^2] that are known before."""
+    return compute_upper_factor(compute_pseudo_inertia(make_plausible(ten, settings.least_radius_m)))
+
+
+def _make_mass_parameters(place: str, errors: Array, load: str = "") -> list[Parameter]:
+    """The ten parameters of a body with these errors [-] of what is known of it before."""
+    return [Parameter(MASS, f"{place}.{n}", "-", 0.0, e, False, load) for n, e in zip(NAMES, errors, strict=True)]
+
+
+def _compute_usual_load(link: Link) -> Array:
+    """A payload before a log tells it, m, h, I (10,) [kg], [kg m], [kg m^2]: small, on the link, at its tip if there is one."""
+    mass, com, inertia = np.split(convert_to_com(compute_link_parameters(link)), [1, 4])
+    where = link.tip if np.any(link.tip) else com
+    tensor = np.zeros((3, 3))
+    tensor[ROWS, COLUMNS] = tensor[COLUMNS, ROWS] = LOAD_SHARE * LOAD_RADIUS**2 * inertia
+    own = float(LOAD_SHARE * mass[0])
+    tensor += compute_parallel_axis_term(own, where)
+    return np.concatenate([[own], own * where, tensor[ROWS, COLUMNS]])
 
 
 def _find_kind(name: str) -> ParameterKind:

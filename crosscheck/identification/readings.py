@@ -78,6 +78,7 @@ class Run:
     measured : (samples, channels) [units of the channels], low-passed; None without effort columns
     sliding, counted : (samples, channels) the joint is not standing; it is, and inside the window
     wide : of each channel its response above the bandwidth; None of gauges, and where the log has no room for one
+    load : link that carries the payload of this log, "" if none does
     """
 
     name: str
@@ -88,6 +89,7 @@ class Run:
     sliding: NDArray[np.bool_]
     counted: NDArray[np.bool_]
     wide: tuple[WideResponse | None, ...] = ()
+    load: str = ""
 
 
 @dataclass(frozen=True)
@@ -223,10 +225,10 @@ def _check_wraps(log: Log, name: str, table: AngleTable, raw: Array) -> None:
         )
 
 
-def make_run(machine: Machine, log: Log, efforts: bool = True, once: bool = False) -> Run:
+def make_run(machine: Machine, log: Log, efforts: bool = True, once: bool = False, load: str = "") -> Run:
     """Return a log made ready [s, rad, N m]; without ``efforts`` no column of an effort or a gauge is looked at.
 
-    once : its response is asked for at one set of values
+    once : its response is asked for at one set of values; load : as `Run` has it
     """
     settings = machine.settings
     motion = compute_measured_motion(machine, log)
@@ -247,7 +249,7 @@ def make_run(machine: Machine, log: Log, efforts: bool = True, once: bool = Fals
         counted &= ~find_unseen_leaps(machine, log)
     response = build_response(machine.mechanism, machine.space, settings, motion, once)
     wide = compute_wide_responses(machine, log) if efforts else ()
-    return Run(log.name, log.time, motion, response, measured, sliding, counted, wide)
+    return Run(log.name, log.time, motion, response, measured, sliding, counted, wide, load)
 
 
 def find_unseen_leaps(machine: Machine, log: Log) -> NDArray[np.bool_]:
@@ -337,7 +339,7 @@ def compute_raw_signals(
             own = effort[:, at] + compute_drive_effort(
                 machine, channel.place, motion.qd[:, at], motion.qdd[:, at], values
             )
-            offset = _resolve_value(machine, values, "effort offset", channel.place)
+            offset = resolve_value(machine, values, "effort offset", channel.place)
             columns.append(
                 _apply_sensor(machine, channel, own / channel.ratio + offset / channel.constant, values, spacing)
             )
@@ -345,7 +347,7 @@ def compute_raw_signals(
             columns.append(_compute_gauge_signal(machine, motion, channel, moment, values, spacing))
         else:
             signal = points[:, places.index((channel.sense, channel.place))]
-            zero = _resolve_value(machine, values, f"{channel.sense} zero", channel.place)
+            zero = resolve_value(machine, values, f"{channel.sense} zero", channel.place)
             columns.append(_apply_sensor(machine, channel, signal, values, spacing) + zero)
     return np.column_stack(columns)
 
@@ -355,7 +357,7 @@ def _apply_sensor(
 ) -> Array:
     """A signal (samples,) [any unit] through what every sensor may have: lag, delay, gain."""
     lag_s, delay, gain = (
-        _resolve_value(machine, values, f"{channel.sense} {k}", channel.place) for k in ("lag", "delay", "gain")
+        resolve_value(machine, values, f"{channel.sense} {k}", channel.place) for k in ("lag", "delay", "gain")
     )
     return gain * apply_delay(apply_first_order_lag(signal, spacing, lag_s), spacing, delay)
 
@@ -365,7 +367,7 @@ def compute_drive_effort(
 ) -> Array:
     """Return the effort of rotor and friction of a joint (samples,) [N m], [N] at its rates and accelerations (samples,)."""
     numbers = tuple(
-        _resolve_value(machine, values, kind, joint)
+        resolve_value(machine, values, kind, joint)
         for kind in (
             *("rotor inertia", "viscous friction", "coulomb friction", "transition rate"),
             *("stribeck share", "stribeck rate", "friction asymmetry"),
@@ -394,11 +396,12 @@ def compute_friction(machine: Machine, joint: str, v: Array, values: Mapping[Key
 
 def compute_friction_reading(machine: Machine, channel: Channel, v: Array, values: Mapping[Key, float]) -> Array:
     """Return friction as the sensor of an effort reads it (samples,) [unit of the channel] at rates v (samples,)."""
-    gain = _resolve_value(machine, values, "effort gain", channel.place)
+    gain = resolve_value(machine, values, "effort gain", channel.place)
     return gain * compute_friction(machine, channel.place, v, values) / channel.ratio
 
 
-def _resolve_value(machine: Machine, values: Mapping[Key, float], kind: str, place: str) -> float:
+def resolve_value(machine: Machine, values: Mapping[Key, float], kind: str, place: str) -> float:
+    """Return a parameter [unit of it] by the values, or by the mechanism and the settings where it is not free."""
     if (kind, place) in values:
         return values[kind, place]
     return find_prior_value(machine.mechanism, machine.settings, KINDS[kind], place)
@@ -417,12 +420,12 @@ def _compute_gauge_signal(
         compute_gauge_flexibility(machine, channel.place)
         * moment[:, list(machine.settings.gauges).index(channel.place)]
     )
-    told = _apply_sensor(machine, channel, bent, values, spacing) + _resolve_value(
+    told = _apply_sensor(machine, channel, bent, values, spacing) + resolve_value(
         machine, values, "gauge zero", channel.place
     )
     if table.slope_joint:
         at = motion.names.index(table.slope_joint)
-        told = told + _resolve_value(machine, values, "gauge slope", channel.place) * motion.q[:, at]
+        told = told + resolve_value(machine, values, "gauge slope", channel.place) * motion.q[:, at]
     return apply_lag(told, spacing, table.lag_Hz, table.lag_damping) if table.lag_Hz else told
 
 

@@ -14,7 +14,7 @@ from functools import lru_cache
 import numpy as np
 import scipy  # its parts are loaded when they are asked for
 
-from crosscheck.identification.parameters import KINDS, MASS, Key, ParameterSpace, apply_values
+from crosscheck.identification.parameters import KINDS, MASS, Key, ParameterSpace, apply_values, make_load_place
 from crosscheck.identification.points import PointMotion, add_sensor_bodies, build_point_motion, list_point_sensors
 from crosscheck.identification.pseudo_inertia import COLUMNS, NAMES, ROWS, move_mass_properties
 from crosscheck.identification.settings import GaugeTable, IdentifyTable
@@ -70,15 +70,21 @@ def remove_rotors_and_friction(mechanism: Mechanism, names: tuple[str, ...]) -> 
 def compute_link_inertias(space: ParameterSpace, mechanism: Mechanism, values: Mapping[Key, float]) -> Array:
     """Return m, h, I (links, 10) [kg], [kg m], [kg m^2] of all rigid links; zeros for beams."""
     out = np.zeros((len(mechanism.links), PARAMETERS))
+    loads = space.loads
     for k, link in enumerate(mechanism.links):
         if link.name in space.factors:
-            x = np.array([values.get((MASS, f"{link.name}.{n}"), 0.0) for n in NAMES])
-            out[k] = _move_mass_properties(space.factors[link.name].tobytes(), x.tobytes()) + space.more.get(
-                link.name, 0.0
-            )
+            out[k] = _compute_free_masses(space, link.name, values) + space.more.get(link.name, 0.0)
         elif link.beam is None:
             out[k] = compute_link_parameters(link)
+        if link.name in loads and (MASS, f"{make_load_place(link.name)}.{NAMES[0]}") in values:
+            out[k] += _compute_free_masses(space, make_load_place(link.name), values)
     return out
+
+
+def _compute_free_masses(space: ParameterSpace, place: str, values: Mapping[Key, float]) -> Array:
+    """The m, h, I (10,) [kg], [kg m], [kg m^2] of a link or payload whose mass properties are free."""
+    x = np.array([values.get((MASS, f"{place}.{n}"), 0.0) for n in NAMES])
+    return _move_mass_properties(space.factors[place].tobytes(), x.tobytes())
 
 
 @lru_cache(maxsize=256)  # a difference quotient by one parameter leaves most links as they were
@@ -165,7 +171,7 @@ def _build_direct_response(
         ten = compute_link_inertias(space, mechanism, values)
         forces = tuple(values.get(("spring force", s.name), 1.0) for s in mechanism.springs)
         tilts = _compute_tilted_gravity(np.asarray(mechanism.gravity), values)
-        changed = _apply_changes(mechanism, tuple(space.factors), ten.tobytes(), tilts.tobytes(), forces)
+        changed = _apply_changes(mechanism, space.changed_links, ten.tobytes(), tilts.tobytes(), forces)
         return joint_torques(changed, *state)[:, rows]
 
     return compute_effort
@@ -322,9 +328,9 @@ def _build_solver_response(
 
     def evaluate(values: Mapping[Key, float]) -> Told:
         ten = compute_link_inertias(space, mechanism, values)
-        at = tuple(values[k] for k in solved + masses)
+        at = tuple(values.get(k, np.inf) for k in solved + masses)  # a payload that is not there is none of any size
         if at not in kept:
-            own = {link.name: ten[k] for k, link in enumerate(mechanism.links) if link.name in space.factors}
+            own = {link.name: ten[k] for k, link in enumerate(mechanism.links) if link.name in space.changed_links}
             if len(kept) >= KEPT:
                 kept.pop(next(iter(kept)))
             kept[at] = model.solve_in_time(values, own)[0]
@@ -347,8 +353,12 @@ def _build_linear_response(
 
     The loops are followed once, as masses do not move them.
     """
-    known = {link.name: compute_link_parameters(link) for link in mechanism.links if link.name in space.factors}
-    known = {name: move_mass_properties(space.factors[name], np.zeros(PARAMETERS)) for name in known}
+    known = {
+        name: move_mass_properties(space.factors[name], np.zeros(PARAMETERS))
+        if name in space.factors
+        else compute_link_parameters(mechanism.link_of[name])
+        for name in space.changed_links
+    }
     kept: dict[tuple[float, ...], Told] = {}
 
     def compute_columns(values: Mapping[Key, float]) -> Told:

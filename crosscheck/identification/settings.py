@@ -220,7 +220,10 @@ class IdentifyTable(Table):
         default=0.01,
     )
     between_runs: NotNegative = make_key(
-        "relative standard error of friction from one run to the next [-]", "between_runs = 0.05", default=0.05
+        "relative standard deviation of friction from day to day, as it is expected before several days are known; that of the "
+        "offset of an effort is a third of it times the dry friction; 0: every day is the same [-]",
+        "between_runs = 0.15",
+        default=0.15,
     )
     least_radius_m: Positive = make_key(
         "radius of gyration below which no mass is believed [m]", "least_radius_m = 0.05", default=0.05

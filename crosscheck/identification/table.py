@@ -11,11 +11,12 @@ which is standard normal where the truth is drawn from the prior.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy  # its parts are loaded when they are asked for
 
+from crosscheck.identification.estimation.days import DayFits, compute_day_deviations
 from crosscheck.identification.estimation.fit import TOLD, Fit
 from crosscheck.identification.estimation.posterior import (
     LEAST,
@@ -25,10 +26,13 @@ from crosscheck.identification.estimation.posterior import (
     sample_posterior,
 )
 from crosscheck.identification.parameters import MASS, ParameterSpace
+from crosscheck.identification.readings import Machine
 from crosscheck.report.words import format_by_width, format_interval, format_short
 from flexinv.typing import Array
 
 INSIDE = 0.9
+MACHINE = "mean of days"  # what stands for a day where the machine is meant
+NORMAL = 1.6448536269514722  # half width of it, in standard deviations of a normal distribution
 FARTHEST = (
     20.0  # widths of its prior that a value of logs alone is away at most: of what they hardly tell it is no number
 )
@@ -38,8 +42,26 @@ CONFLICT = 2.4
 
 
 @dataclass(frozen=True)
+class DayRow:
+    """A parameter that differs from day to day: value and 90 % interval [unit] on one day, or of the machine (day = "").
+
+    That of the machine is the mean of its days: from one of them it is as far as days scatter.
+    """
+
+    parameter: str
+    place: str
+    unit: str
+    day: str
+    value: float
+    low: float
+    high: float
+
+
+@dataclass(frozen=True)
 class Row:
     """A parameter: value found and 90 % interval, and value and interval before the log [unit].
+
+    Of logs of one day it is that day's, of several days the machine's.
 
     identifiable : told by the logs, else held by its prior; conflict : standard errors between data and prior [-]
     alone : what the data say without the prior [unit], to first order
@@ -122,6 +144,36 @@ def list_parameter_rows(space: ParameterSpace, fit: Fit) -> list[Row]:
         )
         for k in order
     ]
+
+
+def list_day_rows(machine: Machine, days: DayFits, table: list[Row]) -> list[DayRow]:
+    """Return the parameters that differ from day to day [unit of each], of each day and of the machine, with 90 % intervals.
+
+    table : all parameters, of the day if there is one, of the machine if there are several; the others are normal in z
+    """
+    space = machine.space
+    moved = np.flatnonzero(compute_day_deviations(machine, days.machine.z, days.machine.scatter)).tolist()
+    by_key = {(row.parameter, row.place): row for row in table}
+    found = [by_key[space.parameters[k].key] for k in moved]
+    drawn = [DayRow(r.parameter, r.place, r.unit, "", r.value, r.low, r.high) for r in found]
+    still = np.zeros(len(space.parameters))
+    if len(days.own) > 1:
+        own = [
+            _make_day_row(space, k, one, still, n) for n, one in zip(days.logs, days.own, strict=True) for k in moved
+        ]
+        return own + drawn
+    deviations = compute_day_deviations(machine, days.machine.z, days.widths)
+    whole = [_make_day_row(space, k, days.own[0], deviations, "") for k in moved]
+    return [replace(row, day=days.logs[0]) for row in drawn] + whole
+
+
+def _make_day_row(space: ParameterSpace, k: int, own: Fit, deviations: Array, day: str) -> DayRow:
+    """Row of parameter k on a day; with deviations (parameters,) of z [-] between days that of the machine it is one of."""
+    one = space.parameters[k]
+    half = NORMAL * float(np.sqrt(own.covariance[k, k] + deviations[k] ** 2))
+    at = float(own.z[k])
+    value, low, high = (one.compute_value(z) for z in (at, at - half, at + half))
+    return DayRow(one.kind, one.place, one.unit, day, value, low, high)
 
 
 def _compute_values_without_prior(space: ParameterSpace, fit: Fit, information: LogInformation, before: Array) -> Array:

@@ -96,7 +96,8 @@ def _render_diagnoses(results: Results) -> list[str]:
 def _render_studies(results: Results) -> list[str]:
     if not results.studies:
         return []
-    return _render_section("Studies", ("study", "verdict", "rows"), _list_study_rows(results))
+    assumed = [line for study in results.studies if study.assumed for line in (escape(study.assumed), "")]
+    return [*_render_section("Studies", ("study", "verdict", "rows"), _list_study_rows(results)), *assumed]
 
 
 def _render_leading_tables(results: Results) -> Iterator[str]:

@@ -137,7 +137,7 @@ class StudyRow:
 
     plot, figures : curves of the table, and beside it; tables : beside the one that is judged; kept : as of a run
     heading : what stands over the table that is judged, where others lead
-    gist : its figures in one sentence, for readers of the first line
+    gist : its figures in one sentence, for readers of the first line; assumed : what they rest on, for readers of the summary
     """
 
     name: str
@@ -155,6 +155,7 @@ class StudyRow:
     kept: str = ""
     heading: str = ""
     gist: str = ""
+    assumed: str = ""
 
     @property
     def verdict(self) -> Verdict:

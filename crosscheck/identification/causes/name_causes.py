@@ -81,7 +81,7 @@ def find_remaining_causes(known: Identification, log: Log, seen: bool = False, h
         What may be small is looked for beside the parameters as they are: under less, what was wrongly known looks like a fault
     """
     machine = known.machine
-    found = known.fit
+    found = known.choose_fit(log)
     before = () if seen else known.task.runs
     search = CauseSearch(machine, found, find_clipped_samples(machine, log), seen, before)
     broken = list(list_broken_columns(machine, found, log))

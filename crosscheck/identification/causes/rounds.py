@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from crosscheck.identification.causes.cause import Cause
 from crosscheck.identification.causes.wide_rows import WideRows, build_wide_rows
+from crosscheck.identification.estimation.days import compute_day_deviations
 from crosscheck.identification.estimation.fit import Fit, Problem, build_problem, compute_jacobian
 from crosscheck.identification.estimation.noise import count_agreeing_samples
 from crosscheck.identification.logs.log import Log
@@ -33,6 +34,7 @@ NOISE = 2.5
 # so much of the mean square that is no noise.
 SEEN = 1.2
 MOST = 0.75
+ROUNDS = 4  # of weights on another day: the second is right but for what the first has left
 
 
 @dataclass(frozen=True)
@@ -50,10 +52,14 @@ class CauseSearch:
 
     @property
     def root(self) -> Array:
-        """Square root of the precision with which the parameters are known beside this log (parameters, parameters)."""
+        """Square root of the precision with which the parameters are known beside this log (parameters, parameters).
+
+        On another day than those that identified, friction and offsets may have moved as far as days scatter.
+        """
         if self.seen:
             return np.eye(len(self.fit.z))
-        return np.asarray(np.linalg.cholesky(np.linalg.inv(self.fit.covariance)).T)
+        deviations = compute_day_deviations(self.machine, self.fit.z, self.fit.scatter)
+        return np.asarray(np.linalg.cholesky(np.linalg.inv(self.fit.covariance + np.diag(deviations**2))).T)
 
     def build_task(
         self, log: Log, mechanism: Mechanism, level: Problem | None = None, moves: bool = True, once: bool = False
@@ -80,7 +86,7 @@ def update_space(machine: Machine, mechanism: Mechanism) -> ParameterSpace:
     """Return the parameters as before, with the masses [kg] that the changed mechanism has beside those of the first one."""
     if mechanism is machine.mechanism:
         return machine.space
-    own = machine.space.factors
+    own = [name for name in machine.space.factors if name in mechanism.link_of]
     more = {
         n: compute_link_parameters(mechanism.link_of[n]) - compute_link_parameters(machine.mechanism.link_of[n])
         for n in own
@@ -105,20 +111,34 @@ class CauseRound:
         found = search.fit
         self.told = self.task.collect_counted_samples(self.task.predict(found.z))
         residual = self._compute_residual(self.task)
-        spread = np.array([np.sqrt(np.mean(r**2)) for r in residual])
-        self.weight = 1.0 / (spread * np.sqrt(found.agree))
         self.wide = build_wide_rows(self.task.runs[0], search.before) if wide is None else wide
         self._own_costs: dict[int, float] = {}
         sizes = [len(r) for r in residual] + [2 * len(w.weights) for w in self.wide]
         self.ends = np.cumsum(sizes)
         news = [len(r) / a for r, a in zip(residual, found.agree, strict=True)]
         self.news = np.array(news + [w.news for w in self.wide])
-        scaled = [w * j for w, j in zip(self.weight, compute_jacobian(self.task, found.z), strict=True)]
-        beside = np.zeros((sum(sizes[len(residual) :]), len(found.z)))
-        self.basis = np.linalg.qr(np.vstack([*scaled, beside, search.root]))[0]
+        self.basis: Array = np.zeros((0, 0))
+        self._fit_weights(residual)
         self.named: list[int] = np.flatnonzero(at).tolist()
         self.slopes = self._compute_named_slopes()
         self.basis = np.linalg.qr(np.column_stack([self.basis, self.slopes]))[0]
+
+    def _fit_weights(self, residual: list[Array]) -> None:
+        """Find the weights of the channels and the basis of what the parameters can make up for.
+
+        A channel weighs by what is left of it; on another day by what is left once friction and offsets have made up for the day.
+        """
+        found = self.search.fit
+        slopes = compute_jacobian(self.task, found.z)
+        beside = np.zeros((self.ends[-1] - self.ends[len(residual) - 1], len(found.z)))
+        spread = np.array([np.sqrt(np.mean(r**2)) for r in residual])
+        for _ in range(ROUNDS if found.scatter else 1):
+            self.weight = 1.0 / (spread * np.sqrt(found.agree))
+            scaled = [w * j for w, j in zip(self.weight, slopes, strict=True)]
+            self.basis = np.linalg.qr(np.vstack([*scaled, beside, self.search.root]))[0]
+            left = np.split(self.compute_weighed_residual(self.at), self.ends)[: len(residual)]
+            rest = np.array([np.sqrt(np.mean(r**2)) for r in left]) / self.weight
+            spread = np.maximum(rest, found.spread)
 
     def _compute_named_slopes(self) -> Array:
         """Slopes (rows, named) of the weighed residual by the sizes of the causes named so far, which stay free [1 / unit]."""

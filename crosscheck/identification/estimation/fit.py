@@ -2,9 +2,11 @@
 
     z^ = argmin  sum_c sum_t (r_ct / s_c)^2 / n_c + |z|^2,   cov z = kappa (J^T J + 1)^-1
 
-z : coordinates that are standard normal before the log; r_ct : residual of channel c; s_c, n_c : standard deviation and samples
-that agree of its noise, `compute_noise`.  So n_c neighbours count as one.  kappa >= 1 is how much more the estimates scatter when
-one block of time after the other is left out than the formula says (median of what is told).
+z : coordinates that are standard normal before the log; of several days (`Problem`) those of the machine, then what each day has
+beside them, with a prior of its own in the place of 1 (`days.fit_days`)
+r_ct : residual of channel c; s_c, n_c : standard deviation and samples that agree of its noise, `compute_noise`.  So n_c
+neighbours count as one.  kappa >= 1 is how much more the estimates scatter when one block of time after the other is left out
+than the formula says (median of what is told).
 """
 
 from __future__ import annotations
@@ -49,6 +51,7 @@ class Fit:
     channels], samples that agree [-]; block : RMS of residuals of blocks that were left out (channels,); kappa : [-]
     held : per channel those residuals (counted,); unsure : their standard deviations by the parameters without the block
     information : (parameters, parameters) of z [-] of the channels that a free gain multiplies, by that gain, and of all others
+    scatter : how much friction and offsets of the day that is asked for differ from these, `days.DayFits` [-]; {}: not at all
     """
 
     z: Array
@@ -60,6 +63,7 @@ class Fit:
     held: tuple[Array, ...]
     unsure: tuple[Array, ...]
     information: Mapping[Key | None, Array] = field(default_factory=dict)
+    scatter: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def identifiable(self) -> NDArray[np.bool_]:
@@ -69,23 +73,52 @@ class Fit:
 
 @dataclass(frozen=True)
 class Problem:
-    """Runs and the samples of them that count: chosen (samples, channels) per run; thinned by ``every`` [-]."""
+    """Runs and the samples of them that count: chosen (samples, channels) per run; thinned by ``every`` [-].
+
+    days : number of the day of each run; moved : numbers of the parameters that have a value of their own on each day
+    z : (parameters,), or where something moves (parameters + days moved,): behind them what each day adds to those moved, in turn
+    """
 
     machine: Machine
     runs: tuple[Run, ...]
     chosen: tuple[NDArray[np.bool_], ...]
     every: tuple[int, ...]
+    days: tuple[int, ...] = ()
+    moved: tuple[int, ...] = ()
+
+    @property
+    def size(self) -> int:
+        """Length of z [-]."""
+        return len(self.machine.space.parameters) + len(self.moved) * len(set(self.days))
+
+    def list_day_places(self, day: int) -> slice:
+        """Return the places in z of what a day adds to the parameters that move [-]."""
+        first = len(self.machine.space.parameters) + day * len(self.moved)
+        return slice(first, first + len(self.moved))
+
+    def build_day_map(self, day: int) -> Array:
+        """Return T (parameters, size) [-]: T z are the coordinates of the parameters on a day."""
+        count = len(self.machine.space.parameters)
+        out = np.eye(count, self.size)
+        out[list(self.moved), np.arange(self.size)[self.list_day_places(day)]] = 1.0
+        return out
 
     def predict(self, z: Array) -> list[Array]:
-        """Return the readings (samples, channels) [units of the channels] of each run at z (parameters,) [-]."""
+        """Return the readings (samples, channels) [units of the channels] of each run at z (size,) [-]."""
         return [
             apply_bandwidth(self.machine, *one) for one in zip(self.runs, self.compute_raw_readings(z), strict=True)
         ]
 
     def compute_raw_readings(self, z: Array) -> list[Array]:
         """Return the same before any low-pass of ours."""
-        values = self.machine.space.compute_values(z)
-        return [compute_raw_signals(self.machine, run.motion, run.response, values) for run in self.runs]
+        space = self.machine.space
+        of_day = {day: self.build_day_map(day) @ z for day in set(self.days)} if self.moved else {}
+        days = self.days or (0,) * len(self.runs)
+        every = [space.compute_values(of_day.get(day, z), run.load) for run, day in zip(self.runs, days, strict=True)]
+        return [
+            compute_raw_signals(self.machine, run.motion, run.response, values)
+            for run, values in zip(self.runs, every, strict=True)
+        ]
 
     def collect_counted_samples(self, arrays: list[Array]) -> list[Array]:
         """Return of each channel the samples that count, of all runs one after the other, (counted,) [any unit]."""
@@ -97,14 +130,21 @@ class Problem:
 
 
 def build_problem(
-    machine: Machine, runs: tuple[Run, ...], chosen: tuple[NDArray[np.bool_], ...] | None = None
+    machine: Machine,
+    runs: tuple[Run, ...],
+    chosen: tuple[NDArray[np.bool_], ...] | None = None,
+    days: tuple[int, ...] = (),
+    moved: tuple[int, ...] = (),
 ) -> Problem:
-    """Return runs [s] with the samples that count, by default those of the window in which the joints slide."""
+    """Return runs [s] with the samples that count, by default those of the window in which the joints slide.
+
+    days, moved : as `Problem` has them
+    """
     counted = tuple(run.counted for run in runs) if chosen is None else chosen
     every = tuple(
         max(1, int(1.0 / (PER_PERIOD * machine.settings.bandwidth_Hz * (run.time[1] - run.time[0])))) for run in runs
     )
-    problem = Problem(machine, runs, counted, every)
+    problem = Problem(machine, runs, counted, every, days, moved)
     for channel, values in zip(
         machine.channels, problem.collect_counted_samples([np.zeros(c.shape) for c in counted]), strict=True
     ):
@@ -119,19 +159,19 @@ def build_problem(
 def fit(task: Problem, start: Array | None = None, prior: tuple[Array, Array] | None = None) -> Fit:
     """Return the parameters under which the readings come closest to what was measured, weighed against the priors [-].
 
-    start : z (parameters,); prior : mean and square root of the precision (parameters, parameters) in the place of 0 and 1
+    start : z (size,); prior : mean and square root of the precision (size, size) in the place of 0 and 1
 
     Noise is what is left at the fit.  Far from the truth much is left, which then counts for little against the priors, and the
     search would stay; what is positive has hardly a slope where it is far too small.  So the search goes on in values, then with
     priors that are wider, and where that leaves less, it begins again from there.
     """
-    count = len(task.machine.space.parameters)
+    count = task.size
     mean, root = (np.zeros(count), np.eye(count)) if prior is None else prior
     measured = task.collect_counted_samples([_read_measured(run) for run in task.runs])
     if start is not None:
         return _compute_posterior(task, _find_mode(task, measured, start.copy(), mean, root), root)
     near = _find_mode(task, measured, _find_start_by_scan(task, measured, np.zeros(count)), mean, root)
-    moved = _move_in_values(task, measured, near)
+    moved = _move_in_values(task, measured, near, root)
     far, _ = _find_minimum(task, measured, 1.0 / near.noise.spread, moved, mean, root / WIDER)
     left = np.array([np.sqrt(np.mean(r**2)) for r in _compute_residuals(task, measured, far)])
     if (left < LESS * near.noise.spread).any():
@@ -216,16 +256,32 @@ def _read_measured(run: Run) -> Array:
 
 
 def compute_jacobian(task: Problem, z: Array) -> list[Array]:
-    """Return the derivatives by z of what `Problem.collect_counted_samples` gives, (counted, parameters) [units of channels]."""
+    """Return the derivatives by z of what `Problem.collect_counted_samples` gives, (counted, size) [units of channels].
+
+    What a day adds to a parameter changes that day's runs, by as much as the parameter does: it needs no reading of its own.
+    """
     level = task.compute_raw_readings(z)
     columns = []
-    for k in range(len(z)):
+    for k in range(len(task.machine.space.parameters)):
         ahead = z.copy()
         ahead[k] += STEP
         slopes = [(a - b) / STEP for a, b in zip(task.compute_raw_readings(ahead), level, strict=True)]
         passed = [apply_bandwidth(task.machine, *one) for one in zip(task.runs, slopes, strict=True)]
         columns.append(task.collect_counted_samples(passed))
-    return [np.column_stack([c[channel] for c in columns]) for channel in range(len(task.machine.channels))]
+    whole = [np.column_stack([c[channel] for c in columns]) for channel in range(len(task.machine.channels))]
+    if not task.moved:
+        return whole
+    number = task.collect_counted_samples(_list_day_numbers(task))
+    days = range(len(set(task.days)))
+    return [
+        np.hstack([j, *(j[:, list(task.moved)] * (own == day)[:, None] for day in days)])
+        for j, own in zip(whole, number, strict=True)
+    ]
+
+
+def _list_day_numbers(task: Problem) -> list[Array]:
+    """(samples, channels) per run, the number of its day."""
+    return [np.full(c.shape, float(day)) for c, day in zip(task.chosen, task.days, strict=True)]
 
 
 def _find_minimum(
@@ -249,16 +305,16 @@ def _find_minimum(
     return x, last[0][1] if np.array_equal(last[0][0], x) else compute_jacobian(task, x)
 
 
-def _move_in_values(task: Problem, measured: list[Array], mode: _Mode) -> Array:
-    """The z (parameters,) [-] of a step of least squares in the values of what is positive, which stay so, and in z of the rest.
+def _move_in_values(task: Problem, measured: list[Array], mode: _Mode, root: Array) -> Array:
+    """The z (size,) [-] of a step of least squares in the values of what is positive, which stay so, and in z of the rest.
 
     Readings are linear in friction, rotors and gains: far from the truth the step in values is right where one in logarithms is
     not.  Widths of the priors, `WIDER` times, hold what the logs do not tell.
     """
     parameters = task.machine.space.parameters
-    scale = np.ones(len(parameters))  # d value / d z, of what is stepped in values
-    least = np.full(len(parameters), -np.inf)
-    width = np.full(len(parameters), WIDER)
+    scale = np.ones(task.size)  # d value / d z, of what is stepped in values
+    least = np.full(task.size, -np.inf)
+    width = WIDER / np.diag(root)
     for k, one in enumerate(parameters):
         if one.positive and not KINDS[one.kind].solved:
             value = one.compute_value(float(mode.z[k]))
@@ -269,7 +325,7 @@ def _move_in_values(task: Problem, measured: list[Array], mode: _Mode) -> Array:
     rows = [w * j / scale for w, j in zip(weight, mode.slopes, strict=True)]
     left = [w * r for w, r in zip(weight, _compute_residuals(task, measured, mode.z), strict=True)]
     matrix = np.vstack([*rows, np.diag(1.0 / width)])
-    right = np.concatenate([*left, np.zeros(len(parameters))])
+    right = np.concatenate([*left, np.zeros(task.size)])
     q, r = np.linalg.qr(matrix * width)
     step = width * scipy.optimize.lsq_linear(r, q.T @ right, (least / width, np.inf)).x
     moved = mode.z + step / scale

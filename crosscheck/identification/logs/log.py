@@ -6,7 +6,7 @@ import gzip
 import re
 import warnings
 import zlib
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -37,6 +37,7 @@ class Log:
     time : (samples,) [s]; columns : name -> (samples,) in the unit that identify.toml gives
     notes : what was done to the samples as they were written, in words
     pauses : (pauses, 2) [s] between which samples are missing, where the log was taken at even steps
+    day : logs of one day have the same friction and offsets: of a log that was read its file, else "" and its name counts
     """
 
     name: str
@@ -44,6 +45,7 @@ class Log:
     columns: dict[str, Array]
     notes: tuple[str, ...] = ()
     pauses: Array = field(default_factory=lambda: np.zeros((0, 2)))
+    day: str = ""
 
     @property
     def spacing(self) -> float:
@@ -80,7 +82,7 @@ class Log:
                 f"the log goes from {self.time[0]:g} to {self.time[-1]:g} s"
             )
         columns = {k: v[chosen] for k, v in self.columns.items()}
-        return Log(f"{self.name}[{start:g}:{end:g}]", self.time[chosen], columns, self.notes, self.pauses)
+        return Log(f"{self.name}[{start:g}:{end:g}]", self.time[chosen], columns, self.notes, self.pauses, self.day)
 
 
 def read_log(source: str | Path, time: str = "time_s", unit: str = "s") -> Log:
@@ -98,7 +100,7 @@ def read_log(source: str | Path, time: str = "time_s", unit: str = "s") -> Log:
             f"{path.name}: no column {time!r} of times [s]; it has {', '.join(list(columns)[:40])}; "
             'write time = "NAME" into identify.toml'
         )
-    log = take_even_steps(Log(path.name, columns.pop(time) * TIMES[unit], columns))
+    log = take_even_steps(Log(path.name, columns.pop(time) * TIMES[unit], columns, day=str(path.resolve())))
     if not part:
         return log
     try:
@@ -257,7 +259,8 @@ def take_even_steps(log: Log) -> Log:
     found = f"{np.mean(uneven):.1%} of its steps are uneven ({steps.min():.3g} to {steps.max():.3g} s)"
     note = f"{log.name}: {found}: it was taken at even steps of {middle:.4g} s"
     paused = np.flatnonzero(steps > PAUSE * middle)
-    return Log(log.name, time, columns, (note,), np.column_stack([log.time[paused], log.time[paused + 1]]))
+    pauses = np.column_stack([log.time[paused], log.time[paused + 1]])
+    return replace(log, time=time, columns=columns, notes=(note,), pauses=pauses)
 
 
 def _check_times(log: Log) -> None:

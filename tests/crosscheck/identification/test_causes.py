@@ -40,7 +40,7 @@ def known(tmp_path_factory: pytest.TempPathFactory) -> tuple[Identification, Log
         passed -= 2.0 * np.tanh(np.gradient(table["q1"], 0.004) / 0.02)
         table["link1"] = apply_delay(table["q1"].to_numpy() - passed.to_numpy() / STIFF, 0.004, LATER)
         table.to_csv(folder / f"{name}.csv", index=False)
-    return crosscheck.identify(folder, [folder / "one.csv"]), read_log(folder / "two.csv")
+    return crosscheck.identify(folder, [folder / "one.csv"], days="one"), read_log(folder / "two.csv")
 
 
 def changed(log: Log, column: str, values: Array) -> Log:

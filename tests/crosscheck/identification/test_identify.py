@@ -45,7 +45,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def found(folder: Path) -> Identification:
-    return crosscheck.identify(folder, [folder / "one.csv"], [folder / "two.csv"])
+    return crosscheck.identify(folder, [folder / "one.csv"], [folder / "two.csv"], days="one")
 
 
 def test_the_truth_lies_in_the_intervals(found: Identification) -> None:
@@ -102,6 +102,9 @@ def test_a_prediction_looks_at_no_torque(folder: Path, tmp_path: Path) -> None:
     assert np.array_equal(table["time_s"], pd.read_csv(folder / "two.csv")["time_s"])
     heads = pd.read_csv(tmp_path / "a" / "parameters.csv").columns
     assert list(heads) == ["parameter", "place", "value", "low", "high", "unit", "identifiable"]
+    days = pd.read_csv(tmp_path / "a" / "days.csv")
+    assert list(days.columns) == ["parameter", "place", "day", "value", "low", "high", "unit"]
+    assert set(days["day"]) == {"one.csv", "mean of days"}
 
 
 def test_every_log_that_is_asked_for_is_predicted(folder: Path, tmp_path: Path) -> None:
@@ -154,6 +157,8 @@ def test_figures_stand_where_nothing_was_judged(folder: Path, tmp_path: Path) ->
     assert head.startswith(f"# Nothing was judged. {told} of 26 parameters told by the logs; held out: 2 channels, ")
     assert re.search(r"[\d.]+ % explained at least .*, [\d.]+ % of samples inside 90 % bands at least", head)
     page = (out / "index.html").read_text()
+    for text in ((out / "summary.md").read_text(), page):
+        assert "From day to day 15 % of the viscous friction, 15 % of the dry friction and an offset of 5 %" in text
     assert "write [[limits]] into identify.toml.</p>" in page  # and no word of a log to hold out: two are
     assert 0.1 < read(out / "results.json").elapsed < 1e3  # [s]
     assert '<p class="sign" aria-hidden="true">–</p>' in page
