@@ -220,8 +220,8 @@ class IdentifyTable(Table):
         default=0.01,
     )
     between_runs: NotNegative = make_key(
-        "relative standard deviation of friction from day to day, as it is expected before several days are known; that of the "
-        "offset of an effort is a third of it times the dry friction; 0: every day is the same [-]",
+        "relative standard deviation of dry friction from day to day that is expected before several days are known; that of "
+        "viscous friction is 4/3 of it, that of offsets 1/3 of it times the dry friction; 0: every day is the same [-]",
         "between_runs = 0.15",
         default=0.15,
     )

@@ -161,7 +161,7 @@ def cover(told: Prediction, run: Run) -> float:
 
 
 def test_bands_of_another_day_hold_what_friction_changes(machine: Machine, logs: list[Log]) -> None:
-    """A fifth is one of the 2^0.5 15 % by which two days differ; bands of the same day hold a few of the samples."""
+    """A fifth is one standard deviation of dry friction between two days; bands of the same day hold few samples."""
     task, days = fit_logs(machine, logs[:1], ["monday"])
     margin = compute_margins(task, days.own[0])
     run = make_run(machine, logs[1])
@@ -192,7 +192,7 @@ def test_where_every_day_is_the_same_nothing_is_added(tmp_path: Path, logs: list
 
 
 def test_causes_leave_friction_as_free_as_days_are(machine: Machine, logs: list[Log]) -> None:
-    """Beside a log of another day viscous friction is known to 2^0.5 15 %, beside one of the same day as the fit has it."""
+    """Beside a log of another day viscous friction is known to 2^0.5 20 %, beside one of the same day as the fit has it."""
     _, days = fit_logs(machine, logs[:1], ["monday"])
     spread = {}
     for day in ("monday", "friday"):
@@ -201,7 +201,7 @@ def test_causes_leave_friction_as_free_as_days_are(machine: Machine, logs: list[
             np.sqrt(np.diag(np.linalg.inv(search.root.T @ search.root)))[0] * machine.space.parameters[0].error
         )
     assert machine.space.parameters[0].kind == VISCOUS
-    assert spread["friday"] == pytest.approx(2.0**0.5 * 0.15, rel=0.01)
+    assert spread["friday"] == pytest.approx(2.0**0.5 * 0.2, rel=0.01)
     assert spread["monday"] < 0.01
 
 
