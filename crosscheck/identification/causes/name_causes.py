@@ -322,6 +322,8 @@ def _fit_cause_size(here: CauseRound, at: Array, k: int, size: float, before: Ar
         level = here.compute_weighed_residual(at + size * one)
         slope = (here.compute_weighed_residual(at + (size + cause.step) * one) - level) / cause.step
         square = float(slope @ slope)
+        if not square > 0.0:
+            raise ConvergenceError(f"{cause.name} of {cause.place} does not show at a size of {size:g} {cause.unit}")
         size -= float(slope @ level) / square
     left = here.compute_weighed_residual(at + size * one)
     error = np.sqrt(float(left @ left) / float(here.news.sum()) / square)
