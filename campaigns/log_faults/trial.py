@@ -58,14 +58,14 @@ def read_rows(file: Path = HERE / "faults.csv") -> list[Row]:
 
 
 @cache
-def fit_machine(name: str) -> Identification:
-    """Return a machine as it is identified from its good log A [units of the parameters]."""
+def fit_machine(name: str, day: str) -> Identification:
+    """Return a machine as it is identified from its good log A [units of the parameters]; day : of log B, "same" or "other"."""
     world = WORLDS[name]
     random = np.random.default_rng(GOOD)
     good = add_noise(run_machine(world, sample_motion(world, random, moves=False)), world, random)
     with tempfile.TemporaryDirectory() as folder:
         file = write_log(name, good, Path(folder) / "A.csv")
-        return identify(HERE / "models" / name, [file])
+        return identify(HERE / "models" / name, [file], days="one" if day == "same" else "files")
 
 
 def make_record(row: Row, shift: int = 0) -> Record:
@@ -82,7 +82,7 @@ def make_record(row: Row, shift: int = 0) -> Record:
 
 def run_row(row: Row, shift: int = 0) -> Trial:
     """Run a row: its log B is made and its causes are named [units of the causes]; ``shift`` is added to its seed."""
-    known = fit_machine(row.machine)
+    known = fit_machine(row.machine, row.day)
     with tempfile.TemporaryDirectory() as folder:
         file = write_log(row.machine, make_record(row, shift), Path(folder) / f"B{row.number}.csv")
         begin = time.process_time()
