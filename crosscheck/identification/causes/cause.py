@@ -26,6 +26,7 @@ class Cause:
     scales : the column of an effort or a gauge that is 1 + phi times too large; what remains is measured in its units, or a
         column that is noise would best be made small
     kin : of causes with the same text one is named at most
+    daily : it differs from day to day, and is no fault beside others
     rare : it is named only where it explains more than all others by as much as counts as evidence
     wave : it is the sine or the cosine of a wave; both together are one cause, whose size is the amplitude
     spot, make_at : a second number that says where [-], and the same cause where it is another
@@ -43,6 +44,7 @@ class Cause:
     most: float = np.inf
     scales: str = ""
     kin: str = ""
+    daily: bool = False
     rare: bool = False
     wave: bool = False
     spot: float = 0.0

@@ -49,7 +49,8 @@ ASKED = 2.0  # least drop of the linear estimate, which a large fault makes smal
 NEAREST = 6  # causes that are followed: at phi = 0 some are alike, a delay and a lag above all
 ALIKE = 4.0  # of drops that differ by less than this neither is the better one: the first of the dictionary is named
 LARGEST = 4  # causes named at most
-# Faults at once, beside friction that is another on another day: three numbers together explain nearly anything.
+# Faults at once, beside friction that is another on another day: rows 169, 316 and 319 of
+# campaigns/log_faults named three, among them wrong ones.
 TOGETHER = 2
 REACH = 2.0  # times a place from which a better one is looked for, inwards and outwards
 PART = 0.2  # of the largest drop: a further cause that explains less is what the first one leaves, linear as it is
@@ -185,7 +186,8 @@ def _list_sure_causes(here: CauseRound, at: Array, named: dict[int, NamedCause],
         [(here.causes[k], replace(one, size=float(at[k]), error=float(errors[k]))) for k, one in named.items()]
     )
     possible = all(here.causes[k].least < at[k] < here.causes[k].most for k in named)
-    few = sum("friction" not in one.name for one in found) <= TOGETHER
+    faults = {(here.causes[k].name, here.causes[k].place) for k in named if not here.causes[k].daily}
+    few = len(faults) <= TOGETHER
     worst = (
         here.list_unexplained_channels(first) if possible and few else here.list_unexplained_channels(first, 0.0)[:1]
     )

@@ -31,7 +31,7 @@ SPOT = 0.01  # relative step of a derivative by a place
 # Times the RMS of what blocks left out have left: more is no noise, on another day of the same machine either.
 NOISE = 2.5
 # What is left of a channel beside causes that were named: above so many times that RMS it counts, and the causes have to explain
-# so much of the mean square that is no noise.
+# so much of the mean square that is no noise.  Neither was swept: campaigns/log_faults holds them as they are.
 SEEN = 1.2
 MOST = 0.75
 ROUNDS = 4  # of weights on another day: the second is right but for what the first has left

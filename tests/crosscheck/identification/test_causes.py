@@ -14,7 +14,7 @@ import pytest
 import crosscheck
 from crosscheck.identification.causes.cause import NamedCause
 from crosscheck.identification.causes.encoders import DELAY, SCALE, TWIST
-from crosscheck.identification.causes.name_causes import find_causes, find_remaining_causes
+from crosscheck.identification.causes.name_causes import UNKNOWN, find_causes, find_remaining_causes
 from crosscheck.identification.causes.signals import list_broken_columns
 from crosscheck.identification.identify import Identification, read_machine, read_of
 from crosscheck.identification.logs.log import Log, read_log
@@ -303,3 +303,40 @@ def test_what_changes_within_a_log_is_named_with_its_size(
     found = find_causes(plain, changed(log, column, spoil(values, np.linspace(0.0, 1.0, len(values)))))
     assert [(one.name, one.place) for one in found] == [(name, joint)]
     assert abs(found[0].size - size) < 3.0 * found[0].error + 0.05 * size
+
+
+def test_neither_a_dead_band_nor_a_late_signal_has_dropouts(known: tuple[Identification, Log]) -> None:
+    """A dead band is zero where the effort is small; zeros anywhere are missing samples, as are values that are held."""
+    result, log = known
+    effort = log.columns["t1"]
+
+    def list_dropouts(values: Array) -> list[str]:
+        breaks = list_broken_columns(result.machine, result.fit, changed(log, "t1", values))
+        return [one.place for one in breaks if one.name == "dropouts of the effort"]
+
+    small = np.abs(effort) < 0.1 * np.abs(effort).max()
+    assert list_dropouts(np.where(small, 0.0, effort)) == []
+    late = np.concatenate([np.full(20, effort[0]), effort[:-20]])
+    assert list_dropouts(late) == []
+    zeros = effort.copy()
+    zeros[300:340] = 0.0
+    held = effort.copy()
+    held[300:340] = held[300]
+    assert list_dropouts(zeros) == list_dropouts(held) == ["shoulder"]
+
+
+def test_more_than_two_things_at_once_are_not_named(known: tuple[Identification, Log]) -> None:
+    """Two are, with their sizes; a third one makes all of them unknown, in words that say what comes nearest."""
+    result, whole = known
+    log = without_encoder(whole)
+    ramp = np.linspace(0.0, 1.0, len(log.time))
+    two = changed(log, "t1", log.columns["t1"] * (1.0 + 0.1 * ramp))
+    two = changed(two, "t2", two.columns["t2"] + 0.6)
+    assert {one.name for one in find_causes(result, two)} == {
+        "drift of the torque constant, relative",
+        "offset of the effort",
+    }
+    three = changed(two, "q2", two.columns["q2"] + 0.05)
+    found = find_causes(result, three)
+    assert [one.name for one in found] == [UNKNOWN]
+    assert "which is not enough" in found[0].evidence
