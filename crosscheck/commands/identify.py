@@ -32,7 +32,9 @@ from crosscheck.identification.logs.meanings import choose_time_column
 from crosscheck.identification.page import write_page
 from crosscheck.identification.propose import format_identify_toml
 from crosscheck.identification.settings import FILE
+from crosscheck.identification.write_back.identified import check_new_file
 from crosscheck.identification.write_back.mjcf import write_mjcf
+from crosscheck.identification.write_back.mjcf_file import read_mjcf
 from crosscheck.identification.write_back.urdf import write_urdf
 from crosscheck.report.words import format_by_width, format_interval, format_short
 from flexinv.errors import FlexinvError, InputError
@@ -143,6 +145,7 @@ def command(
             given = _resolve_log_paths(source, logs)
             held = _resolve_log_paths(source, hold_out)
             payloads = _resolve_payloads(source, loads)
+            _check_robot_files(urdf, mjcf)
             identification = identify(source, given, held, days=rule, payloads=payloads)
             _write_tables(identification, source, folder)
             _write_predictions(console, identification, _resolve_log_paths(source, wanted), folder)
@@ -205,6 +208,15 @@ def _write_predictions(console: Console, identification: Identification, logs: l
         told = identification.predict(read_of(identification.machine, log))
         write_prediction(identification.machine, told, owned.add_to_folder_list(file))
         console.print(f"prediction of {escape(Path(log).name)}: {file}", highlight=False, soft_wrap=True)
+
+
+def _check_robot_files(urdf: Path | None, mjcf: tuple[Path, Path] | None) -> None:
+    """Raise InputError, before anything is fitted, where a robot's file cannot be read, or one to be written is there already."""
+    if urdf is not None:
+        check_new_file("--write-urdf", urdf)
+    if mjcf is not None:
+        check_new_file("--write-mjcf", mjcf[1])
+        read_mjcf(mjcf[0])
 
 
 def _write_robot_files(

@@ -321,24 +321,24 @@ def read_robot(path: Path) -> Element:
     return root
 
 
-def read_xml(path: Path) -> Element:
+def read_xml(path: Path, expected: str = "a URDF") -> Element:
     """Parse a file of XML: at most ``LARGEST_FILE`` [byte], `bounded_xml`'s levels and elements, no entities.
 
-    InputError says what is wrong.
+    expected : what the file should be, in words; InputError says what is wrong.
     """
     near = (
-        find_nearest_word(path.name, sorted(p.name for p in path.parent.glob("*.urdf")))
+        find_nearest_word(path.name, sorted(p.name for p in path.parent.glob(f"*{path.suffix}")))
         if path.parent.is_dir()
         else None
     )
     existing = near or "the path of a file that exists"
-    data = read_bytes(path, LARGEST_FILE, "a URDF", existing, "meshes as files of their own")
+    data = read_bytes(path, LARGEST_FILE, expected, existing, "meshes as files of their own")
     try:
         root: Element = _parse_xml(data)
     except DefusedXmlException:
-        expected = "XML without DOCTYPE and entities: they could swell without end or read other files"
+        safe = "XML without DOCTYPE and entities: they could swell without end or read other files"
         raise make_input_error(
-            str(path), "a DOCTYPE or ENTITY", expected, "the file with its entities written out"
+            str(path), "a DOCTYPE or ENTITY", safe, "the file with its entities written out"
         ) from None
     except XmlBoundExceeded as error:
         raise make_input_error(str(path), error.given, error.expected, error.write) from None

@@ -53,7 +53,7 @@ def read_mjcf(path: Path) -> MjcfFile:
     """
     if (words := describe_missing_package(ENGINES["mujoco"])) is not None:
         raise InputError(f"{path}: an MJCF is read by MuJoCo, and {words}")
-    if (tag := read_xml(path).tag) != "mujoco":
+    if (tag := read_xml(path, "an MJCF").tag) != "mujoco":
         urdf = "; write --write-urdf NEW for a URDF" if tag == "robot" else ""
         raise InputError(f"{path}: it begins with <{tag[:60]}>, expected an MJCF, <mujoco>{urdf}")
     from crosscheck.engines.mujoco.file_order import lift_in_order  # which needs MuJoCo

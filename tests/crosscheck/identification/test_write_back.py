@@ -149,6 +149,21 @@ def test_no_file_is_written_over_and_no_urdf_is_invented(folder: Path, found: Id
 # ------------------------------------------------------------------------------------------------------------------ MJCF
 
 
+def test_files_of_the_robot_are_asked_for_before_anything_is_fitted(folder: Path, tmp_path: Path) -> None:
+    """A misspelt name costs no fit: nothing that a fit leaves is there."""
+    (tmp_path / "there.xml").write_text("mine")
+    words = ["identify", "arm", "--models", str(folder.parent), "--log", "one.csv", "--out", str(tmp_path / "out")]
+    for more, said in (
+        (["--write-mjcf", str(tmp_path / "none.xml"), str(tmp_path / "new.xml")], "expected: an MJCF"),
+        (["--write-mjcf", str(tmp_path / "there.xml"), str(tmp_path / "there.xml")], "none is written over"),
+        (["--write-urdf", str(tmp_path / "there.xml")], "none is written over"),
+    ):
+        done = CliRunner().invoke(Main(), [*words, *more])
+        assert done.exit_code != 0
+        assert said in done.output
+        assert not (tmp_path / "out" / "parameters.csv").exists()
+
+
 def test_mujoco_computes_from_the_file_what_was_identified(folder: Path, found: Identification, tmp_path: Path) -> None:
     """Inverse dynamics of MuJoCo are those of the URDF that was written, less rotors and damping of higher order, to rounding."""
     left = write_mjcf(found, folder / "arm.xml", tmp_path / "new.xml")
