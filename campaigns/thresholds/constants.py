@@ -1,0 +1,93 @@
+"""Thresholds that decide which cause is named, and how one of them is changed for a while."""
+
+from __future__ import annotations
+
+import importlib
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import Any
+
+TORQUES = "torques"
+LOGS = "logs"
+# Modules and the constants in them that a verdict may depend on.  Grids of starts and words are no thresholds.
+OF_TORQUES = {
+    "crosscheck.causes.naming": (
+        "UNEXPLAINED SIMILAR ROUNDED NOISE HALF MARCHED NOTHING MOST SHORTLIST SCANNED DEEPER ROUNDS TOLD"
+    ),
+    "crosscheck.causes.model": "FEWEST STEPS ROUGH_STEPS ROUGH_ERROR",
+    "crosscheck.causes.fit": "LARGEST PROPORTIONAL HALVINGS SMALL TINY HOPELESS HALF_GAIN",
+    "crosscheck.causes.evidence": "AGREES SURE_PART LIMITS ROUNDS",
+    "crosscheck.causes.pairs": "NUMBERS TRIED ROUNDS FIRST NEXT LINEAR DEPENDENT",
+    "crosscheck.causes.quantities": "SURE_TIMES MARCHED ROUNDS",
+    "crosscheck.causes.quantity_causes": "DISTANT REFINED",
+    "crosscheck.causes.single_samples": "FEWEST FEW GAP",
+    "crosscheck.causes.repair": "ROUNDS",
+}
+OF_LOGS = {
+    "crosscheck.identification.causes.name_causes": (
+        "EVIDENCE CHANCE HALF LITTLE FOLLOWED ASKED NEAREST ALIKE LARGEST TOGETHER REACH PART SURE"
+    ),
+    "crosscheck.identification.causes.rounds": "NOISE SEEN MOST ROUNDS",
+    "crosscheck.identification.causes.signals": "REACH HELD QUIET BESIDE LEVELS LEAP AMONG_SMALLEST HALF",
+    "crosscheck.identification.causes.dictionary": (
+        "LATEST LARGEST_SCALE LEAST_EFFICIENCY LARGEST_RIPPLE LARGEST_ANGLE HEAVIER LITTLE"
+    ),
+}
+FACTORS = (0.5, 2.0)
+
+
+@dataclass(frozen=True)
+class Threshold:
+    """A module constant that decides about names.
+
+    kind : of the faults that it is held against, `TORQUES` or `LOGS`
+    """
+
+    kind: str
+    module: str
+    name: str
+
+    @property
+    def value(self) -> Any:
+        """The number [its own unit], or the numbers by a key, as the package has them."""
+        return getattr(importlib.import_module(self.module), self.name)
+
+
+def list_thresholds(kind: str) -> list[Threshold]:
+    """Return the thresholds of a kind, in the order of the modules."""
+    table = OF_TORQUES if kind == TORQUES else OF_LOGS
+    return [Threshold(kind, module, name) for module, names in table.items() for name in names.split()]
+
+
+def scale_value(value: Any, factor: float) -> Any:
+    """Return a threshold times a factor [-]: whole numbers stay whole and at least 1, numbers by a key are all scaled."""
+    if isinstance(value, dict):
+        return {key: scale_value(one, factor) for key, one in value.items()}
+    if isinstance(value, int):
+        return max(1, round(factor * value))
+    return factor * value
+
+
+@contextmanager
+def replace_threshold(threshold: Threshold, factor: float) -> Iterator[Any]:
+    """Let all modules of crosscheck that hold this constant have it times a factor [-]; yield the new value.
+
+    A module that imported it holds the same object under the same name.
+    """
+    old = threshold.value
+    new = scale_value(old, factor)
+    holders = [
+        module
+        for name, module in list(sys.modules.items())
+        if name == threshold.module
+        or (name.startswith("crosscheck.") and vars(module).get(threshold.name) is old and not isinstance(old, int))
+    ]
+    for module in holders:
+        setattr(module, threshold.name, new)
+    try:
+        yield new
+    finally:
+        for module in holders:
+            setattr(module, threshold.name, old)
