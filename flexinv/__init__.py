@@ -20,10 +20,14 @@ if TYPE_CHECKING:
     from flexinv.files.load_cases import Case, load_cases
     from flexinv.files.load_mechanism import load_mechanism
     from flexinv.linearized.linear_model import LinearModel, linear_model
+    from flexinv.linearized.make_shaped_motion import ShapedMotion, make_shaped_motion
     from flexinv.linearized.modes import Modes
     from flexinv.linearized.natural_modes import natural_modes
+    from flexinv.linearized.residual_vibration import ResidualVibration
     from flexinv.linearized.steady_modes import SteadyModes, steady_modes
+    from flexinv.model.input_shaper import InputShaper
     from flexinv.model.links import Body, Inertia
+    from flexinv.model.make_shaper import make_shaper
     from flexinv.model.mechanism import Mechanism
     from flexinv.model.motion import Motion
     from flexinv.rigid.joint_torques import joint_torques
@@ -46,7 +50,9 @@ _NAMES = {
     "errors": "ConvergenceError FlexinvError InputError ModelWarning",
     "files.from_urdf": "from_urdf", "files.load_cases": "Case load_cases", "files.load_mechanism": "load_mechanism",
     "linearized.linear_model": "LinearModel linear_model", "linearized.modes": "Modes",
-    "linearized.natural_modes": "natural_modes",
+    "linearized.natural_modes": "natural_modes", "linearized.residual_vibration": "ResidualVibration",
+    "linearized.make_shaped_motion": "ShapedMotion make_shaped_motion",
+    "model.input_shaper": "InputShaper", "model.make_shaper": "make_shaper",
     "linearized.steady_modes": "SteadyModes steady_modes", "model.links": "Body Inertia",
     "model.mechanism": "Mechanism", "model.motion": "Motion",
     "rigid.joint_torques": "joint_torques", "rigid.prepare": "TorqueFunction prepare",
@@ -59,12 +65,13 @@ _HOME = {name: module for module, names in _NAMES.items() for name in names.spli
 __all__ = [
     "BaseParameters", "Batch", "Body", "Case", "Controller", "ConvergenceError", "ExportedLibrary", "FlexinvError",
     "Following", "Inertia",
-    "InputError",
-    "LimitUse", "LinearModel", "Load", "Mechanism", "ModelWarning", "Modes", "Motion", "Path", "Regressor", "Solution",
-    "SteadyModes", "TorqueDerivatives", "TorqueFunction", "TorqueSummary",
+    "InputError", "InputShaper",
+    "LimitUse", "LinearModel", "Load", "Mechanism", "ModelWarning", "Modes", "Motion", "Path", "Regressor", "ResidualVibration",
+    "ShapedMotion", "Solution", "SteadyModes", "TorqueDerivatives", "TorqueFunction", "TorqueSummary",
     "__version__", "base_parameters", "export_c", "find_limits", "follow", "from_urdf",
     "joint_torques",
-    "linear_model", "load_cases", "load_mechanism", "motor_side", "natural_modes", "prepare", "simulate", "solve",
+    "linear_model", "load_cases", "load_mechanism", "make_shaped_motion",
+    "make_shaper", "motor_side", "natural_modes", "prepare", "simulate", "solve",
     "solve_in_parts", "solve_many", "statics", "steady_modes", "torque_derivatives", "torque_regressor",
     "torques", "write_torques",
 ]  # fmt: skip

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import TYPE_CHECKING
@@ -21,13 +21,14 @@ from flexinv.model.by_value import ByValue
 from flexinv.model.joint_kinds import KINDS
 from flexinv.model.mechanism import Link, Mechanism
 from flexinv.typing import Array
-from flexinv.validation import check_seconds, resolve_index
+from flexinv.validation import check_names, check_seconds, resolve_index
 
 if TYPE_CHECKING:
     import pandas as pd
 
     from flexinv.display.animation import Animation
     from flexinv.display.figures import Figure
+    from flexinv.linearized.residual_vibration import ResidualVibration
 
 # What the steps of a march may lose or make of the energy exchanged: torques are off by as much.  Cases of models/: < 0.001.
 MOST_LOST = 0.01
@@ -216,6 +217,20 @@ class Solution(Shown, ByValue):
             f"write step = {wanted:.3g} or smaller, damping (retardation_s of a section), or initial = 'static'"
         )
 
+    def find_residual_vibration(self, free: Collection[str] | None = None) -> ResidualVibration:
+        """Return the vibration that goes on after the last sample: energy [J], reach of the tips [m], by mode, in closed form.
+
+        free : names of joints that go on moving; by default those without a drive.  Dry friction is left out.
+        Raises InputError where no link bends, where a joint still moves that is held from then on, where closures switch, and for
+        what `linearized.residual_vibration` cannot have; ConvergenceError where there is no rest position.
+        """
+        from flexinv.linearized.residual_vibration import compute_residual_vibration
+
+        m = self.mesh.mechanism
+        undriven = tuple(joint.name for joint in m.joints if joint.nv and not joint.actuated)
+        moving = undriven if free is None else check_names("free", free, "joints")
+        return compute_residual_vibration(self.mesh, self.q[-1], self.qd, tuple(moving), self.nodes)
+
     def factors(self, sample: int) -> Factors:
         """Return L [m], T [-], P [N] of one sample; ``L @ T @ P`` is the torque before rotor inertia, damping, friction.
 
@@ -231,12 +246,12 @@ class Solution(Shown, ByValue):
         columns = dict[str, Array]()
         places = np.full_like(self.qd, np.nan)  # angles or lengths; some joints have none (rotations in space)
         for joint in m.joints:
-            own = self.q[:, m.q_slices[joint.name]]
+            coordinates = self.q[:, m.q_slices[joint.name]]
             at = m.v_slices[joint.name]
             if joint.nv == 1:
-                places[:, at] = read_scalar_coordinate(joint, own)[:, None]
+                places[:, at] = read_scalar_coordinate(joint, coordinates)[:, None]
             elif KINDS[joint.kind].scalar:
-                places[:, at] = own
+                places[:, at] = coordinates
         series = ("position", "", places), ("rate", "/s", self.qd), ("acceleration", "/s^2", self.qdd)
         for label, per, values in series:
             units = (unit for joint in m.joints for unit in KINDS[joint.kind].units)
@@ -257,8 +272,8 @@ class Solution(Shown, ByValue):
         columns: dict[str, Array] = {}
         for link, values in self.internal.items():
             points = [(f"{station:.6f}", values[:, k]) for k, station in enumerate(self.internal_stations[link])]
-            for station, own in [("root", self.root[link]), *points]:
-                for name, unit, column in zip(RESULTANTS, 3 * ("N",) + 3 * ("N m",), own.T, strict=True):
+            for station, resultants in [("root", self.root[link]), *points]:
+                for name, unit, column in zip(RESULTANTS, 3 * ("N",) + 3 * ("N m",), resultants.T, strict=True):
                     columns[f"{name} {link} at {station} [{unit}]"] = column
         return _build_frame(columns, self.time)
 

@@ -9,7 +9,7 @@ its linear velocity there, v = R^T p', v' = R^T p'' - omega x v.  Before time 0 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from typing import Literal
 
@@ -20,6 +20,7 @@ from flexinv import validation as arguments
 from flexinv.display.card import Card, Shown
 from flexinv.errors import InputError
 from flexinv.model.by_value import ByValue
+from flexinv.model.input_shaper import InputShaper
 from flexinv.model.joint_kinds import KINDS
 from flexinv.model.mechanism import Mechanism
 from flexinv.model.owned_cache import make_owner_cache
@@ -134,6 +135,23 @@ class Motion(Shown, ByValue):
                 raise InputError(f"merge: two motions give joint {min(twice)!r}; expected each joint once")
             seen.update(track.names)
         return Motion(tracks, max(motion.duration for motion in motions))
+
+    def shaped(self, shaper: InputShaper) -> Motion:
+        """Return the motion in the parts of an input shaper, which takes ``shaper.duration`` [s] longer.
+
+        q(t) = sum_i A_i q_0(t - t_i); rotations go in these parts along their way.  A motion that is shaped already is shaped for
+        both.  Raises InputError for another kind of shaper; samples of rotations are refused when they are evaluated.
+        """
+        arguments.check_kind("shaper", shaper, InputShaper)
+        if type(self) is not Motion:
+            raise InputError(
+                f"shaped: a {type(self).__name__} has no parts; write Motion.from_samples(time, q).shaped(...)"
+            )
+        tracks = (
+            replace(track, shaper=shaper if track.shaper is None else track.shaper.join(shaper))
+            for track in self.tracks
+        )
+        return Motion(tuple(tracks), self.duration + shaper.duration)
 
     @property
     def jumps(self) -> tuple[float, ...]:
@@ -250,10 +268,10 @@ def _read_table(values: Values, names: tuple[str, ...] | list[str] | None, sampl
         parts = {str(name): _read_matrix(column, samples, f"joint {name!r}") for name, column in values.items()}
         joined = np.hstack([*parts.values(), np.empty((samples, 0))])
         return tuple(parts), joined, tuple(p.shape[1] for p in parts.values())
-    own = None if names is None else arguments.check_names("names", names, "joints")
-    if own is not None and len(set(own)) != len(own):
-        raise InputError(f"names: {format_names(own)}: expected each joint once")
-    return own, _read_matrix(values, samples, "q"), None
+    order = None if names is None else arguments.check_names("names", names, "joints")
+    if order is not None and len(set(order)) != len(order):
+        raise InputError(f"names: {format_names(order)}: expected each joint once")
+    return order, _read_matrix(values, samples, "q"), None
 
 
 def _read_matrix(values: ArrayLike, samples: int, where: str) -> Array:

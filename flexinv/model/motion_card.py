@@ -56,24 +56,36 @@ def _describe_tracks(motion: Motion) -> Iterator[str]:
     """Yield how its joints move: a line for every law and table of samples."""
     for track in motion.tracks:
         names = ", ".join(track.names) if track.names else "all"
+        shaped = "" if track.shaper is None else f", shaped in {format_count(len(track.parts), 'part')}"
         if track.sampling is None:
             rest = f" after a rest of {format_number(track.delay)} s" if track.delay else ""
-            yield f"{track.law} in {format_number(track.move)} s{rest}: {names}"
+            yield f"{track.law} in {format_number(track.move)} s{rest}{shaped}: {names}"
         else:
             count = len(track.sampling.time)
-            yield f"spline of degree {track.sampling.degree} through {format_count(count, 'sample')}: {names}"
+            yield f"spline of degree {track.sampling.degree} through {format_count(count, 'sample')}{shaped}: {names}"
 
 
 def _list_curves(track: Track, duration: float) -> Iterator[NamedCurve]:
-    """Yield the coordinates over time: those of a law as it has them, samples as they are.
+    """Yield the coordinates over time: those of a law as it has them, samples as they are, or the sum of their parts.
 
     Rotations in space, of which a law knows the start and the end alone, are left out.
     """
-    if track.sampling is not None:
+    time = np.linspace(0.0, duration, INSTANTS)
+    if track.sampling is not None and track.shaper is None:
         yield from ((name, track.sampling.time, values) for name, values in list_columns(track))
         return
-    time = np.linspace(0.0, duration, INSTANTS)
-    progress = evaluate_progress(find_law(track.law), (time - track.delay) / track.move, np.zeros(time.shape, bool))[0]
+    if track.sampling is not None:
+        for name, values in list_columns(track):
+            sampled = [share * np.interp(time - begin, track.sampling.time, values) for begin, share in track.parts]
+            yield name, time, np.sum(sampled, axis=0)
+        return
+    law = find_law(track.law)
+    before_jump = np.zeros(time.shape, bool)
+    parts = [
+        share * evaluate_progress(law, (time - track.delay - begin) / track.move, before_jump)[0]
+        for begin, share in track.parts
+    ]
+    progress = np.sum(parts, axis=0)
     if not _has_single_coordinates(track):
         yield "progress", time, progress
         return

@@ -19,13 +19,14 @@ D u'/T and the acceleration D u''/T^2.  Source of the peaks: the formulas themse
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 
 import numpy as np
 import scipy  # its parts are loaded when they are asked for: reading a mechanism needs none
 
 from flexinv.errors import InputError, ModelWarning
+from flexinv.model.input_shaper import InputShaper
 from flexinv.model.joint_kinds import KINDS, POSE, ROTATION
 from flexinv.model.mechanism import Joint, Mechanism
 from flexinv.model.owned_cache import make_owner_cache
@@ -219,7 +220,7 @@ class Track:
     """Coordinates over time of the joints ``names`` (None: all joints of the mechanism, in its order).
 
     values : (rows, columns) [rad], [m] or [-]; two rows (start, end) with a law, one row per sample with a sampling
-    delay, move : [s], when the move starts and how long it takes
+    delay, move : [s], when the move starts and how long it takes; shaper : the parts in which it is done, None for one
     """
 
     names: tuple[str, ...] | None
@@ -229,6 +230,7 @@ class Track:
     delay: float = 0.0
     law: str = ""
     sampling: Sampling | None = None
+    shaper: InputShaper | None = None
 
     def __post_init__(self) -> None:
         self.values.flags.writeable = False
@@ -237,20 +239,33 @@ class Track:
     def jumps(self) -> tuple[float, ...]:
         """Times [s] where the acceleration jumps."""
         if self.sampling is None:
-            return tuple(self.delay + s * self.move for s in find_law(self.law).jumps)
-        return () if self.sampling.rest and self.sampling.degree == 5 else (0.0, self.move)
+            return self._list_times(self.delay + s * self.move for s in find_law(self.law).jumps)
+        return () if self.sampling.rest and self.sampling.degree == 5 else self._list_times((0.0, self.move))
 
     @property
     def breaks(self) -> tuple[float, ...]:
         """Times [s] between which the jerk is continuous: of samples joined by cubic splines all of them."""
         if self.sampling is None:
-            return tuple(self.delay + s * self.move for s in sorted({0.0, 1.0, *find_law(self.law).jumps}))
-        return tuple(self.sampling.time) if self.sampling.degree == 3 else (0.0, self.move)
+            return self._list_times(self.delay + s * self.move for s in sorted({0.0, 1.0, *find_law(self.law).jumps}))
+        return self._list_times(self.sampling.time if self.sampling.degree == 3 else (0.0, self.move))
 
     @property
     def knots(self) -> tuple[float, ...]:
         """Times [s] between which the coordinates are one polynomial, or one smooth function."""
-        return self.breaks if self.sampling is None else tuple(self.sampling.time)
+        return self.breaks if self.sampling is None else self._list_times(self.sampling.time)
+
+    @property
+    def parts(self) -> list[tuple[float, float]]:
+        """The begin of each part [s], and its share of the whole [-]."""
+        if self.shaper is None:
+            return [(0.0, 1.0)]
+        return list(zip(self.shaper.times.tolist(), self.shaper.parts.tolist(), strict=True))
+
+    def _list_times(self, times: Iterable[float]) -> tuple[float, ...]:
+        """The times [s] of all parts, in order, from those of the first."""
+        if self.shaper is None:
+            return tuple(times)
+        return tuple(np.unique(np.add.outer(self.shaper.times, np.fromiter(times, float))).tolist())
 
 
 def evaluate_joint_path(track: Track, joint: Joint, values: Array, at: Array, remaining: Mask) -> Triple:
@@ -285,9 +300,27 @@ def _evaluate_linear(track: Track, values: Array, at: Array, remaining: Mask, wh
         step = values[1] - values[0]
         return values[0] + u * step, u1 * step, u2 * step
     spline = track.sampling.build_spline(values)
-    inside = np.clip(at, 0.0, track.sampling.time[-1])
+    paths = [_evaluate_spline(track.sampling, spline, at - begin, remaining, where) for begin, _ in track.parts]
+    return _add_parts(track, paths)
+
+
+def _evaluate_spline(
+    sampling: Sampling, spline: scipy.interpolate.BSpline, at: Array, remaining: Mask, where: str
+) -> Triple:
+    """A spline and its two derivatives at ``at`` [s]: (samples, columns) each, at rest outside the samples."""
+    inside = np.clip(at, 0.0, sampling.time[-1])
     path = spline(inside), spline(inside, 1), spline(inside, 2)
-    return _apply_rest_outside(track.sampling, spline, at, remaining, where, path)
+    return _apply_rest_outside(sampling, spline, at, remaining, where, path)
+
+
+def _add_parts(track: Track, paths: list[Triple]) -> Triple:
+    """The sum of what each part of a track does, times its share: a place and its two derivatives."""
+    if track.shaper is None:
+        return paths[0]
+    place, rate, acceleration = (
+        np.tensordot(track.shaper.parts, np.array(part), 1) for part in zip(*paths, strict=True)
+    )
+    return place, rate, acceleration
 
 
 def _evaluate_rotation(track: Track, values: Array, at: Array, remaining: Mask, where: str) -> Triple:
@@ -304,6 +337,9 @@ def _evaluate_rotation(track: Track, values: Array, at: Array, remaining: Mask, 
         first, last = rotation.from_quat(unit)
         vector = (first.inv() * last).as_rotvec()  # (xyz,), along the geodesic
         return (first * rotation.from_rotvec(u * vector)).as_quat(), u1 * vector, u2 * vector
+    if track.shaper is not None:
+        advice = "shape the motion of the other joints and merge both, or give this one start and end with a law"
+        raise InputError(f"{where}: samples of rotations are no sum of parts, and are not shaped; {advice}")
     spline = track.sampling.build_spline(choose_continuous_signs(unit, where))
     inside = np.clip(at, 0.0, track.sampling.time[-1])
     # (n, xyzw)
@@ -318,7 +354,9 @@ def _evaluate_rotation(track: Track, values: Array, at: Array, remaining: Mask, 
 
 def _evaluate_law(track: Track, at: Array, remaining: Mask) -> Triple:
     """u (samples, 1) [-], u' [1/s], u'' [1/s^2] of the track's law."""
-    u, u1, u2 = evaluate_progress(find_law(track.law), (at - track.delay) / track.move, remaining)
+    law = find_law(track.law)
+    begins = [track.delay + begin for begin, _ in track.parts]
+    u, u1, u2 = _add_parts(track, [evaluate_progress(law, (at - begin) / track.move, remaining) for begin in begins])
     return u[:, None], u1[:, None] / track.move, u2[:, None] / track.move**2
 
 
@@ -345,9 +383,9 @@ def list_joint_columns(mechanism: Mechanism, track: Track) -> tuple[tuple[Joint,
     short = [1 if KINDS[j.kind].circle else j.nq for j in joints]
     width = track.values.shape[1]
     if track.widths is not None:
-        for given, joint, own, least in zip(track.widths, joints, full, short, strict=True):
-            if given not in (own, least):
-                wanted = "1 or 2" if least < own else own
+        for given, joint, most, least in zip(track.widths, joints, full, short, strict=True):
+            if given not in (most, least):
+                wanted = "1 or 2" if least < most else most
                 raise InputError(f"joint {joint.name!r} ({joint.kind}) takes {wanted} numbers, got {given}")
         full = list(track.widths)
     elif width not in (sum(full), sum(short)):

@@ -1,0 +1,97 @@
+"""Residual vibration: the closed form is what the arm does after its end, and a shaper takes away what it says."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import flexinv
+from flexinv.errors import InputError
+from flexinv.model.mechanism import Mechanism
+from flexinv.model.motion import Motion
+
+MODELS = Path(__file__).resolve().parents[3] / "models"
+STEP = 2e-4  # [s]: the slowest mode of the arm has a period of 0.025 s
+
+
+@pytest.fixture(scope="module")
+def arm() -> Mechanism:
+    return flexinv.load_mechanism(MODELS / "flex_one_link")
+
+
+def _turn(angle: float, hold: float = STEP) -> Motion:
+    return Motion.point_to_point({"hub": 0.0}, {"hub": angle}, 0.05, hold=hold)
+
+
+def test_the_tip_goes_as_far_as_it_says_and_no_further(arm: Mechanism) -> None:
+    """The arm rings for 1 s after a turn of 1 degree; its modes meet to 2 % within that time, and the march loses below 1 %."""
+    angle = np.radians(1.0)
+    ends = flexinv.solve(arm, _turn(angle), STEP, spectral_radius=1.0)
+    found = ends.find_residual_vibration()
+    rings = flexinv.solve(arm, _turn(angle, hold=1.0), STEP, spectral_radius=1.0)
+    rest = 0.4 * np.array([np.cos(angle), np.sin(angle), 0.0])
+    after = rings.time > 0.05
+    distance = np.linalg.norm(rings.tip["link"][after] - rest, axis=1)
+    assert distance.max() == pytest.approx(found.reach["link"], rel=0.03)
+    assert distance.max() <= found.reach["link"] * 1.01
+    energy = (rings.balance.kinetic + rings.balance.elastic + rings.balance.potential)[after]
+    assert energy.mean() == pytest.approx(found.energy, rel=0.01)
+    assert found.left_out < 1e-3  # a small motion
+    assert "ResidualVibration" in repr(found)
+    assert found.frame()["energy [J]"].sum() == pytest.approx(found.energy)
+
+
+def test_a_shaper_leaves_the_part_of_the_energy_that_it_says(arm: Mechanism) -> None:
+    """ZV for a mode 5 % off the first: V^2 of its energy; 3 % for the small change of the frequency by the turn's rate."""
+    angle = np.radians(1.0)
+    motion = _turn(angle)
+    plain = flexinv.solve(arm, motion, STEP, spectral_radius=1.0).find_residual_vibration()
+    first = float(plain.modes.frequency[0])
+    shaper = flexinv.make_shaper("ZV", 1.05 * first)
+    shaped = flexinv.solve(arm, motion.shaped(shaper), STEP, spectral_radius=1.0).find_residual_vibration()
+    part = shaped.energy_by_mode[0] / plain.energy_by_mode[0]
+    assert part == pytest.approx(float(shaper.compute_vibration(first)) ** 2, rel=0.03)
+
+
+def test_shape_motion_takes_the_modes_at_the_end(arm: Mechanism) -> None:
+    motion = _turn(np.radians(1.0))
+    shaped = flexinv.make_shaped_motion(arm, motion, "ZVD")
+    assert shaped.motion == motion.shaped(shaped.shaper)
+    assert shaped.frequency == pytest.approx(
+        np.full((5, 1), shaped.frequency[0, 0]), rel=1e-9
+    )  # one joint: the same everywhere
+    assert shaped.vibration.max() < 1e-9
+    left = flexinv.solve(arm, shaped.motion, STEP).find_residual_vibration()
+    plain = flexinv.solve(arm, motion, STEP).find_residual_vibration()
+    assert left.energy_by_mode[0] < 1e-4 * plain.energy_by_mode[0]  # the march's steps move the frequency by some 1e-4
+
+
+def test_motions_that_have_not_ended_are_refused(arm: Mechanism) -> None:
+    midway = flexinv.solve(arm, _turn(0.1), STEP, end=0.03)
+    with pytest.raises(InputError, match="joint 'hub' still moves by"):
+        midway.find_residual_vibration()
+
+
+def test_rigid_arms_and_unknown_joints_are_refused(arm: Mechanism) -> None:
+    rigid = flexinv.load_mechanism(MODELS / "rigid_one_link")
+    joint = rigid.joints[0].name
+    still = Motion.point_to_point({joint: 0.0}, {joint: 0.1}, 0.1)
+    with pytest.raises(InputError, match="no link is a beam"):
+        flexinv.solve(rigid, still, 1e-2).find_residual_vibration()
+    with pytest.raises(InputError, match="free joint 'elbow'"):
+        flexinv.solve(arm, _turn(0.01), STEP).find_residual_vibration(free=["elbow"])
+
+
+def test_a_free_joint_with_a_rotor_is_refused(arm: Mechanism) -> None:
+    hub = replace(arm.joints[0], rotor_inertia=0.01)
+    solution = flexinv.solve(replace(arm, joints=(hub,)), _turn(0.01), STEP)
+    with pytest.raises(InputError, match="is free and has a rotor"):
+        solution.find_residual_vibration(free=["hub"])
+
+
+def test_more_modes_than_there_are_cannot_be_shaped_for(arm: Mechanism) -> None:
+    with pytest.raises(InputError, match="write modes = "):
+        flexinv.make_shaped_motion(arm, _turn(0.01), modes=500)
