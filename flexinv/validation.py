@@ -152,7 +152,7 @@ def check_finite_array(name: str, value: Any, shape: tuple[int | None, ...], uni
     """
     numbers = convert_to_floats(name, value)
     fits = len(numbers.shape) == len(shape)
-    if not fits or any(wanted not in (None, own) for own, wanted in zip(numbers.shape, shape, strict=True)):
+    if not fits or any(wanted not in (None, length) for length, wanted in zip(numbers.shape, shape, strict=True)):
         refuse(name, value, f"finite numbers {format_shape(shape)} [{unit}]")
     if not np.isfinite(numbers).all():
         where = tuple(int(i) for i in np.argwhere(~np.isfinite(numbers))[0])

@@ -308,8 +308,8 @@ def _is_line_explained(
         measured = a[key] - b[key]
         predicted = c[key] - b[key]
         scale = max(float(np.linalg.norm(measured)), float(np.linalg.norm(predicted)))
-        own = float(np.abs(b[key]).max(initial=0.0)) if name in EACH else size
-        if float(np.abs(measured - predicted).max(initial=0.0)) > LIMITS * limit * (own or 1.0) + part * scale:
+        line_size = float(np.abs(b[key]).max(initial=0.0)) if name in EACH else size
+        if float(np.abs(measured - predicted).max(initial=0.0)) > LIMITS * limit * (line_size or 1.0) + part * scale:
             return False
     return True
 

@@ -53,9 +53,9 @@ def _fit_parts(
     """Yield the fit of each part of a pair by itself, from the size that it has in the pair."""
     for one, size in _split_size(both, *of):
         if one.cause.sized:
-            own = fit_from(model, residual, one, size, ROUNDS[model.base.mechanism.is_rigid], noise)
-            if own is not None:
-                yield own
+            fitted = fit_from(model, residual, one, size, ROUNDS[model.base.mechanism.is_rigid], noise)
+            if fitted is not None:
+                yield fitted
 
 
 def _split_size(both: Fit, first: Candidate, second: Candidate) -> Iterator[tuple[Candidate, Array]]:

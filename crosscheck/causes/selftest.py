@@ -110,11 +110,11 @@ def prepare(bench: Bench, models: Path) -> BenchSetup:
     agreed = collect_quantities(model, clean, reference).agreed
     if bars:
         finer = ask(bench, subject.update_options(refinement=1))
-        own = max(
+        rounding = max(
             float(np.max(s.error)) for s in reference.series.values() if s.error is not None and s.quantity == "torque"
         )
         # Both of second order: the error of the coarse run is 4/3 of what halving does.
-        noise = own / float(model.scale.min()) + 4 / 3 * float(np.abs(model.compute_residual(clean, finer)).max())
+        noise = rounding / float(model.scale.min()) + 4 / 3 * float(np.abs(model.compute_residual(clean, finer)).max())
         agreed = compute_allowed_differences(reference, clean, finer)
     certificate = certify(mechanism, case, "flexinv")
     return BenchSetup(
@@ -306,10 +306,10 @@ def list_sample_faults(setting: BenchSetup) -> Iterator[PlantedFault]:
     beside = next((one for one in setting.known if one.cause.name == BESIDE), None)
     names = [
         n
-        for n, own in zip(
+        for n, fault in zip(
             setting.model.base.mechanism.velocity_names, setting.model.base.mechanism.actuated, strict=True
         )
-        if own
+        if fault
     ]
     for name in dict.fromkeys((names[0], names[-1])):
         for kind in (OUT, ZERO, HELD):

@@ -65,15 +65,15 @@ def scale_table(
     table: Mapping[str, TomlValue], random: np.random.Generator, motion: bool = False, mass: float = 1.0
 ) -> dict[str, TomlValue]:
     """Return a table whose numbers are changed by factors [-]; mass : of the body it belongs to; motion : of a cases file."""
-    own = 1.0 + OF_KEY["mass_kg"] * random.uniform(-1.0, 1.0) if "mass_kg" in table else mass
+    factor = 1.0 + OF_KEY["mass_kg"] * random.uniform(-1.0, 1.0) if "mass_kg" in table else mass
     made: dict[str, TomlValue] = {}
     for key, value in table.items():
         if key == "start":
             made[key] = value  # the guess of a loop: its branch
         elif key == "mass_kg" or key in WITH_MASS:
-            made[key] = scale_value(value, own)
+            made[key] = scale_value(value, factor)
         elif isinstance(value, Mapping) and key not in OF_KEY:
-            made[key] = scale_table(value, random, motion, own)
+            made[key] = scale_table(value, random, motion, factor)
         elif key in OF_KEY and not (motion and not key.startswith(("from_", "to_", "at_"))):
             made[key] = scale_value(value, 1.0 + OF_KEY[key] * random.uniform(-1.0, 1.0))
         else:

@@ -162,15 +162,15 @@ def _find_series_consensus(
     have = {engine: record for engine, record in sorted(given.items()) if name in record.series}
     unit = next(iter(have.values())).series[name].unit
     have = {engine: record for engine, record in have.items() if record.series[name].unit == unit}
-    own = size[name.split("/", 1)[0], unit]
-    hindered = {e: _describe_hindrance(task, name, r, own, panel) for e, r in have.items()}
+    scale = size[name.split("/", 1)[0], unit]
+    hindered = {e: _describe_hindrance(task, name, r, scale, panel) for e, r in have.items()}
     takes = [_make_contribution(e, r.series[name], panel) for e, r in have.items() if not hindered[e]]
-    consensus = _find_consensus(takes, own, panel)
+    consensus = _find_consensus(takes, scale, panel)
     voices = tuple(_make_voice(task, have[e].series[name], have[e], hindered[e], consensus, panel) for e in have)
     sole = next(have[e].series[name] for e in (REFERENCE, *have) if e in have)
     cause = "" if consensus.status != DISAGREEMENT else "; ".join(f"{v.engine}: {v.reason}" for v in voices if v.reason)
     return SeriesConsensus(
-        name, unit, consensus.status, own, voices, consensus.interval, sole, cause or consensus.cause
+        name, unit, consensus.status, scale, voices, consensus.interval, sole, cause or consensus.cause
     )
 
 

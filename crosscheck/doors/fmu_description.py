@@ -74,9 +74,13 @@ def check_feedthrough(description: Any, inputs: list[Any], outputs: list[Any]) -
     names = {variable.name for variable in inputs}
     stated = {unknown.variable.name: unknown.dependencies for unknown in description.outputs}
     for output in outputs:
-        own = output.name.removesuffix(".tau") + ".qdd"
+        acceleration = output.name.removesuffix(".tau") + ".qdd"
         depends = stated.get(output.name)
-        if depends is not None and own in names and own not in {variable.name for variable in depends}:
+        if (
+            depends is not None
+            and acceleration in names
+            and acceleration not in {variable.name for variable in depends}
+        ):
             raise InputError(
-                f"the FMU's {output.name!r} does not depend on {own!r} directly; state it in ModelStructure"
+                f"the FMU's {output.name!r} does not depend on {acceleration!r} directly; state it in ModelStructure"
             )

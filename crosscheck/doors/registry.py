@@ -216,11 +216,11 @@ def _add_limits(task: Task, more: Iterable[Any]) -> Task:
 def compute_answer_digest(engine: Engine, folder: Path) -> str:
     """Return a digest of what an answer depends on beside the case: settings, programs, records in a mechanism's folder."""
     if engine.settings is None:
-        own = Path(engine.path, *engine.module.partition(":")[0].split(".")).with_suffix(".py")
+        source = Path(engine.path, *engine.module.partition(":")[0].split(".")).with_suffix(".py")
         return (
             ""
             if engine.name in ENGINES
-            else compute_fingerprint(engine.module, own.read_bytes() if own.is_file() else b"")
+            else compute_fingerprint(engine.module, source.read_bytes() if source.is_file() else b"")
         )
     files = (
         sorted(f for f in (folder / record.FOLDER / engine.name).rglob("*") if f.is_file())

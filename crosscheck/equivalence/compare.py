@@ -328,10 +328,10 @@ def _find_explanation(machines: MatchedMachines, links: bool) -> TreeComparison:
 
 def _list_member_differences(pair: MemberPair) -> Iterator[Difference]:
     """Yield what differs in a member: its joint, its bodies as the fewest differences that say it, its drive."""
-    own = list(list_body_differences(pair))
-    lost = find_missing_links(pair) if any(d.cause in BODY for d in own) else None
+    differences = list(list_body_differences(pair))
+    lost = find_missing_links(pair) if any(d.cause in BODY for d in differences) else None
     yield from list_joint_differences(pair)
-    yield from [lost] if lost else find_differing_body(pair) or own
+    yield from [lost] if lost else find_differing_body(pair) or differences
     yield from list_drive_differences(pair)
 
 
@@ -363,7 +363,7 @@ def _describe_joint_names(machines: MatchedMachines) -> Iterator[str]:
         yield "coordinates in another order: map them by name"
 
 
-def _describe_lone_links(side: str, own: Tree, other: Tree) -> Iterator[str]:
-    names = {member.name for member in own.members if member.kind == "fixed"}
+def _describe_lone_links(side: str, tree: Tree, other: Tree) -> Iterator[str]:
+    names = {member.name for member in tree.members if member.kind == "fixed"}
     if alone := sorted(names - {member.name for member in other.members}):
         yield f"fixed links that only {side} names, merged for the comparison: {', '.join(alone[:SHOWN])}"

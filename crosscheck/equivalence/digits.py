@@ -108,8 +108,8 @@ class PrintedDigits:
 
     def _list_fixed_children(self, k: int) -> list[int]:
         """The fixed members that a member carries."""
-        own = [m for m in self.tree.list_children(k) if self.tree.members[m].kind == "fixed"]
-        return [*own, *(deep for m in own for deep in self._list_fixed_children(m))]
+        fixed = [m for m in self.tree.list_children(k) if self.tree.members[m].kind == "fixed"]
+        return [*fixed, *(deep for m in fixed for deep in self._list_fixed_children(m))]
 
     def _compute_carrier_rounding(self, link: str) -> tuple[float, float]:
         """Open part of a fixed link's frame on the link that moves: position [m], orientation [rad]; 0 of that itself."""
@@ -131,8 +131,12 @@ class PairedDigits:
         """Return the open part of a joint: "position", "shift" of its zero [m], "rotation", "zero" [rad], or a stated number."""
         sides = ((self.first, one.joint), (self.second, two.joint))
         if quantity in ("position", "shift"):
-            own = VECTOR * max(sheet.compute_place_rounding(name) for sheet, name in sides)
-            return own if quantity == "position" else min(own, ROUNDED * float(np.linalg.norm(one.placement.position)))
+            rounding = VECTOR * max(sheet.compute_place_rounding(name) for sheet, name in sides)
+            return (
+                rounding
+                if quantity == "position"
+                else min(rounding, ROUNDED * float(np.linalg.norm(one.placement.position)))
+            )
         if quantity in ("rotation", "zero"):
             return VECTOR * max(
                 sheet.turn(name) if quantity == "rotation" else sheet.compute_zero_rounding(name)

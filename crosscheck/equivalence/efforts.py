@@ -135,16 +135,16 @@ def evaluate_efforts(
             name = joint.name if k is None else f"{joint.name}.{k + 1}"
             if name not in back or not joint.nv:
                 continue
-            own = back[name]
+            columns_of_first = back[name]
             at = mechanism.q_slices[joint.name]
             vat = mechanism.v_slices[joint.name]
             if k is not None:
                 at = slice(at.start + k, at.start + k + 1)
                 vat = slice(vat.start + k, vat.start + k + 1)
-            q[:, at] = _build_configuration(joint.kind, states, own)
-            qd[:, vat] = states.qd[own]
-            qdd[:, vat] = states.qdd[own]
-            columns[own] = vat
+            q[:, at] = _build_configuration(joint.kind, states, columns_of_first)
+            qd[:, vat] = states.qd[columns_of_first]
+            qdd[:, vat] = states.qdd[columns_of_first]
+            columns[columns_of_first] = vat
     torque = law(mechanism, q, qd, qdd)
     return {name: torque[:, vat] for name, vat in columns.items()}
 

@@ -54,16 +54,20 @@ def find_differing_body(pair: MemberPair) -> list[Difference]:
     if len(first) == len(pair.one.parts) > 1 and first.keys() == second.keys():
         found = {name: list(_list_part_differences(pair, name, first[name], second[name])) for name in first}
         # What is no more than rounding of turned frames is put right with it.
-        off = [own for own in found.values() if _list_with_cause(own)]
-        return [d for own in found.values() for d in own] if len(off) == 1 else []
-    tried = [own for own in (_list_single_body_differences(pair, first), _find_body_of_second(pair, second)) if own]
-    return min(tried, key=lambda own: len(_list_with_cause(own)), default=[])
+        off = [differences for differences in found.values() if _list_with_cause(differences)]
+        return [d for differences in found.values() for d in differences] if len(off) == 1 else []
+    tried = [
+        differences
+        for differences in (_list_single_body_differences(pair, first), _find_body_of_second(pair, second))
+        if differences
+    ]
+    return min(tried, key=lambda differences: len(_list_with_cause(differences)), default=[])
 
 
 def find_counterpart(parts: Mapping[str, Inertia], rest: Inertia, size: float) -> str:
     """Return the name of the body beside which the others are, together, a rest [kg, m, kg m^2]; "" where none is."""
     for name in parts:
-        if _is_same_body(join_bodies(body for own, body in parts.items() if own != name), rest, size):
+        if _is_same_body(join_bodies(body for part, body in parts.items() if part != name), rest, size):
             return name
     return ""
 
@@ -76,10 +80,10 @@ def _list_single_body_differences(pair: MemberPair, ours: dict[str, Inertia]) ->
     there = move_inertia(pair.alignment.frame, pair.two.inertia)
     tried = []
     for name, body in ours.items():
-        rest = join_bodies(other for own, other in ours.items() if own != name)
+        rest = join_bodies(other for part, other in ours.items() if part != name)
         if there.mass - rest.mass > SEEN * there.mass:
             tried.append(list(_list_part_differences(pair, name, body, _compute_body_remainder(there, rest))))
-    best = min(tried, key=lambda own: len(_list_with_cause(own)), default=[])
+    best = min(tried, key=lambda part: len(_list_with_cause(part)), default=[])
     return best if best and len(_list_with_cause(best)) < len(whole) else []
 
 
@@ -90,12 +94,12 @@ def _find_body_of_second(pair: MemberPair, theirs: dict[str, Inertia]) -> list[D
     if len(theirs) < max(2, len(pair.two.parts)) or len(_list_with_cause(whole)) < 2:
         return []
     for name, body in theirs.items():
-        rest = join_bodies(other for own, other in theirs.items() if own != name)
+        rest = join_bodies(other for part, other in theirs.items() if part != name)
         if one.mass - rest.mass <= SEEN * one.mass:
             continue
-        own = _list_with_cause(_list_part_differences(pair, name, _compute_body_remainder(one, rest), body))
-        if len(own) == 1:
-            return [replace(own[0], changes=tuple(change for d in whole for change in d.changes))]
+        part = _list_with_cause(_list_part_differences(pair, name, _compute_body_remainder(one, rest), body))
+        if len(part) == 1:
+            return [replace(part[0], changes=tuple(change for d in whole for change in d.changes))]
     return []
 
 
@@ -197,22 +201,22 @@ def _has_equal_inertia(one: Member, two: Member, size: float, tolerance: float =
 def join_scaled_differences(first: Tree, differences: list[Difference]) -> list[Difference]:
     """Return the differences with one factor on all numbers of a kind as one each."""
     for cause, name in FIELDS.items():
-        own = [d for d in differences if d.cause == cause]
-        factors = [factor for d in own if (factor := _find_common_factor(first, d, name)) is not None]
-        if len(own) < ALL or len(factors) < len(own) or np.ptp(factors) > 1e-6 * abs(factors[0]):
+        members = [d for d in differences if d.cause == cause]
+        factors = [factor for d in members if (factor := _find_common_factor(first, d, name)) is not None]
+        if len(members) < ALL or len(factors) < len(members) or np.ptp(factors) > 1e-6 * abs(factors[0]):
             continue
-        if len(own) == sum(bool(np.any(_read_member_field(m, name))) for m in first.members):
+        if len(members) == sum(bool(np.any(_read_member_field(m, name))) for m in first.members):
             differences = [d for d in differences if d.cause != cause]
-            differences.append(_join_differences(own, factors[0]))
+            differences.append(_join_differences(members, factors[0]))
     return differences
 
 
 def join_equal_differences(differences: list[Difference]) -> list[Difference]:
     """Return the differences with the same two numbers of drives in several joints as one each [unit of each]."""
     for cause in ALIKE:
-        own = [d for d in differences if d.cause == cause and d.place.startswith("joint ")]
-        for pair in dict.fromkeys((d.first, d.second) for d in own):
-            same = [d for d in own if (d.first, d.second) == pair]
+        members = [d for d in differences if d.cause == cause and d.place.startswith("joint ")]
+        for pair in dict.fromkeys((d.first, d.second) for d in members):
+            same = [d for d in members if (d.first, d.second) == pair]
             if len(same) >= ALL and len({d.unit for d in same}) == 1:
                 differences = [*(d for d in differences if d not in same), _join_same_joints(same)]
     return differences
@@ -244,11 +248,11 @@ def _find_common_factor(first: Tree, difference: Difference, name: str) -> float
     return factor
 
 
-def _join_differences(own: list[Difference], factor: float) -> Difference:
-    kind = "links" if own[0].place.startswith("link") else "joints"
-    hints = own[0].hints if all(d.hints == own[0].hints for d in own) else ()
-    largest = max(own, key=lambda d: d.size)
+def _join_differences(members: list[Difference], factor: float) -> Difference:
+    kind = "links" if members[0].place.startswith("link") else "joints"
+    hints = members[0].hints if all(d.hints == members[0].hints for d in members) else ()
+    largest = max(members, key=lambda d: d.size)
     return replace(
-        largest, place=f"all {kind} with one ({len(own)})", changes=tuple(c for d in own for c in d.changes), hints=hints,
+        largest, place=f"all {kind} with one ({len(members)})", changes=tuple(c for d in members for c in d.changes), hints=hints,
         first="stated", second=f"{factor:.9g} times that of A" if factor else "none", size=abs(factor - 1.0), unit="of it",
     )  # fmt: skip

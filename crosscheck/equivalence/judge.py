@@ -71,8 +71,8 @@ def compute_effort_share(
     sizes = {name: np.abs(rows).max(axis=0) for name, rows in scale.items()}
     largest = max((float(size.max(initial=0.0)) for size in sizes.values()), default=0.0) or 1.0
     worst = (0.0, 0.0, "")
-    for name, own in sizes.items():
-        size = np.maximum(own, FLOOR * largest)
+    for name, effort_size in sizes.items():
+        size = np.maximum(effort_size, FLOOR * largest)
         gap = np.abs(values[name] - targets[name]).max(axis=0, initial=0.0)
         k = int(np.argmax(gap / size)) if gap.size else 0
         if gap.size and gap[k] / size[k] > worst[0]:

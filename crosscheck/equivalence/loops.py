@@ -71,9 +71,9 @@ def list_loop_differences(
     tolerance : of points over the size [-] and of axes [rad]: rounding of the readers' numbers
     """
     frames = {"": motion} | {joint: seat.frame for joint, seat in alignments.items()}
-    own = {joint: joint for joint in pairs}
+    same_names = {joint: joint for joint in pairs}
     back = {second: first for first, second in pairs.items()}
-    first = list(_list_closures(ComparedMechanism(mechanisms[0], trees[0], own, {})))
+    first = list(_list_closures(ComparedMechanism(mechanisms[0], trees[0], same_names, {})))
     second = list(_list_closures(ComparedMechanism(mechanisms[1], trees[1], back, frames)))
     for one in first:
         like = [other for other in second if other.key == one.key]

@@ -81,8 +81,8 @@ def list_joint_differences(pair: MemberPair) -> Iterator[Difference]:
     two = pair.two
     seat = pair.alignment
     if one.kind != two.kind:
-        own = (pair.make_change("kind", two.kind), pair.make_change("axis", seat.frame.rotation @ two.axis))
-        yield Difference("rigid", "kind of joint", pair.joint, 1.0, "-", one.kind, two.kind, own, structural=True)
+        edits = (pair.make_change("kind", two.kind), pair.make_change("axis", seat.frame.rotation @ two.axis))
+        yield Difference("rigid", "kind of joint", pair.joint, 1.0, "-", one.kind, two.kind, edits, structural=True)
         return
     yield from _compare_placement(pair)
     if one.kind not in SCALARS:

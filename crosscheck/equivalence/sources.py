@@ -95,7 +95,7 @@ def _find_differing_ends(one: str, two: str) -> tuple[str, str]:
     """The ends of two paths from the folder on in which they differ."""
     parts = [Path(name).parts for name in (one, two)]
     for count in range(2, max(map(len, parts))):
-        short = [str(Path(*own[-count:])) for own in parts]
+        short = [str(Path(*part[-count:])) for part in parts]
         if short[0] != short[1]:
             return short[0], short[1]
     return one, two

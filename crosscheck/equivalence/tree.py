@@ -60,13 +60,14 @@ class Member:
         """
         record, _, part = name.partition(" ")
         if record == "part":
-            own, _, body = part.partition(" ")
-            return self._replace_part(own, body, value)
+            part_name, _, body = part.partition(" ")
+            return self._replace_part(part_name, body, value)
         return replace(self, **{record: replace(getattr(self, record), **{part: value}) if part else value})
 
     def _replace_part(self, name: str, part: str, value: Any) -> Member:
         parts = tuple(
-            (own, body.replace_unchecked(**{name: value}) if own == part else body) for own, body in self.parts
+            (part_name, body.replace_unchecked(**{name: value}) if part_name == part else body)
+            for part_name, body in self.parts
         )
         whole = join_bodies([body for _, body in parts])
         return replace(self, parts=parts, mass=whole.mass, com=whole.com, tensor=whole.tensor)
@@ -115,8 +116,8 @@ class Tree:
     def _carried(self) -> dict[int, list[int]]:
         result: dict[int, list[int]] = {}
         for index in range(len(self.members) - 1, -2, -1):  # who is carried comes after who carries it
-            own = [result[k] if self.members[k].kind == "fixed" else [k] for k in self.list_children(index)]
-            result[index] = [k for some in own for k in some]
+            carried = [result[k] if self.members[k].kind == "fixed" else [k] for k in self.list_children(index)]
+            result[index] = [k for some in carried for k in some]
         return result
 
     @property
@@ -136,13 +137,13 @@ class Tree:
     def replace_fields(self, changes: Iterable[tuple[int, str, Any]]) -> Tree:
         """Return the tree with other fields, (member or -1 for the tree itself, field, value) each [unit of it]."""
         members = list(self.members)
-        own = {}
+        fields = {}
         for index, name, value in changes:
             if index < 0:
-                own[name] = value
+                fields[name] = value
             else:
                 members[index] = members[index].replace_fields(name, value)
-        return replace(self, members=tuple(members), **own)
+        return replace(self, members=tuple(members), **fields)
 
 
 def build_tree(mechanism: Mechanism, gears: Mapping[str, float]) -> Tree:
@@ -186,7 +187,7 @@ def _list_members(mechanism: Mechanism, joint: Joint, parent: int, count: int, g
         "stiffness": joint.stiffness,
         "rest": joint.rest,
     }
-    own: BodyFields = {
+    bodies: BodyFields = {
         "mass": body.mass,
         "com": body.com,
         "tensor": body.tensor,
@@ -195,12 +196,12 @@ def _list_members(mechanism: Mechanism, joint: Joint, parent: int, count: int, g
     if joint.kind == "universal":
         names = joint.name + ".1", joint.name + ".2"
         yield Member(f"{joint.name}.between", names[0], "revolute", parent, joint.placement, joint.axis, **passive)
-        yield Member(link.name, names[1], "revolute", count, Placement(), joint.second_axis, **passive, **own)
+        yield Member(link.name, names[1], "revolute", count, Placement(), joint.second_axis, **passive, **bodies)
         return
     kind = "revolute" if joint.kind == "continuous" else joint.kind
     yield Member(
         link.name, joint.name, kind, parent, joint.placement, joint.axis, joint.pitch, limits=joint.limits, gear=gear,
-        **passive, **own,
+        **passive, **bodies,
     )  # fmt: skip
 
 

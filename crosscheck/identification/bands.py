@@ -169,9 +169,9 @@ def _compute_channel_rates(machine: Machine, run: Run) -> Array:
     rate = np.zeros((len(run.time), len(machine.channels)))
     for c, channel in enumerate(machine.channels):
         if channel.sense == "effort":
-            own = np.abs(run.motion.qd[:, run.motion.names.index(channel.place)])
+            joint_rate = np.abs(run.motion.qd[:, run.motion.names.index(channel.place)])
             rate[:, c] = np.maximum(
-                own, machine.settings.still_rad_per_s
+                joint_rate, machine.settings.still_rad_per_s
             )  # slower ones were not counted: nothing is told of them
     return rate
 

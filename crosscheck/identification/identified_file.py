@@ -58,8 +58,8 @@ class Layer:
     @classmethod
     def build(cls, mechanism: Mechanism, data: Mapping[str, Any]) -> Layer:
         """Build the layer of a mechanism file's ``data`` [any unit]."""
-        own = data.get("overlay", {}) if "urdf" in data else data
-        tables = (own.get("links", {}), own.get("joints", {}), data.get("sections", {}))
+        layer = data.get("overlay", {}) if "urdf" in data else data
+        tables = (layer.get("links", {}), layer.get("joints", {}), data.get("sections", {}))
         return cls(mechanism, "overlay." if "urdf" in data else "", *tables)
 
     def format_table_name(self, kind: str, name: str, *inner: str) -> str:
@@ -108,12 +108,12 @@ def _fill_link_tables(
         if link.name not in space.factors:
             continue
         com = ten[k][1:4] / ten[k][0]
-        own = {q: rows[q, link.name] for q in LINKS}
-        inertia = {n: own[f"I{n}"].value for n in ("xx", "yy", "zz", "xy", "xz", "yz")}
-        inside = "; ".join(f"{n} {_describe_row(own[f'I{n}'])}" for n in ("xx", "yy", "zz"))
-        places = "; ".join(_describe_row(own[f"com {a}"]) for a in "xyz")
+        found = {q: rows[q, link.name] for q in LINKS}
+        inertia = {n: found[f"I{n}"].value for n in ("xx", "yy", "zz", "xy", "xz", "yz")}
+        inside = "; ".join(f"{n} {_describe_row(found[f'I{n}'])}" for n in ("xx", "yy", "zz"))
+        places = "; ".join(_describe_row(found[f"com {a}"]) for a in "xyz")
         tables[layer.format_table_name("links", link.name)] = {
-            "mass_kg": (float(ten[k][0]), _describe_row(own["mass"])),
+            "mass_kg": (float(ten[k][0]), _describe_row(found["mass"])),
             "com_m": (com.tolist(), places),
             "inertia_kgm2": (inertia, inside),
             "payload": ([], "part of the numbers above"),
@@ -147,14 +147,14 @@ def _fill_joint_tables(layer: Layer, rows: Mapping[Any, Row], tables: Tables) ->
 def _find_joint_key(layer: Layer, kind: str, place: str) -> tuple[str, str, float] | None:
     """Table and key that say a parameter of a joint, and what its value is divided by there; None where none does."""
     joint = layer.mechanism.joint_of[place]
-    turning, sliding, own = JOINTS[kind]
+    turning, sliding, drive_key = JOINTS[kind]
     key = sliding if joint.kind == "prismatic" else turning
     owner = place.removesuffix(SPRING)
     if owner != place and "drive" in layer.joints.get(owner, {}):  # the spring between a motor and its link
         return layer.format_table_name("joints", owner, "drive"), key, 1.0
     if "drive" in layer.joints.get(place, {}) and joint.drive is not None:
         ratio = float(joint.drive.ratio) ** POWER.get(kind, 0)
-        return (layer.format_table_name("joints", place, "drive"), own, ratio) if own else None
+        return (layer.format_table_name("joints", place, "drive"), drive_key, ratio) if drive_key else None
     if joint.kind not in DRIVES or key not in DRIVES[joint.kind].model_fields:
         return None
     return layer.format_table_name("joints", place), key, 1.0

@@ -174,7 +174,7 @@ def _build_identification(
 
     def list_predictions(runs: Sequence[Run], logs: list[Log]) -> list[tuple[Run, Prediction]]:
         fits = [days.choose_fit(find_day(log, days.rule)) for log in logs]
-        return [(run, predict(machine, own, margins, run)) for run, own in zip(runs, fits, strict=True)]
+        return [(run, predict(machine, day_fit, margins, run)) for run, day_fit in zip(runs, fits, strict=True)]
 
     shown = list_predictions(task.runs, given)
     others = list_predictions([make_run(machine, log) for log in held], held)

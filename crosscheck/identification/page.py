@@ -141,11 +141,11 @@ def _describe_missing_judges(identification: Identification) -> str:
 
 def judge_channel(limits: Sequence[LimitTable], row: ChannelJudgement) -> tuple[str, str]:
     """Return verdict and message of a judged channel by the limits that are stated for it [-]."""
-    own = [limit for limit in limits if list_matching_names(limit.channel, [row.channel])]
-    if not own:
+    matching = [limit for limit in limits if list_matching_names(limit.channel, [row.channel])]
+    if not matching:
         return "skipped", "no limit is stated"
     broken = []
-    for limit in own:
+    for limit in matching:
         if limit.explained is not None and not row.explained >= limit.explained:
             broken.append(f"explains {row.explained:.4f}, expected {limit.explained:g} or more")
         if limit.coverage is not None and not limit.coverage[0] <= row.coverage <= limit.coverage[1]:
@@ -365,8 +365,8 @@ def _list_sensor_errors(machine: Machine, part: str, run: Run, prediction: Predi
     for c, channel in enumerate(machine.channels):
         error = (run.measured - prediction.value)[run.counted[:, c], c]
         if len(error):
-            own = {"mean": float(error.mean()), "rms": float(np.sqrt(np.mean(error**2))), "unit": channel.unit}
-            yield {"log": run.name, "part": part, "channel": channel.name} | own
+            sizes = {"mean": float(error.mean()), "rms": float(np.sqrt(np.mean(error**2))), "unit": channel.unit}
+            yield {"log": run.name, "part": part, "channel": channel.name} | sizes
 
 
 def _compute_width_ratio(row: Row) -> float:

@@ -243,9 +243,9 @@ def _compute_usual_load(link: Link) -> Array:
     where = link.tip if np.any(link.tip) else com
     tensor = np.zeros((3, 3))
     tensor[ROWS, COLUMNS] = tensor[COLUMNS, ROWS] = LOAD_SHARE * LOAD_RADIUS**2 * inertia
-    own = float(LOAD_SHARE * mass[0])
-    tensor += compute_parallel_axis_term(own, where)
-    return np.concatenate([[own], own * where, tensor[ROWS, COLUMNS]])
+    load = float(LOAD_SHARE * mass[0])
+    tensor += compute_parallel_axis_term(load, where)
+    return np.concatenate([[load], load * where, tensor[ROWS, COLUMNS]])
 
 
 def _find_kind(name: str) -> ParameterKind:
@@ -357,8 +357,8 @@ def _apply_payload_mass(body: Body, beam: str, values: Mapping[Key, float]) -> B
     mass = values.get(("payload mass", f"{beam}/{body.name}"))
     if mass is None:
         return body
-    own = body.inertia
-    return replace(body, inertia=Inertia(mass, own.com, own.tensor * (mass / own.mass)))
+    inertia = body.inertia
+    return replace(body, inertia=Inertia(mass, inertia.com, inertia.tensor * (mass / inertia.mass)))
 
 
 def apply_values(mechanism: Mechanism, values: Mapping[Key, float]) -> Mechanism:

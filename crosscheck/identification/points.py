@@ -55,12 +55,12 @@ def add_sensor_bodies(mechanism: Mechanism, settings: IdentifyTable) -> Mechanis
     """Return the mechanism with a body without mass [kg] at each sensor: the mesh has a node there."""
 
     def add_to_link(link: Link) -> Link:
-        own = tuple(
+        bodies = tuple(
             _make_sensor_body(kind, name, table)
             for kind, name, table in _list_sensor_tables(settings)
             if table.link == link.name
         )
-        return replace(link, bodies=(*link.bodies, *own)) if own else link
+        return replace(link, bodies=(*link.bodies, *bodies)) if bodies else link
 
     return replace(mechanism, links=tuple(add_to_link(link) for link in mechanism.links))
 

@@ -43,7 +43,7 @@ def format_identify_toml(
     """
     joints = [j for j in mechanism.joints if j.nv == 1 and j.actuated] or [j for j in mechanism.joints if j.nv == 1]
     columns, meanings = find_meanings(joints, log)
-    found = {j.name: own for j in joints if "angle" in (own := columns.get(j.name, {}))}
+    found = {j.name: kinds for j in joints if "angle" in (kinds := columns.get(j.name, {}))}
     if not found:
         raise InputError(
             f"{log.name}: no column looks like the angle of a joint ({', '.join(j.name for j in joints)}); it has "
@@ -92,10 +92,10 @@ def _choose_bandwidth(log: Log) -> float:
 def _find_peak_rates(log: Log, columns: Found) -> dict[str, tuple[float, float]]:
     """Largest rates [rad/s], [m/s] and accelerations [1/s of these], but for the quickest hundredth of the samples."""
     out = {}
-    for name, own in columns.items():
+    for name, kinds in columns.items():
         angle = (
-            low_pass(log.read_column(own["angle"].name), log.spacing, _choose_bandwidth(log))
-            * ANGLES[own["angle"].unit]
+            low_pass(log.read_column(kinds["angle"].name), log.spacing, _choose_bandwidth(log))
+            * ANGLES[kinds["angle"].unit]
         )
         rate = np.gradient(angle, log.spacing)
         both = [float(np.quantile(np.abs(x), 0.99)) for x in (rate, np.gradient(rate, log.spacing))]
@@ -104,9 +104,9 @@ def _find_peak_rates(log: Log, columns: Found) -> dict[str, tuple[float, float]]
 
 
 def _format_joint_tables(mechanism: Mechanism, columns: Found, lost: list[str]) -> Iterator[str]:
-    for name, own in columns.items():
+    for name, kinds in columns.items():
         yield f"\n[joints.{_format_key(name)}]"
-        for kind, column in own.items():
+        for kind, column in kinds.items():
             yield _format_column(kind, column, mechanism.joint_of[name].drive)
     if lost:
         yield f"\n# no column was found for the angle of: {', '.join(lost)}"
@@ -141,9 +141,9 @@ def _needs_constant(column: Column, drive: Drive | None) -> bool:
 def _format_free_tables(mechanism: Mechanism, log: Log, columns: Found) -> Iterator[str]:
     yield from _format_mass_tables(mechanism)
     quickest = _find_peak_rates(log, columns)
-    for name, own in columns.items():
-        if "effort" in own:
-            yield from _format_drive_tables(mechanism.joint_of[name], own["effort"], log, quickest[name])
+    for name, kinds in columns.items():
+        if "effort" in kinds:
+            yield from _format_drive_tables(mechanism.joint_of[name], kinds["effort"], log, quickest[name])
     if mechanism.beams:
         yield from _format_free_table("beam stiffness", ["*"], "relative = 0.2")
     if mechanism.springs:

@@ -336,12 +336,14 @@ def compute_raw_signals(
     for channel in machine.channels:
         if channel.sense == "effort":
             at = motion.names.index(channel.place)
-            own = effort[:, at] + compute_drive_effort(
+            drive_effort = effort[:, at] + compute_drive_effort(
                 machine, channel.place, motion.qd[:, at], motion.qdd[:, at], values
             )
             offset = resolve_value(machine, values, "effort offset", channel.place)
             columns.append(
-                _apply_sensor(machine, channel, own / channel.ratio + offset / channel.constant, values, spacing)
+                _apply_sensor(
+                    machine, channel, drive_effort / channel.ratio + offset / channel.constant, values, spacing
+                )
             )
         elif channel.sense == "gauge":
             columns.append(_compute_gauge_signal(machine, motion, channel, moment, values, spacing))

@@ -183,9 +183,9 @@ def _apply_changes(
 ) -> Mechanism:
     """The mechanism with the masses of links that are free, gravity and springs of so many times the force."""
     ten = np.frombuffer(masses).reshape(-1, PARAMETERS)
-    own = {link.name: ten[k] for k, link in enumerate(mechanism.links) if link.name in free}
+    changed = {link.name: ten[k] for k, link in enumerate(mechanism.links) if link.name in free}
     springs = tuple(_scale_spring(s, factor) for s, factor in zip(mechanism.springs, forces, strict=True))
-    return replace(replace_masses(mechanism, own), gravity=np.frombuffer(gravity), springs=springs)
+    return replace(replace_masses(mechanism, changed), gravity=np.frombuffer(gravity), springs=springs)
 
 
 def _scale_spring(spring: Spring, factor: float) -> Spring:
@@ -330,10 +330,10 @@ def _build_solver_response(
         ten = compute_link_inertias(space, mechanism, values)
         at = tuple(values.get(k, np.inf) for k in solved + masses)  # a payload that is not there is none of any size
         if at not in kept:
-            own = {link.name: ten[k] for k, link in enumerate(mechanism.links) if link.name in space.changed_links}
+            changed = {link.name: ten[k] for k, link in enumerate(mechanism.links) if link.name in space.changed_links}
             if len(kept) >= KEPT:
                 kept.pop(next(iter(kept)))
-            kept[at] = model.solve_in_time(values, own)[0]
+            kept[at] = model.solve_in_time(values, changed)[0]
         return kept[at]
 
     return evaluate

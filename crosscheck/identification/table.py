@@ -158,20 +158,20 @@ def list_day_rows(machine: Machine, days: DayFits, table: list[Row]) -> list[Day
     drawn = [DayRow(r.parameter, r.place, r.unit, "", r.value, r.low, r.high) for r in found]
     still = np.zeros(len(space.parameters))
     if len(days.own) > 1:
-        own = [
+        day_rows = [
             _make_day_row(space, k, one, still, n) for n, one in zip(days.logs, days.own, strict=True) for k in moved
         ]
-        return own + drawn
+        return day_rows + drawn
     deviations = compute_day_deviations(machine, days.machine.z, days.widths)
     whole = [_make_day_row(space, k, days.own[0], deviations, "") for k in moved]
     return [replace(row, day=days.logs[0]) for row in drawn] + whole
 
 
-def _make_day_row(space: ParameterSpace, k: int, own: Fit, deviations: Array, day: str) -> DayRow:
+def _make_day_row(space: ParameterSpace, k: int, fit: Fit, deviations: Array, day: str) -> DayRow:
     """Row of parameter k on a day; with deviations (parameters,) of z [-] between days that of the machine it is one of."""
     one = space.parameters[k]
-    half = NORMAL * float(np.sqrt(own.covariance[k, k] + deviations[k] ** 2))
-    at = float(own.z[k])
+    half = NORMAL * float(np.sqrt(fit.covariance[k, k] + deviations[k] ** 2))
+    at = float(fit.z[k])
     value, low, high = (one.compute_value(z) for z in (at, at - half, at + half))
     return DayRow(one.kind, one.place, one.unit, day, value, low, high)
 

@@ -77,12 +77,14 @@ def _compute_response(columns: bytes, efforts: bytes, spacing: float, bandwidth:
     a = _compute_segment_spectra(bend.tobytes(), count)
     e = _compute_segment_spectra(effort[1:-1].tobytes(), count)
     frequency = np.fft.rfftfreq(count, spacing)
-    own, other, both = (np.mean(s, axis=0) for s in (np.abs(a) ** 2, np.abs(e) ** 2, a.conj() * e))
-    kept = (frequency >= bandwidth) & (frequency <= HIGHEST / spacing) & (own > 0.0)
+    acceleration, other, both = (np.mean(s, axis=0) for s in (np.abs(a) ** 2, np.abs(e) ** 2, a.conj() * e))
+    kept = (frequency >= bandwidth) & (frequency <= HIGHEST / spacing) & (acceleration > 0.0)
     if not kept.any():
         return None
     true = np.sinc(frequency[kept] * spacing) ** 2  # what a second difference makes of an acceleration
-    return WideResponse(frequency[kept], own[kept] / true**2, other[kept], both[kept] / true, segments / NEIGHBOURS)
+    return WideResponse(
+        frequency[kept], acceleration[kept] / true**2, other[kept], both[kept] / true, segments / NEIGHBOURS
+    )
 
 
 @lru_cache(maxsize=64)  # undoing a fault leaves most columns as they were
@@ -102,9 +104,15 @@ def join_responses(some: Sequence[WideResponse]) -> WideResponse:
         parts = [np.interp(first.frequency, s.frequency, v) * s.segments for s, v in zip(some, values, strict=True)]
         return np.asarray(np.sum(parts, axis=0) / sum(s.segments for s in some))
 
-    own, other = (compute_weighted_mean([getattr(s, name) for s in some]).real for name in ("acceleration", "effort"))
+    acceleration, other = (
+        compute_weighted_mean([getattr(s, name) for s in some]).real for name in ("acceleration", "effort")
+    )
     return WideResponse(
-        first.frequency, own, other, compute_weighted_mean([s.both for s in some]), sum(s.segments for s in some)
+        first.frequency,
+        acceleration,
+        other,
+        compute_weighted_mean([s.both for s in some]),
+        sum(s.segments for s in some),
     )
 
 

@@ -156,12 +156,12 @@ def _make_free_joint(body: str, pose: Placement, names: set[str]) -> Joint:
 
 def _make_joint(one: BodyJoint, carrier: Placement) -> Joint:
     at = apply_placement(inverse(carrier), one.on_parent)
-    own = one.joint_fields.copy()
+    fields = one.joint_fields.copy()
     if one.kind not in ("revolute", "prismatic", "continuous", "helical"):
-        own.pop("limits", None)
+        fields.pop("limits", None)
     return Joint(
         one.name, one.kind, one.parent, one.child, at, axis=one.axis, second_axis=one.second_axis,
-        actuated=one.kind not in ("fixed", "free"), **own,
+        actuated=one.kind not in ("fixed", "free"), **fields,
     )  # fmt: skip
 
 

@@ -28,14 +28,14 @@ def unique_names(plain: Sequence[str], paths: Sequence[str], reserved: Collectio
 def name_words(kind: str, plain: Sequence[str], names: Sequence[str]) -> list[str]:
     """Return a line for each name that stands more than once [-]: what its parts are called instead.  kind : "joints"."""
     groups: dict[str, list[str]] = {}
-    for own, name in zip(plain, names, strict=True):
-        groups.setdefault(own, []).append(name)
+    for word, name in zip(plain, names, strict=True):
+        groups.setdefault(word, []).append(name)
     lines = []
-    for own, several in groups.items():
-        if several == [own]:
+    for word, several in groups.items():
+        if several == [word]:
             continue
         shown = ", ".join(several[:SHOWN]) + (", ..." if len(several) > SHOWN else "")
-        lines.append(f"name {own} of {len(several)} {kind}: called by their paths, {shown}")
+        lines.append(f"name {word} of {len(several)} {kind}: called by their paths, {shown}")
     return lines
 
 

@@ -122,12 +122,12 @@ def read_mjcf_digits(root: Element) -> dict[tuple[str, str], float]:
                 inertial.get("quat")
             ) * _find_largest(words)
         for joint in body.iter("joint"):
-            own = joint.get("name", "")
-            mjcf_digits[own, "position"] = way + compute_half_digit(joint.get("pos"))
-            mjcf_digits[own, "rotation"] = turn
-            mjcf_digits[own, "axis"] = compute_half_digit(joint.get("axis"))
+            joint_name = joint.get("name", "")
+            mjcf_digits[joint_name, "position"] = way + compute_half_digit(joint.get("pos"))
+            mjcf_digits[joint_name, "rotation"] = turn
+            mjcf_digits[joint_name, "axis"] = compute_half_digit(joint.get("axis"))
             for key, ours in (("armature", "rotor_inertia"), ("damping", "damping"), ("frictionloss", "friction")):
-                mjcf_digits[own, ours] = compute_half_digit(joint.get(key))
+                mjcf_digits[joint_name, ours] = compute_half_digit(joint.get(key))
     return mjcf_digits
 
 
@@ -137,14 +137,14 @@ def _list_bodies(element: Element, way: float, turn: float) -> Iterator[tuple[El
     Bodies are told before those that they carry, whose joints then take the place of what was told of them.
     """
     for part in element:
-        own = (
+        digits = (
             compute_half_digit(_read_attribute(part, "pos")),
             2 * max(compute_half_digit(_read_attribute(part, key)) for key in TURNS),
         )
         if part.tag == "body":
-            yield part, way + own[0], turn + own[1]
+            yield part, way + digits[0], turn + digits[1]
             yield from _list_bodies(part, 0.0, 0.0)
         elif part.tag == "frame":
-            yield from _list_bodies(part, way + own[0], turn + own[1])
+            yield from _list_bodies(part, way + digits[0], turn + digits[1])
         else:
             yield from _list_bodies(part, way, turn)

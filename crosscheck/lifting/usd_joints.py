@@ -143,7 +143,7 @@ def read_passive_values(
     instances = list_instances(prim, kind, axis)
     for key, attributes in PASSIVE.items():
         stated = {a.key.format(instances[0]): a.read_value(prim, kind, instances, units) for a in attributes}
-        said = {own: value for own, value in stated.items() if value is not None}
+        said = {field_name: value for field_name, value in stated.items() if value is not None}
         if not said:
             continue
         source, value = next(iter(said.items()))

@@ -221,6 +221,6 @@ def _find_spectra(results: Results, case: CaseRow, records: Mapping[str, Record]
                 axis, lines[engine] = spectrum
     if not lines:
         return None
-    highest = max((mark[0] for own in marks.values() for mark in own), default=0.0)
+    highest = max((mark[0] for peaks in marks.values() for mark in peaks), default=0.0)
     kept = axis <= HIGHEST * highest if highest > 0.0 else np.ones(axis.size, dtype=bool)
     return Spectra(axis[kept], {engine: a[kept] for engine, a in lines.items()}, marks)

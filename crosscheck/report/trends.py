@@ -128,11 +128,11 @@ def build_metric_charts(rows: Sequence[Row], order: Mapping[int, int]) -> list[C
     """Return one chart per metric, with its last limits [unit of the metric]."""
     charts: list[Chart] = []
     for name in sorted({row["name"] for row in rows}):
-        own = sorted((row for row in rows if row["name"] == name), key=lambda row: order[row["night"]])
-        curve: list[Point] = [[order[row["night"]], row["value"]] for row in own]
-        chart = build_chart(name, own[-1]["unit"], {name: curve})
-        chart["lower"] = own[-1]["lower"]
-        chart["upper"] = own[-1]["upper"]
+        metric_rows = sorted((row for row in rows if row["name"] == name), key=lambda row: order[row["night"]])
+        curve: list[Point] = [[order[row["night"]], row["value"]] for row in metric_rows]
+        chart = build_chart(name, metric_rows[-1]["unit"], {name: curve})
+        chart["lower"] = metric_rows[-1]["lower"]
+        chart["upper"] = metric_rows[-1]["upper"]
         charts.append(chart)
     return charts
 

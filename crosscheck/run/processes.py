@@ -79,8 +79,8 @@ def end_process_tree(leader: int) -> None:
 
 def list_children() -> list[int]:
     """Return the processes that this one is the parent of; [] where the system does not list them."""
-    own = os.getpid()
-    return [process for process in list_descendants(own) if _find_parent(process) == own]
+    this = os.getpid()
+    return [process for process in list_descendants(this) if _find_parent(process) == this]
 
 
 def end_stray_processes(known: Container[int]) -> None:

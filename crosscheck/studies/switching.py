@@ -164,12 +164,12 @@ def list_engine_rows(
         }
 
 
-def compute_largest_difference(whole: Record, own: Record, part: PhaseProblem) -> float:
+def compute_largest_difference(whole: Record, alone: Record, part: PhaseProblem) -> float:
     """Return the largest difference of any torque that both give [N m], [N]."""
-    names = [n for n, one in own.series.items() if one.quantity == "torque"]
-    samples = len(own.series[names[0]].values)
+    names = [n for n, one in alone.series.items() if one.quantity == "torque"]
+    samples = len(alone.series[names[0]].values)
     cut = slice(part.samples.start, part.samples.start + samples)
-    return max(float(np.abs(own.series[n].values - whole.series[n].values[cut]).max()) for n in names)
+    return max(float(np.abs(alone.series[n].values - whole.series[n].values[cut]).max()) for n in names)
 
 
 def describe(part: PhaseProblem) -> str:
@@ -202,10 +202,10 @@ def _take_phase(solution: Solution, case: Case, first: int, last: int) -> PhaseP
         if j.nv and j.name not in names
     }
     end = (last - 1 - first) * case.sample
-    own = replace(case, motion=motion, start=start, end=end)
+    phase_case = replace(case, motion=motion, start=start, end=end)
     still = not (np.abs(solution.qd[first]).max() > 1e-6 or np.abs(solution.qdd[first]).max() > 1e-3)
     acting = tuple(c.name for c in phases.apply_active_closures(solution.mechanism, float(time[first])).closures)
-    return PhaseProblem(now, own, slice(first, last), acting, still)
+    return PhaseProblem(now, phase_case, slice(first, last), acting, still)
 
 
 def _remove_idle_bodies(mechanism: Mechanism, case: Case) -> Mechanism:

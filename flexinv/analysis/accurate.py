@@ -201,9 +201,9 @@ def compute_energy_defect(
     energy = found.kinetic + found.potential + first.trajectory.energy[:, 0]
     worked = np.zeros(len(energy))
     for start, end in pairwise([0, *seams, len(energy) - 1]):
-        own = slice(start, end if end in jumps else end + 1)
+        piece = slice(start, end if end in jumps else end + 1)
         ends = slice(start + 1, end + 1)
-        time = first.time[own]
-        spline = scipy.interpolate.make_interp_spline(time, power[own], k=min(5, len(time) - 1)).antiderivative()
+        time = first.time[piece]
+        spline = scipy.interpolate.make_interp_spline(time, power[piece], k=min(5, len(time) - 1)).antiderivative()
         worked[ends] = worked[start] + spline(first.time[ends]) - spline(first.time[start])
     return np.asarray(worked - (energy - energy[0]))

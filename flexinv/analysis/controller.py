@@ -170,8 +170,8 @@ class FlexibleState:
 
     def replace_state(self, snapshot: WorkSpaceSnapshot) -> None:
         """Go on where another work space of the same mechanism was taken [m, rad, s, N]."""
-        for own, part in zip(self._list_step_arrays(), snapshot.numbers, strict=True):
-            own[...] = part
+        for array, part in zip(self._list_step_arrays(), snapshot.numbers, strict=True):
+            array[...] = part
         self.early_steps = snapshot.early_steps
         self.previous = [part.copy() for part in snapshot.previous]
         self.wound.clear()
@@ -215,9 +215,9 @@ class FlexibleState:
         m = self.mechanism
         for joint in m.joints:
             if not joint.actuated:  # what is given of it is not looked at
-                own = m.q_slices[joint.name]
+                columns = m.q_slices[joint.name]
                 rates = m.v_slices[joint.name]
-                now[0][own] = self.previous[0][own]
+                now[0][columns] = self.previous[0][columns]
                 now[1][rates] = 0.0
                 now[2][rates] = 0.0
         for part in sample_between_instants(m, self.previous, now, self.scheme.h, SUBSTEPS):
@@ -396,12 +396,12 @@ class Controller:
         names = [f"controller: {name}" for name in ("q", "qd", "qdd")]
         now = []
         for name, part, size in zip(names, given, (m.nq, m.nv, m.nv), strict=True):
-            own = np.array(convert_to_floats(name, part))
-            if own.shape != (size,):
-                raise InputError(f"{name} has shape {own.shape}, expected ({size},) numbers [rad], [m]")
-            if not np.isfinite(own).all():
-                raise InputError(f"{name} = {own.tolist()}: expected finite numbers [rad], [m]")
-            now.append(own)
+            numbers = np.array(convert_to_floats(name, part))
+            if numbers.shape != (size,):
+                raise InputError(f"{name} has shape {numbers.shape}, expected ({size},) numbers [rad], [m]")
+            if not np.isfinite(numbers).all():
+                raise InputError(f"{name} = {numbers.tolist()}: expected finite numbers [rad], [m]")
+            now.append(numbers)
         return now
 
 

@@ -81,7 +81,7 @@ def assemble_solution(
         mechanism=mechanism, mesh=mesh, time=time, q=q, qd=qd, qdd=qdd,
         torque_all=tau, reaction=reaction, nodes=first.trajectory.motion, forces=NodalForces(found.force, found.moment),
         tip=dict(zip((joint.child for joint in mechanism.joints), found.tip, strict=True)),
-        deflection={link.name: own for link, own in zip(mechanism.beams, found.deflection, strict=True)},
+        deflection={link.name: deflection for link, deflection in zip(mechanism.beams, found.deflection, strict=True)},
         wrench=dict(zip(mesh.joint_node, found.wrench, strict=True)),
         internal=internal, internal_stations=stations, balance=balance, loops=loops,
         iterations=first.trajectory.iterations, settings=settings.describe_settings(), notes=mechanism.notes,
@@ -95,8 +95,8 @@ def _split_by_beam(mesh: Mesh, resultants: Array) -> tuple[dict[str, Array], dic
     """Stress resultants (samples, points, 6) of each beam, from those of all elements, and where its points are."""
     internal = dict[str, Array]()
     stations = dict[str, Array]()
-    for name, own, order, station in _list_section_points(mesh):
-        part = resultants[:, own]
+    for name, points, order, station in _list_section_points(mesh):
+        part = resultants[:, points]
         stations[name] = station.copy()
         if (order == part.shape[2]).all():  # not copied where they stand so in memory
             internal[name] = part.reshape(len(part), -1, 6)
@@ -214,8 +214,8 @@ def _list_section_points(mesh: Mesh) -> list[tuple[str, slice, NDArray[np.int64]
     e = mesh.elements
     out = []
     for index, link in enumerate(mesh.mechanism.links):
-        own = np.flatnonzero(e.link == index)
-        if link.beam is not None and len(own):
-            station = np.concatenate([e.station[k, : e.order[k]] for k in own])
-            out.append((link.name, slice(int(own[0]), int(own[-1]) + 1), e.order[own], station))
+        elements = np.flatnonzero(e.link == index)
+        if link.beam is not None and len(elements):
+            station = np.concatenate([e.station[k, : e.order[k]] for k in elements])
+            out.append((link.name, slice(int(elements[0]), int(elements[-1]) + 1), e.order[elements], station))
     return out

@@ -82,13 +82,13 @@ def _compute_mixed_coordinates(mechanism: Mechanism, parts: Sequence[Array], wei
     out = compute_weighted_sum(parts, weight)
     for joint in mechanism.joints:
         kind = KINDS[joint.kind]
-        own = mechanism.q_slices[joint.name]
+        columns = mechanism.q_slices[joint.name]
         if kind.circle or kind.has_quaternion:
-            ball = [part[:, own.stop - (2 if kind.circle else 4) : own.stop] for part in parts]
+            ball = [part[:, columns.stop - (2 if kind.circle else 4) : columns.stop] for part in parts]
             value = compute_weighted_sum(
                 [part * np.sign((part * ball[-1]).sum(axis=1, keepdims=True)) for part in ball], weight
             )
-            out[:, own.stop - value.shape[1] : own.stop] = value / np.linalg.norm(value, axis=1, keepdims=True)
+            out[:, columns.stop - value.shape[1] : columns.stop] = value / np.linalg.norm(value, axis=1, keepdims=True)
     return out
 
 

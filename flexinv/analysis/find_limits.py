@@ -86,8 +86,8 @@ class _LimitQuery:
 
     def take_columns(self, parts: dict[str, Array]) -> Array:
         """Columns (samples, signs) that are held against the level."""
-        own = parts["upper" if self.quantity == "lower" else self.quantity][:, self.column]
-        return np.asarray(own[:, None] * np.array(LIMIT_SIDES[self.quantity]))
+        values = parts["upper" if self.quantity == "lower" else self.quantity][:, self.column]
+        return np.asarray(values[:, None] * np.array(LIMIT_SIDES[self.quantity]))
 
 
 def find_limits(solution: Solution, motion: Motion | None = None) -> tuple[LimitUse, ...]:
@@ -145,17 +145,17 @@ def _find_prescribed_columns(solution: Solution, motion: Motion) -> Mask:
     given = set(motion.joints(solution.mechanism))
     ends = solution.time[[0, -1]]
     q = motion.evaluate(m, ends, "right")[0]
-    own = np.array([joint.name in given for joint in _list_column_joints(m)], dtype=bool)
+    prescribed = np.array([joint.name in given for joint in _list_column_joints(m)], dtype=bool)
     for k, found in enumerate(solution.q[[0, -1]]):
-        off = np.where(own, np.abs(compute_nearest_difference(m, found, q[k])), 0.0)
+        off = np.where(prescribed, np.abs(compute_nearest_difference(m, found, q[k])), 0.0)
         if off.max(initial=0.0) > SAME_MOTION * max(1.0, solution.mesh.length):
             name = m.velocity_names[int(np.argmax(off))]
             raise InputError(
                 f"find_limits: at t = {ends[k]:g} s joint {name!r} of the solution is {off.max():.3g} away from the motion; give "
                 "the motion that the solution was made from"
             )
-    whole = m.is_rigid and (bool(m.closures) or bool(own.all()))
-    exact = np.tile(own | whole, (len(LIMITED), 1))
+    whole = m.is_rigid and (bool(m.closures) or bool(prescribed.all()))
+    exact = np.tile(prescribed | whole, (len(LIMITED), 1))
     exact[LIMITED.index("effort")] = whole
     return exact
 
@@ -164,12 +164,12 @@ def _collect_quantities(mechanism: Mechanism, q: Array, qd: Array, tau: Array) -
     """Positions (samples, nv), nan of joints that have none, rates and efforts, by quantity."""
     places = np.full_like(qd, np.nan)
     for joint in mechanism.joints:
-        own = q[:, mechanism.q_slices[joint.name]]
+        coordinates = q[:, mechanism.q_slices[joint.name]]
         at = mechanism.v_slices[joint.name]
         if joint.nv == 1:
-            places[:, at] = read_scalar_coordinate(joint, own)[:, None]
+            places[:, at] = read_scalar_coordinate(joint, coordinates)[:, None]
         elif KINDS[joint.kind].scalar:
-            places[:, at] = own
+            places[:, at] = coordinates
     return {"upper": places, "velocity": qd, "effort": tau}
 
 
@@ -236,9 +236,9 @@ def _check_interpolated_limits(solution: Solution, queries: list[_LimitQuery]) -
     for one in queries:
         source = rate if one.quantity == "velocity" else position
         signs = np.array(LIMIT_SIDES[one.quantity])
-        own = source.coefficients[:, :, [one.column]] * signs
+        coefficients = source.coefficients[:, :, [one.column]] * signs
         scale = np.repeat(source.scale[one.column], len(signs))
-        result |= _compare_with_limits(m, Pieces(source.begin, source.end, own, scale), [one], WITHIN_STEPS)
+        result |= _compare_with_limits(m, Pieces(source.begin, source.end, coefficients, scale), [one], WITHIN_STEPS)
     return result
 
 
@@ -249,11 +249,11 @@ def _compare_with_limits(
     limits: dict[_LimitQuery, LimitUse] = {}
     first = 0
     for one in queries:
-        own = range(first, first + len(LIMIT_SIDES[one.quantity]))
-        first = own.stop
-        peak, at = max((pieces.find_largest(column) for column in own), key=lambda pair: pair[0])
-        reached = [time for column in own if (time := pieces.find_crossing(column, one.level)) is not None]
-        passed = any(pieces.has_value_above(column, one.level) for column in own)
+        sides = range(first, first + len(LIMIT_SIDES[one.quantity]))
+        first = sides.stop
+        peak, at = max((pieces.find_largest(column) for column in sides), key=lambda pair: pair[0])
+        reached = [time for column in sides if (time := pieces.find_crossing(column, one.level)) is not None]
+        passed = any(pieces.has_value_above(column, one.level) for column in sides)
         limits[one] = _make_limit_use(mechanism, one, peak, at, (min(reached, default=None), passed), looked)
     return limits
 

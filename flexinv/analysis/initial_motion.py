@@ -56,10 +56,10 @@ def _begin_with_fixed_drives(solver: Solver, q: Array, time: float, when: str) -
     if not len(held.topology.scale):
         return False
     acting = held.border.ties
-    own = solver.border.ties
-    acting.acting[:] = own.acting
-    acting.place_b[:] = own.place_b
-    acting.w[:] = own.w
+    ties = solver.border.ties
+    acting.acting[:] = ties.acting
+    acting.place_b[:] = ties.place_b
+    acting.w[:] = ties.w
     begin_undeformed(held, q, still, still)
     held.update_loads(time, q, still, still)
     _begin_at_equilibrium(held, q, when)
@@ -71,7 +71,7 @@ def _begin_with_fixed_drives(solver: Solver, q: Array, time: float, when: str) -
         solver.state.place[to : to + t.freedoms[n]] = held.state.place[of : of + t.freedoms[n]]
     solver.frames.x[:] = held.frames.x
     solver.frames.r[:] = held.frames.r
-    own.multiplier[:] = acting.multiplier
+    ties.multiplier[:] = acting.multiplier
     return True
 
 

@@ -76,8 +76,8 @@ def _compute_motor_side(solution: Solution, joint: Joint, drive: Drive) -> Motor
     acceleration = solution.qdd[:, at]
     angle = read_scalar_coordinate(joint, solution.q[:, m.q_slices[joint.name]])
     if not drive.stiffness or drive.moves == "motor":
-        own = n**2 * drive.rotor_inertia * acceleration + n * evaluate_friction(replace(drive, static=0.0), n * rate)
-        transmitted = tau - own
+        lost = n**2 * drive.rotor_inertia * acceleration + n * evaluate_friction(replace(drive, static=0.0), n * rate)
+        transmitted = tau - lost
     else:
         transmitted = tau
         lag = _compute_spring_lag(drive, solution.time, tau, joint.name)

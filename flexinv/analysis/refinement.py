@@ -98,8 +98,8 @@ def ranges(mesh: Mesh, known: Quantities) -> Quantities:
     force = np.array([f for joint in m.joints for f in KINDS[joint.kind].translations], dtype=bool)[m.actuated]
     torque = np.ptp(known.torque, axis=0)
     peak = np.abs(known.torque).max(axis=0)
-    for own in (force, ~force):
-        torque[own] = np.maximum(torque[own], SMALLEST_RANGE * peak[own].max(initial=0.0))
+    for group in (force, ~force):
+        torque[group] = np.maximum(torque[group], SMALLEST_RANGE * peak[group].max(initial=0.0))
     tip = np.maximum(np.linalg.norm(np.ptp(known.tip, axis=0), axis=1), SMALLEST_RANGE * mesh.length)
     free = np.maximum(np.ptp(known.free, axis=0), SMALLEST_RANGE)
     return Quantities(np.maximum(torque, tiny), np.maximum(tip, tiny), free)

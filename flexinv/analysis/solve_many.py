@@ -169,9 +169,9 @@ def _resolve_thread_count(threads: int | None) -> int:
 
 def _solve_alone(scenario: Asked, options: Mapping[str, Any]) -> Solution | Exception:
     """The solution of a scenario, or whatever stops it."""
-    mechanism, motion, own = scenario
+    mechanism, motion, changed = scenario
     try:
-        return solve(mechanism, motion, **{**options, **own})
+        return solve(mechanism, motion, **{**options, **changed})
     except Exception as error:
         return error
 
@@ -226,10 +226,10 @@ def prepare_all(scenarios: Sequence[Asked], options: Mapping[str, Any]) -> dict[
     """Return by their numbers [-] the scenarios that may have others that are alike; `options` are those of all."""
     known = dict[Any, Scenario | None]()
     out = dict[int, Scenario]()
-    for k, (mechanism, motion, own) in enumerate(scenarios):
-        key = k if own else (id(mechanism), id(motion))
+    for k, (mechanism, motion, changed) in enumerate(scenarios):
+        key = k if changed else (id(mechanism), id(motion))
         if key not in known:
-            known[key] = make_scenario(mechanism, motion, {**options, **own})
+            known[key] = make_scenario(mechanism, motion, {**options, **changed})
         if (one := known[key]) is not None:
             out[k] = one
     return out
@@ -289,12 +289,12 @@ def _build_designs(first: Mesh, meshes: tuple[Mesh, ...]) -> Designs:
 
 def _check_each(each: Each) -> None:
     """Raise InputError unless there are options for every scenario, and such that `solve` has."""
-    if each is not None and not (isinstance(each, Sequence) and all(isinstance(own, Mapping) for own in each)):
+    if each is not None and not (isinstance(each, Sequence) and all(isinstance(changed, Mapping) for changed in each)):
         such = '[{"step": 1e-3}, {}]; options of all scenarios are arguments of solve_many'
         expected = f"expected a list with a table of options for every scenario, such as {such}"
         raise InputError(f"solve_many: each is a {type(each).__name__}: {expected}")
-    for k, own in enumerate(each or ()):
-        _check_options(own, f"each[{k}]: ")
+    for k, changed in enumerate(each or ()):
+        _check_options(changed, f"each[{k}]: ")
 
 
 def solve_alike(scenarios: Sequence[Scenario], threads: int, progress: Progress | None) -> list[Solution | Exception]:
@@ -314,22 +314,22 @@ def solve_alike(scenarios: Sequence[Scenario], threads: int, progress: Progress 
         most = min(max(1, INSTANTS_AT_ONCE // len(first.time)), -(-len(scenarios) // threads))
 
     def solve_next_scenarios() -> None:
-        own = PlanarMarch.take_reusable(first.mesh, ())
+        march = PlanarMarch.take_reusable(first.mesh, ())
         line = np.empty((first.mesh.size, 6))
         mine = np.zeros(most, dtype=np.int64)
         while ahead[0] < len(scenarios):
-            done = integrate_scenarios(ahead, mine, designs, tasks, own.system, line, made)
+            done = integrate_scenarios(ahead, mine, designs, tasks, march.system, line, made)
             for n in mine[:done].tolist():
                 results[n] = _assemble_scenario(scenarios[n], made, n)
             if done < most and (n := int(mine[done])) < len(scenarios):
-                results[n] = _make_scenario_error(scenarios[n], made, n, own)
-                own = PlanarMarch.build_for(first.mesh, ())  # what has failed may have left numbers that are none
+                results[n] = _make_scenario_error(scenarios[n], made, n, march)
+                march = PlanarMarch.build_for(first.mesh, ())  # what has failed may have left numbers that are none
             elif done == 0:  # others have taken the rest
                 break
             if progress is not None:
                 with lock:
                     progress(1)
-        own.make_reusable(())
+        march.make_reusable(())
 
     run_in_threads(solve_next_scenarios, lambda: ahead.fill(len(scenarios)), min(threads, len(scenarios)))
     return results

@@ -69,13 +69,13 @@ def solve_rigid_motions(task: Task) -> Iterator[FirstStep]:
     """Yield the motion of a rigid mechanism whose joints are all moved [m, rad, s, N], part by part."""
     part = task.part or len(task.time)
     for first in range(0, max(len(task.time) - 1, 1), part):
-        own = task.time if task.part is None else task.time[first : first + part + 1]
-        q, qd, qdd = task.after(own)
+        time = task.time if task.part is None else task.time[first : first + part + 1]
+        q, qd, qdd = task.after(time)
         interpolated_motion = InterpolatedMotion(
             lambda times: compute_rigid_motion(task.mesh, *task.after(times)), task.knots
         )
         yield replace(
-            build_rigid_first_step(task.mesh, own, (q.copy(), qd.copy(), qdd.copy()), interpolated_motion),
+            build_rigid_first_step(task.mesh, time, (q.copy(), qd.copy(), qdd.copy()), interpolated_motion),
             ends=task.part is None,
         )
 
@@ -170,8 +170,8 @@ class _March:
         q, qd, qdd = (part.copy() for part in task.after(time))
         for joint in mesh.mechanism.joints:
             if self.last is not None and joint.name in task.passive:
-                own = mesh.mechanism.q_slices[joint.name]
-                q[:, own] = self.last[own]
+                columns = mesh.mechanism.q_slices[joint.name]
+                q[:, columns] = self.last[columns]
         check_spring_lengths(mesh, trajectory.motion, time)
         if mesh.mechanism.closures:
             self._check_closures(len(time))

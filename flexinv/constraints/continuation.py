@@ -294,8 +294,8 @@ class Follower:
         given = [joint for joint in m.joints if joint.nv and not self.unknown[m.v_slices[joint.name]].any()]
         if len(given) != 1 or given[0].nv != 1 or KINDS[given[0].kind].circle:
             return None
-        own = m.q_slices[given[0].name]
-        return lambda times: history(times)[0][:, own][:, 0]
+        columns = m.q_slices[given[0].name]
+        return lambda times: history(times)[0][:, columns][:, 0]
 
     def compute_passive_columns(self, q: Array) -> Array:
         """Return G_u (samples, rows, unknown) [-] at q (samples, nq), over its scales."""

@@ -72,10 +72,10 @@ def _compute_conditions(follower: Follower, q: Array) -> tuple[Array, Array]:
         g = follower.compute_passive_columns(q[begin : first + SAMPLES_AT_ONCE])
         values = np.linalg.svd(g, compute_uv=False)
         size = np.maximum(values[:, 0], np.finfo(float).tiny)
-        own = slice(begin, begin + len(g))
-        condition[own] = np.divide(size, values[:, -1], out=np.full(len(g), np.inf), where=values[:, -1] > 0.0)
+        piece = slice(begin, begin + len(g))
+        condition[piece] = np.divide(size, values[:, -1], out=np.full(len(g), np.inf), where=values[:, -1] > 0.0)
         if g.shape[1] < g.shape[2]:
-            condition[own] = np.inf
+            condition[piece] = np.inf
         steps = np.linalg.norm(np.diff(g, axis=0), ord=2, axis=(1, 2)) / np.minimum(size[1:], size[:-1])
         change[begin + 1 : begin + len(g)] = steps
     return condition, change

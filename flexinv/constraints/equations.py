@@ -63,8 +63,8 @@ class Rows(NamedTuple):
 
     def build_fronts(self, columns: Mask | None = None, last: Mask | None = None) -> Fronts:
         """Return the fronts of some ``columns`` (nv,) of G [-], all by default, those of ``last`` (nv,) after all others."""
-        own = np.ones(len(self.place), dtype=bool) if columns is None else columns
-        return build_fronts(self.pattern[:, own], None if last is None else last[own])
+        kept = np.ones(len(self.place), dtype=bool) if columns is None else columns
+        return build_fronts(self.pattern[:, kept], None if last is None else last[kept])
 
 
 @jit_inner
@@ -130,9 +130,9 @@ def _turn_seen(k, rows, frames):
     w = tapply(r, apply(s, w))
     al = tapply(r, apply(s, al))
     if a >= 0:
-        own = vec(frames.w[a])
-        w = sub(w, own)
-        al = sub(sub(al, vec(frames.al[a])), cross(own, w))
+        rate = vec(frames.w[a])
+        w = sub(w, rate)
+        al = sub(sub(al, vec(frames.al[a])), cross(rate, w))
     return tmul(r, s), w, al
 
 

@@ -69,9 +69,9 @@ class FreeJacobian:
         if (self.coordinate < 0).any() or len(self.rows.closure) * mesh.mechanism.nv > SMALL_JACOBIAN:
             return self.compute_entries(motion)
         row, column = self.entry
-        own = self.coordinate[column]
+        coordinate = self.coordinate[column]
         g = compute_constraint_jacobian(mesh, motion, self.rows)
-        return np.asarray(g[:, row, own] * (list_velocity_scales(mesh)[own] / self.rows.scale[row]))
+        return np.asarray(g[:, row, coordinate] * (list_velocity_scales(mesh)[coordinate] / self.rows.scale[row]))
 
     def compute_entries(self, motion: NodalMotion) -> Array:
         """Return the entries of A (samples, entries) [-] by wrenches and freedoms, with and without sections."""
@@ -123,14 +123,14 @@ def build_free_jacobians(mesh: Mesh, passive: frozenset[str], active: Mask) -> t
     count, group = scipy.sparse.csgraph.connected_components(graph @ graph.T, directed=False)
     out = []
     for part in (group == k for k in range(count)):
-        own = pattern[part].any(axis=0)
-        row, column = np.nonzero(pattern[np.ix_(part, own)])
+        touched = pattern[part].any(axis=0)
+        row, column = np.nonzero(pattern[np.ix_(part, touched)])
         which = may.copy()
         which[may] = part
         if len(row):
-            sign = signs[np.ix_(part, node[own])][row, column]
-            geared = gear[np.ix_(part, own)][row, column]
-            freedoms = node[own], slide[own], turn[own], coordinate[own]
+            sign = signs[np.ix_(part, node[touched])][row, column]
+            geared = gear[np.ix_(part, touched)][row, column]
+            freedoms = node[touched], slide[touched], turn[touched], coordinate[touched]
             entry = np.stack([row, column])
             out.append(FreeJacobian(which, _take_rows(rows, part), *freedoms, entry, sign, geared))
     return tuple(out)

@@ -147,10 +147,10 @@ def _list_attempts(mesh: Mesh, start: StatedStart, rows: Rows, sets: Sequence[Ma
             held = find_nearest_closed(replace(follower, unknown=every & ~start.places), start.q)
         yield held, free
     for joint in m.joints:
-        own = build_joint_mask(m, {joint.name}) & start.places & start.passive
-        if own.any():
+        mask = build_joint_mask(m, {joint.name}) & start.places & start.passive
+        if mask.any():
             moves = (start.passive | ~start.places) & every
-            yield find_nearest_closed(replace(follower, unknown=moves & ~own), start.q), moves
+            yield find_nearest_closed(replace(follower, unknown=moves & ~mask), start.q), moves
 
 
 def convert_to_nearest_turn(mechanism: Mechanism, guess: Array, q: Array) -> Array:
@@ -160,8 +160,8 @@ def convert_to_nearest_turn(mechanism: Mechanism, guess: Array, q: Array) -> Arr
     for joint in mechanism.joints:
         kind = KINDS[joint.kind]
         if kind.repeats and not kind.circle and joint.name not in geared:
-            own = mechanism.q_slices[joint.name]
-            out[own] -= 2 * np.pi * np.round((q[own] - guess[own]) / (2 * np.pi))
+            columns = mechanism.q_slices[joint.name]
+            out[columns] -= 2 * np.pi * np.round((q[columns] - guess[columns]) / (2 * np.pi))
     return out
 
 
@@ -314,10 +314,10 @@ def _make_contradiction_error(
 
 def _describe_distance(joint: Joint, mechanism: Mechanism, guess: Array, q: Array) -> str:
     """Return the position of a joint and its distance from its start, in words."""
-    own = mechanism.q_slices[joint.name]
+    columns = mechanism.q_slices[joint.name]
     kind = KINDS[joint.kind]
-    a = find_place(joint, guess[own])
-    b = find_place(joint, q[own])
+    a = find_place(joint, guess[columns])
+    b = find_place(joint, q[columns])
     d = compute_nearest_difference(mechanism, guess, q)[mechanism.v_slices[joint.name]]
     if kind.scalar and not any(kind.translations):
         start, now, off = np.degrees([part[int(np.argmax(np.abs(d)))] for part in (a, b, d)])

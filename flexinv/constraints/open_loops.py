@@ -86,16 +86,16 @@ def _find_advice(follower: Follower, guess: Array) -> tuple[str, str]:
     """Advice for loops that do not close from a guess (nq,), and places of joints from which they close, or ""."""
     m = follower.mesh.mechanism
     unknown = follower.unknown
-    own = [joint.name for joint in m.joints if unknown[m.v_slices[joint.name]].any()]
+    unknown_joints = [joint.name for joint in m.joints if unknown[m.v_slices[joint.name]].any()]
     closed, nearest = _find_closed(follower, guess)
     if closed is not None:
-        example = write_start(m, own, closed, True)
+        example = write_start(m, unknown_joints, closed, True)
         return f"give a guess of these joints from which they close: start = {example}", example
     every = follower.replace_unknown(np.ones_like(unknown))
     if not unknown.all():
         closed, nearest = _find_closed(every, guess)
     if closed is not None:
-        return _describe_other_motion(m, own, closed), ""
+        return _describe_other_motion(m, unknown_joints, closed), ""
     bend = " unless links bend; a march begins with links unbent" if m.beams else ""
     gap = _describe_largest_gap(every, nearest)
     return (
@@ -104,9 +104,9 @@ def _find_advice(follower: Follower, guess: Array) -> tuple[str, str]:
     ), ""
 
 
-def _describe_other_motion(mechanism: Mechanism, own: Sequence[str], closed: Array) -> str:
-    """Advice for loops that close only with other places (nq,) of the joints that the motion moves; own : all others."""
-    held = [joint.name for joint in mechanism.joints if joint.nv and joint.name not in own]
+def _describe_other_motion(mechanism: Mechanism, unknown_joints: Sequence[str], closed: Array) -> str:
+    """Advice for loops that close only with other places (nq,) of the moved joints; unknown_joints : all others."""
+    held = [joint.name for joint in mechanism.joints if joint.nv and joint.name not in unknown_joints]
     fewer = ", or give fewer coordinates a motion" if len(held) > 1 else ""
     return (
         f"where the motion puts {', '.join(held)} none of {TRIES + 1} guesses closes them; they close for example with "

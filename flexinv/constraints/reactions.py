@@ -63,7 +63,7 @@ def compute_closure_wrenches(
     add_multiplier_forces(
         rows, _list_end_frames(mesh), motion.frames, make_contiguous(multipliers), force, moment, wrench
     )
-    shown = {c.name: own for c, own in zip(closures, wrench, strict=True) if c.kind != "coupling"}
+    shown = {c.name: reaction for c, reaction in zip(closures, wrench, strict=True) if c.kind != "coupling"}
     return NodalForces(force, moment), shown
 
 
@@ -76,8 +76,10 @@ def compute_phased_wrenches(
     parts = [
         compute_closure_wrenches(mesh, motion.take_samples(s.span), s.rows, multipliers[s.span]) for s in stretches
     ]
-    force, moment = (np.concatenate([getattr(own, name) for own, _ in parts]) for name in ("force", "moment"))
-    return NodalForces(force, moment), {name: np.concatenate([own[name] for _, own in parts]) for name in parts[0][1]}
+    force, moment = (np.concatenate([getattr(forces, name) for forces, _ in parts]) for name in ("force", "moment"))
+    return NodalForces(force, moment), {
+        name: np.concatenate([forces[name] for _, forces in parts]) for name in parts[0][1]
+    }
 
 
 @make_owner_cache()
@@ -105,15 +107,15 @@ def check_meeting(mesh: Mesh, rows: Rows, motion: NodalMotion, begins: Mask, tim
     fastest = max(np.abs(motion.v).max() / mesh.length, np.abs(motion.omega).max(), 1.0)
     for index in np.flatnonzero(begins):
         closure = m.closures[int(index)]
-        own = np.flatnonzero(rows.closure == index)
-        worst = int(own[np.argmax(apart[own])])
+        members = np.flatnonzero(rows.closure == index)
+        worst = int(members[np.argmax(apart[members])])
         if apart[worst] > APART:
             gap = f"{apart[worst]:.2g} rad" if rows.direction[worst] else f"{apart[worst] * mesh.length:.2g} m"
             raise InputError(
                 f"mechanism '{m.name}', t = {time:g} s: closure '{closure.name}' begins to act on frames that are {gap} apart; "
                 "bring them together, or write capture = true to tie them where they stand"
             )
-        worst = int(own[np.argmax(rate[own])])
+        worst = int(members[np.argmax(rate[members])])
         if closure.impact == "error" and rate[worst] > MEETING * fastest:
             speed = f"{rate[worst]:.3g} rad/s" if rows.direction[worst] else f"{rate[worst] * mesh.length:.3g} m/s"
             raise InputError(

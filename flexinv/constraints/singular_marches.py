@@ -65,14 +65,16 @@ def check_march(
     """
     ends = [*(stretch.phase.first + 1 for stretch in stretches[1:]), len(time)]
     for stretch, end in zip(stretches, ends, strict=True):
-        own = slice(stretch.phase.first, end)
+        piece = slice(stretch.phase.first, end)
         active = stretch.phase.active
         for structure in build_free_jacobians(mesh, frozenset(passive), active):
             jacobian = structure.replace_rows(stretch.rows.take_active(active))
-            march = MarchedJacobian.build_for(mesh, jacobian, motion.take_samples(own), time[own])
+            march = MarchedJacobian.build_for(mesh, jacobian, motion.take_samples(piece), time[piece])
             ahead = failed_at if stretch is stretches[-1] else None
             if (instant := march.find_singular(ahead)) is not None:
-                raise _make_error(mesh, jacobian, time[own] if ahead is None else np.append(time[own], ahead), instant)
+                raise _make_error(
+                    mesh, jacobian, time[piece] if ahead is None else np.append(time[piece], ahead), instant
+                )
 
 
 def _make_error(mesh: Mesh, jacobian: FreeJacobian, time: Array, instant: float) -> ConvergenceError:
@@ -328,8 +330,8 @@ class _Step:
 def _compute_lagrange_weights(nodes: Array, places: Array) -> Array:
     """Weights (places, nodes) [-] of values at the nodes in those of the polynomial through them."""
     weights = np.ones((len(places), len(nodes)))
-    for k, own in enumerate(nodes):
+    for k, node in enumerate(nodes):
         for n, other in enumerate(nodes):
             if n != k:
-                weights[:, k] *= (places - other) / (own - other)
+                weights[:, k] *= (places - other) / (node - other)
     return weights

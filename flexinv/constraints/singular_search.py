@@ -140,11 +140,11 @@ def _find_doubtful_intervals(branch: Branch, q: Array, intervals: NDArray[np.int
     """Mask of the intervals that singular values themselves do not exclude, a thousand at a time; reach : of all intervals."""
     out = np.ones(len(intervals), dtype=bool)
     for first in range(0, len(intervals), AT_ONCE):
-        own = intervals[first : first + AT_ONCE]
-        before = branch.matrices(q[own])
-        after = branch.matrices(q[own + 1])
+        batch = intervals[first : first + AT_ONCE]
+        before = branch.matrices(q[batch])
+        after = branch.matrices(q[batch + 1])
         values, others = (np.linalg.svd(part, compute_uv=False) for part in (before, after))
-        out[first : first + AT_ONCE] = values[:, -1] + others[:, -1] <= reach[own] * values[:, 0]
+        out[first : first + AT_ONCE] = values[:, -1] + others[:, -1] <= reach[batch] * values[:, 0]
     return out
 
 

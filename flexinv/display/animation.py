@@ -94,7 +94,7 @@ def draw_animation(
     lines = []
     for bends, colour in ((False, RIGID_COLOUR), (True, BENDS_COLOUR)):
         shapes = [
-            "".join(write_line(place(convert_to_view(line, axes))) for line, own in strokes if own is bends)
+            "".join(write_line(place(convert_to_view(line, axes))) for line, is_beam in strokes if is_beam is bends)
             for strokes in frames
         ]
         if shapes[0]:

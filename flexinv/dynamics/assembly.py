@@ -249,9 +249,9 @@ def _add_variation_to_parent(n, m, columns, system, joints):
     mu = vec_at(work.wrench[n], 3)
     for k in range(columns):
         i = k - topology.column[n]
-        own = 0 <= i < topology.freedoms[n]
-        slide = vec(topology.slide[n, i]) if own else ZERO
-        turn = vec(topology.turn[n, i]) if own else ZERO
+        is_freedom = 0 <= i < topology.freedoms[n]
+        slide = vec(topology.slide[n, i]) if is_freedom else ZERO
+        turn = vec(topology.turn[n, i]) if is_freedom else ZERO
         df = vec(work.dwrench[n, k])
         dmu = vec_at(work.dwrench[n, k], 3)
         dlocal = vec3.sub(tapply(r, df), cross(vec(system.variation.t[m, k]), local))

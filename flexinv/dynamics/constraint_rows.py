@@ -311,8 +311,8 @@ def compute_border_factors(constraints, blocks, y):
     for e in range(blocks.entry.shape[0]):
         i = blocks.entry[e, 0]
         j = blocks.entry[e, 1]
-        own = 1.0 if i == j and constraints.kind[i] == PULL else 0.0
-        constraints.border[i, j] = -_compute_row_product(constraints, i, y[1 + j]) - own
+        pull = 1.0 if i == j and constraints.kind[i] == PULL else 0.0
+        constraints.border[i, j] = -_compute_row_product(constraints, i, y[1 + j]) - pull
     factorise_blocks(constraints.border, blocks, REDUNDANT_PIVOT, constraints.pivots)
 
 

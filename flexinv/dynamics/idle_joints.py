@@ -50,9 +50,9 @@ def find_idle(mesh: Mesh, passive: frozenset[str]) -> list[list[str]]:
     together = scipy.sparse.csgraph.connected_components(pairs, directed=False)[1]
     names: dict[int, list[str]] = {}
     for place in np.flatnonzero(moves.any(axis=1)):
-        own = names.setdefault(int(together[place]), [])
-        if owner[place] not in own:
-            own.append(owner[place])
+        members = names.setdefault(int(together[place]), [])
+        if owner[place] not in members:
+            members.append(owner[place])
     return list(names.values())
 
 

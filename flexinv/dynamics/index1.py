@@ -110,15 +110,15 @@ def solve_masses(system, y):
     for n in range(len(topology.parent)):  # M = sum_n B_n^T diag(m_n, J_n) B_n over the nodes of a block, and rotors
         m = topology.mass[n]
         inertia = mat(topology.inertia[n])
-        own = diagonal[topology.block[n]]
+        block = diagonal[topology.block[n]]
         columns = topology.size[topology.block[n]]
         for k in range(columns):
             moved = vec(variation.x[n, k])
             turned = apply(inertia, vec(variation.t[n, k]))
             for i in range(columns):
-                own[i, k] += m * dot(vec(variation.x[n, i]), moved) + dot(vec(variation.t[n, i]), turned)
+                block[i, k] += m * dot(vec(variation.x[n, i]), moved) + dot(vec(variation.t[n, i]), turned)
         for i in range(topology.freedoms[n]):
-            own[topology.column[n] + i, topology.column[n] + i] += topology.drives[0, n]
+            block[topology.column[n] + i, topology.column[n] + i] += topology.drives[0, n]
     largest = find_largest_inertia(topology, diagonal)
     plan = ties.layout
     for b in range(len(topology.size)):

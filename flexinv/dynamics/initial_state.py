@@ -70,9 +70,9 @@ def fill_initial_unknowns(solver: Solver, motion: NodalMotion, joints: Joints, q
     s.u[at] = np.concatenate([motion.v[0, free], motion.omega[0, free]], axis=1)
     s.du[at] = np.concatenate([motion.a[0, free], motion.alpha[0, free]], axis=1)
     for n in np.flatnonzero(t.triple == 3):  # of a free joint the march takes p' in the joint frame
-        own = t.offset[t.block[n]] + t.column[n] + np.arange(3)
-        s.u[own] = joints.dp[n] @ solver.mesh.rotation[n]
-        s.du[own] = joints.ddp[n] @ solver.mesh.rotation[n]
+        rows = t.offset[t.block[n]] + t.column[n] + np.arange(3)
+        s.u[rows] = joints.dp[n] @ solver.mesh.rotation[n]
+        s.du[rows] = joints.ddp[n] @ solver.mesh.rotation[n]
     begin_from_state(s)
 
 
@@ -232,7 +232,7 @@ def _make_motion_error(solver: Solver, way: Array, last: Array, when: str) -> Co
     mechanism = solver.mesh.mechanism
     of_joints = build_coordinate_map(solver.mesh, solver.topology)
     most = int(np.abs(of_joints @ (last / solver.topology.scale)).argmax())
-    name = next(name for name, own in mechanism.v_slices.items() if own.start <= most < own.stop)
+    name = next(name for name, columns in mechanism.v_slices.items() if columns.start <= most < columns.stop)
     unit = "m" if list_sliding_coordinates(mechanism)[most] else "rad"
     moved = f"has moved by {abs(of_joints[most] @ way):.3g} {unit} in {MOST_STEPS} steps"
     moves = f"moves on, by {abs(of_joints[most] @ last):.2g} {unit} in the last one"

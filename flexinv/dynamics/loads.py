@@ -95,16 +95,16 @@ def add_loads(topology, frames, variation, loads, work, want_tangent):
         r = mat(frames.r[n])
         force = scale(loads.level[0], vec(loads.wrench[k]))
         moment = scale(loads.level[0], vec_at(loads.wrench[k], 3))
-        own = force if loads.follower[k] else tapply(r, force)
+        local = force if loads.follower[k] else tapply(r, force)
         turn = moment if loads.follower[k] else tapply(r, moment)
-        add_to(work.wrench[n], 0, scale(-1.0, apply(r, own)))
-        add_to(work.wrench[n], 3, scale(-1.0, add(turn, cross(p, own))))
+        add_to(work.wrench[n], 0, scale(-1.0, apply(r, local)))
+        add_to(work.wrench[n], 3, scale(-1.0, add(turn, cross(p, local))))
         for c in range(topology.size[topology.block[n]] if want_tangent else 0):
             theta = vec(variation.t[n, c])
             if loads.follower[k]:
-                add_to(work.dwrench[n, c], 0, apply(r, cross(own, theta)))
+                add_to(work.dwrench[n, c], 0, apply(r, cross(local, theta)))
             else:  # d(R^T F) = R^T F x theta
-                add_to(work.dwrench[n, c], 3, add(cross(theta, turn), cross(p, cross(theta, own))))
+                add_to(work.dwrench[n, c], 3, add(cross(theta, turn), cross(p, cross(theta, local))))
 
 
 # -------------------------------------------------------------------------------------- springs
@@ -245,6 +245,6 @@ def turn_arms(topology, springs, constraints, frames, variation, dwrench):
         b = constraints.b[row]
         for n, place, sign in ((a, constraints.place_a[row], -1.0), (b, constraints.place_b[row], 1.0)):
             if n >= 0:
-                own = tapply(mat(frames.r[n]), scale(sign, vec_at(constraints.multiplier, row)))
+                local = tapply(mat(frames.r[n]), scale(sign, vec_at(constraints.multiplier, row)))
                 for c in range(topology.size[topology.block[n]]):
-                    add_to(dwrench[n, c], 3, cross(vec(place), cross(vec(variation.t[n, c]), own)))
+                    add_to(dwrench[n, c], 3, cross(vec(place), cross(vec(variation.t[n, c]), local)))

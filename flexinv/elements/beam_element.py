@@ -207,7 +207,7 @@ def _fill_pair(i, j, scratch, rates, tangent):
     By poses K = B^T (d2E) B + (dB^T) g with B = diag(1, H_i^-1), symmetric but for (theta_i, theta_i): translations and rotations
     of different nodes commute; with damping  A_i^T (P A_j + V E_j),  and by velocities  A_i^T V A_j.
     """
-    own = mat(scratch.inverse[i])
+    inverse = mat(scratch.inverse[i])
     other = mat(scratch.inverse[j])
     stiff = scratch.hessian[i, j]
     row = 6 * i
@@ -224,15 +224,15 @@ def _fill_pair(i, j, scratch, rates, tangent):
         x_t = madd(x_t, mul(read_part(drag, 0, 3), turned))
         t_x = msub(t_x, mul(read_part(drag, 3, 0), spin))
         t_t = madd(t_t, mul(read_part(drag, 3, 3), turned))
-    t_x = vec3.tmul(own, t_x)
-    t_t = vec3.tmul(own, t_t)
+    t_x = vec3.tmul(inverse, t_x)
+    t_t = vec3.tmul(inverse, t_t)
     if i == j:
         geometric = compute_inverse_slope(vec(scratch.psi[i]), vec_at(scratch.gradient[i], 3), -1.0)
-        t_t = madd(t_t, mul(geometric, own))
+        t_t = madd(t_t, mul(geometric, inverse))
     _write_pair(tangent, row, column, ((x_x, x_t), (t_x, t_t)))
     if rates is not None:
-        t_x = vec3.tmul(own, read_part(drag, 3, 0))
-        t_t = vec3.tmul(own, mul(read_part(drag, 3, 3), other))
+        t_x = vec3.tmul(inverse, read_part(drag, 3, 0))
+        t_t = vec3.tmul(inverse, mul(read_part(drag, 3, 3), other))
         _write_pair(
             rates.by_velocity, row, column, ((read_part(drag, 0, 0), mul(read_part(drag, 0, 3), other)), (t_x, t_t))
         )

@@ -83,11 +83,11 @@ class BeamLaw(NamedTuple):
         c = self.direct
         n = compute_direct_resultants((c[0], c[1], c[2]), (e[0], e[1], e[2]))
         m = compute_direct_resultants((c[3], c[4], c[5]), (e[3], e[4], e[5]))
-        own = np.stack([*n, *m], axis=-1)
+        direct = np.stack([*n, *m], axis=-1)
         if self.coupling is None:
-            return own
+            return direct
         six = e[0], e[1], e[2], e[3], e[4], e[5]
-        return np.asarray(own + np.stack(compute_coupled_resultants(self.coupling, six), axis=-1))
+        return np.asarray(direct + np.stack(compute_coupled_resultants(self.coupling, six), axis=-1))
 
     def tangent(self, strain: Array) -> Array:
         """Return the derivative of the resultants (..., 6, 6) [N], [N m], [N m^2], the same at every strain (..., 6)."""
@@ -99,7 +99,7 @@ def build_beam_laws(section: Section) -> list[BeamLaw]:
     """Return the laws [N], [N m], [N m^2] at the stations of a section."""
     direct, coupling = split_coupling(section.stiffness)
     beside = [None] * len(direct) if section.stiffness.ndim == 2 else list(coupling)
-    return [BeamLaw(own, other) for own, other in zip(direct, beside, strict=True)]
+    return [BeamLaw(law, other) for law, other in zip(direct, beside, strict=True)]
 
 
 def split_coupling(table: Array) -> tuple[Array, Array]:

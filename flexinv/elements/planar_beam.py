@@ -135,13 +135,13 @@ def remove_stress(elements, p):
     """Leave all points without stress [N], [N m], exactly."""
     for block in range(np.uint64(len(elements.constants)) // CONSTANTS):
         at = block * POINT_BLOCK
-        own = block * CONSTANTS
+        start = block * CONSTANTS
         for i in range(POINT_BLOCK):
             p[at + i] = 0.0
         for lane in range(_LANES):
-            p[at + Y1 + lane] = elements.constants[own + STRAIN1 + lane]
-            p[at + Y2 + lane] = elements.constants[own + STRAIN2 + lane]
-            p[at + BEND + lane] = elements.constants[own + CURVATURE + lane]
+            p[at + Y1 + lane] = elements.constants[start + STRAIN1 + lane]
+            p[at + Y2 + lane] = elements.constants[start + STRAIN2 + lane]
+            p[at + BEND + lane] = elements.constants[start + CURVATURE + lane]
 
 
 @jit_inner
@@ -156,11 +156,11 @@ def fill_point_rates(elements, rate, r):
             spin = first[2]
             bent = 0.0
             for i in range(1, elements.order[k] + 1):
-                own = rate[elements.nodes[k, i]]
+                velocity = rate[elements.nodes[k, i]]
                 slope = elements.slope[k, g, i]
-                v1 = v1 + slope * (own[0] - first[0])
-                v2 = v2 + slope * (own[1] - first[1])
-                turn = own[2] - first[2]
+                v1 = v1 + slope * (velocity[0] - first[0])
+                v2 = v2 + slope * (velocity[1] - first[1])
+                turn = velocity[2] - first[2]
                 spin = spin + elements.shape[k, g, i] * turn
                 bent = bent + slope * turn
             n = np.uint64(k * points + g)
@@ -187,7 +187,7 @@ def fill_point_gradients(elements, p, r):
 def _fill_block_gradients(lanes, block, elements, p, r):
     """First derivatives at the points of a block; r : None where no beam is damped, and nothing of damping is compiled."""
     at = block * POINT_BLOCK
-    own = block * CONSTANTS
+    start = block * CONSTANTS
     k = elements.constants
     by = block * RATE_BLOCK
     d = block * COEFFICIENTS
@@ -197,9 +197,9 @@ def _fill_block_gradients(lanes, block, elements, p, r):
         u2 = p[at + U2 + lane]
         y1 = c * u1 + s * u2
         y2 = c * u2 - s * u1
-        direct = k[own + AXIAL + lane], k[own + SHEAR + lane], k[own + BENDING + lane]
-        bent = p[at + BEND + lane] - k[own + CURVATURE + lane]
-        strain = y1 - k[own + STRAIN1 + lane], y2 - k[own + STRAIN2 + lane], bent
+        direct = k[start + AXIAL + lane], k[start + SHEAR + lane], k[start + BENDING + lane]
+        bent = p[at + BEND + lane] - k[start + CURVATURE + lane]
+        strain = y1 - k[start + STRAIN1 + lane], y2 - k[start + STRAIN2 + lane], bent
         n1, n2, m = compute_direct_resultants(direct, strain)
         if r is not None:
             v1 = r[by + R1 + lane]
@@ -212,7 +212,7 @@ def _fill_block_gradients(lanes, block, elements, p, r):
             n1 += elements.damping[d + D_AXIAL + lane] * rate1
             n2 += elements.damping[d + D_SHEAR + lane] * rate2
             m += elements.damping[d + D_BENDING + lane] * r[by + KAPPA_RATE + lane]
-        w = k[own + WEIGHT + lane]
+        w = k[start + WEIGHT + lane]
         p[at + COS_PHI + lane] = c
         p[at + SIN_PHI + lane] = s
         p[at + Y1 + lane] = y1
@@ -230,11 +230,11 @@ def _fill_block_gradients(lanes, block, elements, p, r):
 def _find_planar_strain(elements, block, lane, p):
     """Axial strain, shear and curvature of a point whose gradients are there."""
     at = block * POINT_BLOCK
-    own = block * CONSTANTS
+    start = block * CONSTANTS
     k = elements.constants
-    axial = p[at + Y1 + lane] - k[own + STRAIN1 + lane]
-    shear = p[at + Y2 + lane] - k[own + STRAIN2 + lane]
-    return axial, shear, p[at + BEND + lane] - k[own + CURVATURE + lane]
+    axial = p[at + Y1 + lane] - k[start + STRAIN1 + lane]
+    shear = p[at + Y2 + lane] - k[start + STRAIN2 + lane]
+    return axial, shear, p[at + BEND + lane] - k[start + CURVATURE + lane]
 
 
 @jit_inner
@@ -297,7 +297,7 @@ def fill_point_hessians(elements, cv, p):
 def _fill_block_hessians(lanes, block, elements, cv, p):
     """Second derivatives at the points of a block; cv : None where no beam is damped."""
     at = block * POINT_BLOCK
-    own = block * CONSTANTS
+    start = block * CONSTANTS
     d = block * COEFFICIENTS
     k = elements.constants
     for lane in range(lanes):
@@ -307,10 +307,10 @@ def _fill_block_hessians(lanes, block, elements, cv, p):
         y2 = p[at + Y2 + lane]
         n1 = p[at + N1 + lane]
         n2 = p[at + N2 + lane]
-        w = k[own + WEIGHT + lane]
-        ea = k[own + AXIAL + lane]
-        ga = k[own + SHEAR + lane]
-        bending = k[own + BENDING + lane]
+        w = k[start + WEIGHT + lane]
+        ea = k[start + AXIAL + lane]
+        ga = k[start + SHEAR + lane]
+        bending = k[start + BENDING + lane]
         if cv is not None:
             ea += cv * elements.damping[d + D_AXIAL + lane]
             ga += cv * elements.damping[d + D_SHEAR + lane]
@@ -333,7 +333,7 @@ def _add_coupled_hessians(block, elements, cv, p):
     dGamma_1 = (c, s) . du' + y_2 dpsi,   dGamma_2 = (-s, c) . du' - y_1 dpsi,   dkappa = dpsi'
     """
     at = block * POINT_BLOCK
-    own = block * CONSTANTS
+    start = block * CONSTANTS
     behind = np.uint64(len(elements.constants)) // CONSTANTS * POINT_BLOCK + block * BEND_BLOCK
     damped = len(elements.damping) > 0
     for lane in range(_LANES):
@@ -346,7 +346,7 @@ def _add_coupled_hessians(block, elements, cv, p):
         s = p[at + SIN_PHI + lane]
         y1 = p[at + Y1 + lane]
         y2 = p[at + Y2 + lane]
-        w = elements.constants[own + WEIGHT + lane]
+        w = elements.constants[start + WEIGHT + lane]
         p[at + U1_U1 + lane] -= 2.0 * w * shear * c * s
         p[at + U2_U2 + lane] += 2.0 * w * shear * c * s
         p[at + U1_U2 + lane] += w * shear * (c * c - s * s)
@@ -464,17 +464,17 @@ def compute_energy(elements, p):
     c = elements.constants
     for block in range(np.uint64(len(c)) // CONSTANTS):
         at = block * POINT_BLOCK
-        own = block * CONSTANTS
+        start = block * CONSTANTS
         for lane in range(_LANES):
-            axial = p[at + Y1 + lane] - c[own + STRAIN1 + lane]
-            shear = p[at + Y2 + lane] - c[own + STRAIN2 + lane]
-            curvature = p[at + BEND + lane] - c[own + CURVATURE + lane]
-            stretched = c[own + AXIAL + lane] * axial * axial + c[own + SHEAR + lane] * shear * shear
-            bent = c[own + BENDING + lane] * curvature * curvature
-            total += 0.5 * c[own + WEIGHT + lane] * (stretched + bent)
+            axial = p[at + Y1 + lane] - c[start + STRAIN1 + lane]
+            shear = p[at + Y2 + lane] - c[start + STRAIN2 + lane]
+            curvature = p[at + BEND + lane] - c[start + CURVATURE + lane]
+            stretched = c[start + AXIAL + lane] * axial * axial + c[start + SHEAR + lane] * shear * shear
+            bent = c[start + BENDING + lane] * curvature * curvature
+            total += 0.5 * c[start + WEIGHT + lane] * (stretched + bent)
             if len(elements.coupling) > 0:
                 stiff = _find_planar_coupling(elements, block, lane)[0]
-                total += 0.5 * c[own + WEIGHT + lane] * compute_planar_work(stiff, (axial, shear, curvature))
+                total += 0.5 * c[start + WEIGHT + lane] * compute_planar_work(stiff, (axial, shear, curvature))
     return total
 
 
@@ -485,7 +485,7 @@ def compute_dissipated_power(elements, r):
     damping = elements.damping
     for block in range(np.uint64(len(damping)) // COEFFICIENTS):
         by = block * RATE_BLOCK
-        own = block * CONSTANTS
+        start = block * CONSTANTS
         d = block * COEFFICIENTS
         for lane in range(_LANES):
             rate1 = r[by + RATE1 + lane]
@@ -496,5 +496,5 @@ def compute_dissipated_power(elements, r):
             if len(elements.coupling) > 0:
                 drag = _find_planar_coupling(elements, block, lane)[1]
                 lost += compute_planar_work(drag, _find_planar_rate(block, lane, r))
-            total += elements.constants[own + WEIGHT + lane] * lost
+            total += elements.constants[start + WEIGHT + lane] * lost
     return total

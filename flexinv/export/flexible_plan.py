@@ -128,8 +128,8 @@ def _make_step_series(controller: Controller, state: FlexibleState, start: Array
     rate = 30 * x**2 * (1 - x) ** 2 / end
     acceleration = 60 * x * (1 - x) * (1 - 2 * x) / end**2
     q = np.tile(start, (REPLAYED_STEPS, 1))
-    for own, part in zip(q, place, strict=True):
-        integrate_array(state.nodes, own, part * way)
+    for coordinates, part in zip(q, place, strict=True):
+        integrate_array(state.nodes, coordinates, part * way)
     qd = np.outer(rate, way)
     qdd = np.outer(acceleration, way)
     tau = [controller.step(*now).copy() for now in zip(q, qd, qdd, strict=True)]

@@ -44,8 +44,8 @@ def find_compiler(target: str) -> Compiler | None:
 def _list_names(target: str) -> tuple[str, ...]:
     """Names of compilers for a target, the usual one first."""
     machine = TARGETS[target][0].partition("-")[0]
-    own = target == NATIVE or platform.machine().lower().replace("amd64", "x86_64") == machine
-    return ("cc", "gcc", "clang") if own else (f"{machine}-linux-gnu-gcc",)
+    native = target == NATIVE or platform.machine().lower().replace("amd64", "x86_64") == machine
+    return ("cc", "gcc", "clang") if native else (f"{machine}-linux-gnu-gcc",)
 
 
 def list_link_commands(prefix: str, target: str, compiler: Compiler | None) -> list[list[str]]:

@@ -85,10 +85,10 @@ def read_urdf(
     check_ends(joints, inertias, inertias, describe_place)
     inertias, joints = _add_base(inertias, joints, base, describe_location(path, robot))
     ordered = list_depth_first(joints, inertias, describe_place)
-    own = {name: () if inertia is None else (Body(name, inertia),) for name, inertia in inertias.items()}
+    bodies = {name: () if inertia is None else (Body(name, inertia),) for name, inertia in inertias.items()}
     warned = _list_warnings(robot, inertias, lock)
     mechanism = Mechanism(
-        name=path.stem, links=tuple(Link(j.child, own[j.child]) for j in ordered), joints=ordered, gravity=pull,
+        name=path.stem, links=tuple(Link(j.child, bodies[j.child]) for j in ordered), joints=ordered, gravity=pull,
         title=f"{robot.get('name', path.stem)}", source=f"URDF {path.name}", urdf=path.resolve(),
         packages=tuple(Path(p).resolve() for p in packages),
         notes=(*warned.values(), *_list_notes(inertias, lock)),

@@ -114,8 +114,8 @@ def remove_words(column: str, words: Iterable[str]) -> str:
 def match_by_number(joints: Sequence[Joint], columns: Sequence[str]) -> dict[str, list[str]]:
     """Return by joint the columns whose number means it [-]; nothing where numbers mean none."""
     numbers = _find_name_numbers(columns)
-    own = [re.findall(r"\d+", j.name)[-1:] for j in joints]
-    theirs = [int(one[0]) for one in own if one]
+    digit_groups = [re.findall(r"\d+", j.name)[-1:] for j in joints]
+    theirs = [int(one[0]) for one in digit_groups if one]
     seen = {n for n in numbers if n is not None}
     if len(set(theirs)) == len(joints) and seen <= set(theirs):
         called = dict(zip(theirs, joints, strict=True))

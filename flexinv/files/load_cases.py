@@ -147,9 +147,9 @@ def _build_case(data: Any, name: str, whole: schema.CasesTable, mechanism: Mecha
     _check_quantities(table, mechanism, where)
     measured = None if table.measured is None else _find_measured(table.measured, where)
     limits = *table.limits, *(limit for limit in whole.limits if limit.quantity in table.quantities)
-    own = tuple(Limit(**{**dict(limit), "engines": tuple(limit.engines)}) for limit in limits)
+    stated = tuple(Limit(**{**dict(limit), "engines": tuple(limit.engines)}) for limit in limits)
     return Case(
-        name, table.title, motion, table.step_s, end, sample, tuple(table.quantities), own,
+        name, table.title, motion, table.step_s, end, sample, tuple(table.quantities), stated,
         table.spectral_radius, table.initial, mesh, start, table.source or whole.source, tuple(table.notes),
         measured, table.accuracy,
     )  # fmt: skip
@@ -365,9 +365,11 @@ def read_samples(path: Path, mechanism: Mechanism, largest_gap: float | None) ->
     _check_sample_times(time, gap, [f"{path}: line {line}, column time_s" for line, _ in rows[1:]])
     joints = {}
     for joint in mechanism.joints:
-        own = sorted((k, column) for column, (name, k, _) in enumerate(columns) if name == joint.name)
-        if own:
-            joints[joint.name] = np.stack([table[:, 1 + c] * columns[c][2] for _, c in own], axis=1)  # (sample, number)
+        joint_columns = sorted((k, column) for column, (name, k, _) in enumerate(columns) if name == joint.name)
+        if joint_columns:
+            joints[joint.name] = np.stack(
+                [table[:, 1 + c] * columns[c][2] for _, c in joint_columns], axis=1
+            )  # (sample, number)
     return time, joints, gap
 
 

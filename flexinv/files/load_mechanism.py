@@ -169,12 +169,12 @@ def _build_link(data: Any, name: str, sections: Mapping[str, CrossSection], wher
     if table.massless and (table.mass_kg is not None or table.inertia_kgm2 is not None):
         given = "massless = true and a mass or an inertia"
         raise where.make_error("massless", given, "one or the other", "massless = false, or no mass")
-    own = () if table.massless else (Body(name, read_inertia(table, where)),)
+    bodies = () if table.massless else (Body(name, read_inertia(table, where)),)
     long = table.rod or table.cylinder  # without a stated tip its far end is the link's
     tip = (
         compute_far_end(long) if table.tip_m is None and long is not None else np.array(table.tip_m or [0.0, 0.0, 0.0])
     )
-    return Link(name, (*own, *read_payloads(table.payload, False, name, where)), tip=tip)
+    return Link(name, (*bodies, *read_payloads(table.payload, False, name, where)), tip=tip)
 
 
 def _build_from_urdf(table: schema.MechanismTable, sections: Mapping[str, CrossSection], top: Location) -> Mechanism:
@@ -226,8 +226,8 @@ def _apply_overlay(
             )
             joints.update(changed)
             notes.append(note)
-        own = link.bodies[0].name if link.bodies else name
-        payload = read_payloads(laid.payload, laid.beam is not None, own, where)
+        body_name = link.bodies[0].name if link.bodies else name
+        payload = read_payloads(laid.payload, laid.beam is not None, body_name, where)
         tip = link.tip if laid.tip_m is None else np.array(laid.tip_m, dtype=np.float64)
         links[name] = replace(link, bodies=(*link.bodies, *payload), tip=tip)
     driven = {
@@ -288,9 +288,11 @@ def _make_link_flexible(
     bodies = tuple(_move_to_root(body, root) for body in link.bodies) if at_root else ()
     density = section.mass_per_length
     mass = float(density[0] if density.size == 1 else np.trapezoid(density, section.stations)) * length
-    own = sum(body.inertia.mass for body in link.bodies)
+    stated_mass = sum(body.inertia.mass for body in link.bodies)
     kept = "replaced" if table.own_inertia == "replaced" else "kept as a rigid body at its root"
-    note = f"{link.name} is a beam of {length:.6g} m and {mass:.6g} kg; its URDF inertia ({own:.6g} kg) is {kept}"
+    note = (
+        f"{link.name} is a beam of {length:.6g} m and {mass:.6g} kg; its URDF inertia ({stated_mass:.6g} kg) is {kept}"
+    )
     placed = {name: _move_to_beam(j, root, length, name == table.to_joint) for name, j in outward.items()}
     return Link(link.name, bodies, beam), placed, note
 

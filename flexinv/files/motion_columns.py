@@ -247,10 +247,12 @@ def _match_numbered_columns(
     scalar = {joint.name: joint for joint in joints if joint.nv == 1}
     given: list[MotionColumn] = []
     for sense in SENSES:
-        own = {column.name: column for column in columns if column.sense == sense}
-        alone = len(scalar) == 1 and len(own) == 1
-        matched = {next(iter(scalar)): list(own)} if alone else match_by_number(list(scalar.values()), list(own))
-        pairs = [(joint, own[name]) for joint, names in matched.items() for name in names]
+        numbered = {column.name: column for column in columns if column.sense == sense}
+        alone = len(scalar) == 1 and len(numbered) == 1
+        matched = (
+            {next(iter(scalar)): list(numbered)} if alone else match_by_number(list(scalar.values()), list(numbered))
+        )
+        pairs = [(joint, numbered[name]) for joint, names in matched.items() for name in names]
         given += [replace(column, joint=joint, coordinate=joint) for joint, column in pairs]
     fitting = [c for c in given if _has_joint_unit(scalar[c.joint], "", c.sense, _split_motion_unit(c.name)[1])]
     names = {column.name for column in fitting}
@@ -309,10 +311,10 @@ def _list_missing(
     """Coordinates without a column; of a joint that closures or springs may move, and that a motion leaves out, none."""
     missing = []
     for joint in mechanism.joints:
-        own = list_coordinates(joint, sense) if joint.nv and joint.name not in held else ()
-        absent = [name for name in own if (sense, name) not in seen]
-        whole = len(absent) == len(own)
-        left_out = whole and (POSITION_COLUMNS, own[0] if own else "") not in seen
+        coordinates = list_coordinates(joint, sense) if joint.nv and joint.name not in held else ()
+        absent = [name for name in coordinates if (sense, name) not in seen]
+        whole = len(absent) == len(coordinates)
+        left_out = whole and (POSITION_COLUMNS, coordinates[0] if coordinates else "") not in seen
         if not (left_out and (mechanism.closures or not joint.actuated)):
             missing += absent
     return missing
@@ -327,7 +329,7 @@ def _list_some(names: Iterable[str]) -> str:
 def _describe_nearest(unknown: Sequence[str], mechanism: Mechanism) -> str:
     """The joint that the first unknown column may mean."""
     words = map_joint_names([joint for joint in mechanism.joints if joint.nv])
-    owners = {word: joint for joint, own in words.items() for word in own}
+    owners = {word: joint for joint, known in words.items() for word in known}
     near = find_nearest_word(_split_motion_unit(unknown[0])[0].strip(), owners)
     return f" (is it {owners[near]}?)" if near else ""
 

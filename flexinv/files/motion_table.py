@@ -142,8 +142,8 @@ class MotionSource:
         self._check_far(given, first)
         positions = self._fill_places(given)
         rates, accelerations = (
-            self._fill_held(self._read_sense(frame, own, first), own) if own else None
-            for own in (c.rates, c.accelerations)
+            self._fill_held(self._read_sense(frame, sense_columns, first), sense_columns) if sense_columns else None
+            for sense_columns in (c.rates, c.accelerations)
         )
         return MotionPart(first, time, positions, rates, accelerations)
 
@@ -240,8 +240,10 @@ def open_motion(
     columns = match_motion_columns(header, mechanism, held, f"{label}: line 1" if dialect else label)
     text = dialect is not None
     factor, time_digit = _read_time_unit(head, columns, label, text)
-    own = {"position": columns.positions, "rate": columns.rates, "acceleration": columns.accelerations}
-    digits = {sense: np.array([c.factor * _find_digit(head, c.place, text) for c in own[sense]]) for sense in SENSES}
+    sense_columns = {"position": columns.positions, "rate": columns.rates, "acceleration": columns.accelerations}
+    digits = {
+        sense: np.array([c.factor * _find_digit(head, c.place, text) for c in sense_columns[sense]]) for sense in SENSES
+    }
     step = _check_spacing(spacing, columns, label)
     return MotionSource(label, mechanism, given, columns, held, step, factor, digits, time_digit, dialect)
 

@@ -376,10 +376,10 @@ def _build_long_tensor(table: RodTable | CylinderTable, axial: float, across: fl
     return np.diag(moments)
 
 
-def read_payloads(tables: list[PayloadTable], beam: bool, own: str, where: Location) -> tuple[Body, ...]:
+def read_payloads(tables: list[PayloadTable], beam: bool, body_name: str, where: Location) -> tuple[Body, ...]:
     """Read the bodies that a link carries; on a beam each names its station [-], on a rigid link none does.
 
-    own : the name of the link's own body, which no payload may have
+    body_name : the name of the link's own body, which no payload may have
     """
     bodies: list[Body] = []
     for k, table in enumerate(tables):
@@ -387,7 +387,7 @@ def read_payloads(tables: list[PayloadTable], beam: bool, own: str, where: Locat
         on = "the beam's length that carries it"
         off = "the link is rigid"
         check_station(table.station, beam, here, on, off, "com_m alone, in the link frame")
-        if table.name in (own, *(body.name for body in bodies)):
+        if table.name in (body_name, *(body.name for body in bodies)):
             expected = "a name of its own for each body of a link"
             raise here.make_error("name", f'"{table.name}" twice', expected, f'name = "{table.name}_2"')
         bodies.append(Body(table.name, read_inertia(table, here), table.station))

@@ -303,10 +303,10 @@ def assemble_section(value: Any, sections: Mapping[str, CrossSection], where: Lo
     one shape dimensions and material are linear (more stations say so), between others stiffness and mass are.
     """
     tables = _read_stations(value, where)
-    own = [_find_section(table.section, sections, where) for table in tables]
+    stated = [_find_section(table.section, sections, where) for table in tables]
     at = [table.at for table in tables]
-    stations = [(at[0], own[0])]  # with more between those of one shape, wherever linear would not be the taper
-    for (start, first), (end, last) in pairwise(zip(at, own, strict=True)):
+    stations = [(at[0], stated[0])]  # with more between those of one shape, wherever linear would not be the taper
+    for (start, first), (end, last) in pairwise(zip(at, stated, strict=True)):
         if end > start and first.table is not None and type(first.table) is type(last.table):
             stations += _list_stations_between(first, last, start, end)
         stations.append((end, last))
@@ -317,10 +317,10 @@ def assemble_section(value: Any, sections: Mapping[str, CrossSection], where: Lo
     return _build_section(places, np.array([part.numbers for part in parts]))
 
 
-def _join_sections(places: Array, own: list[Section]) -> Section:
+def _join_sections(places: Array, parts: list[Section]) -> Section:
     """The section whose matrices at the places are those of sections of one station each."""
     stiffness, mass, damping = (
-        np.concatenate([getattr(section, name) for section in own])
+        np.concatenate([getattr(section, name) for section in parts])
         for name in ("stiffness_matrices", "mass_matrices", "damping_matrices")
     )
     return Section.build_from_matrices(places, stiffness, mass, damping if damping.any() else None)

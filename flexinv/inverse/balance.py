@@ -70,9 +70,9 @@ def compute_carried_energy(mesh: Mesh, qd: Array, passive: set[str]) -> Array:
     speed = np.zeros(len(qd))
     driven = np.array([joint.name not in passive for joint in m.joints for _ in range(joint.nv)], dtype=bool)
     for n in np.flatnonzero(mesh.v_index >= 0):
-        own = slice(mesh.v_index[n], mesh.v_index[n] + mesh.freedoms[n])
+        columns = slice(mesh.v_index[n], mesh.v_index[n] + mesh.freedoms[n])
         reach = np.linalg.norm(mesh.slide[n], axis=1) + mesh.length * np.linalg.norm(mesh.turn[n], axis=1)
-        speed += np.abs(qd[:, own]) @ (reach[: mesh.freedoms[n]] * driven[own])
+        speed += np.abs(qd[:, columns]) @ (reach[: mesh.freedoms[n]] * driven[columns])
     return np.asarray(0.5 * mesh.mass.sum() * speed**2)
 
 

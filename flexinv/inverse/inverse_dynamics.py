@@ -89,11 +89,11 @@ def compute_local_wrenches(mesh: Mesh, motion: NodalMotion, forces: NodalForces)
     """Return wrenches of `compute_joint_wrenches` of joints' nodes only, node -> (samples, 6) [N], [N m], in its own frame."""
     moves = np.flatnonzero(mesh.v_index >= 0)
     nodes = np.union1d(moves, np.array([*mesh.joint_node.values()], dtype=np.int64))
-    own = np.empty((len(nodes), len(motion.x), 6))
+    wrenches = np.empty((len(nodes), len(motion.x), 6))
     line = np.empty((mesh.size, 6))
     parts = (make_contiguous(part) for part in (motion.x, motion.rotation, forces.force, forces.moment))
-    fill_sums_in_frames(mesh.parent, nodes, *parts, line, own)
-    return dict(zip(nodes.tolist(), own, strict=True))
+    fill_sums_in_frames(mesh.parent, nodes, *parts, line, wrenches)
+    return dict(zip(nodes.tolist(), wrenches, strict=True))
 
 
 def compute_projected_efforts(
@@ -106,12 +106,12 @@ def compute_projected_efforts(
     wrenches = compute_local_wrenches(mesh, motion, forces) if wrenches is None else wrenches
     tau = np.zeros((len(motion.x), mesh.mechanism.nv))
     for node in np.flatnonzero(mesh.v_index >= 0).tolist():
-        own = wrenches[node]
+        wrench = wrenches[node]
         first = mesh.v_index[node]
         count = mesh.freedoms[node]
         slide = mesh.slide[node, :count]
         turn = mesh.turn[node, :count]
-        tau[:, first : first + count] = own[:, :3] @ slide.T + own[:, 3:] @ turn.T
+        tau[:, first : first + count] = wrench[:, :3] @ slide.T + wrench[:, 3:] @ turn.T
     return tau
 
 
@@ -154,8 +154,8 @@ def compute_applied_forces(mesh: Mesh, motion: NodalMotion, time: Array) -> Noda
         along = (xb - xa) / np.maximum(length, np.finfo(float).tiny)
         rate = np.sum(along * (vb - va), axis=1, keepdims=True)
         pull = (spring.evaluate_pull(length) + spring.damping * rate) * along  # on a, towards b
-        for node, arm, own in ((a, arm_a, pull), (b, arm_b, -pull)):
-            _add(out, node, arm, own, np.zeros_like(pull))
+        for node, arm, end_force in ((a, arm_a, pull), (b, arm_b, -pull)):
+            _add(out, node, arm, end_force, np.zeros_like(pull))
     for force in m.forces:
         node, arm, _, _ = _evaluate_attachment(mesh, motion, force.at)
         wrench = np.stack([np.interp(time, force.time, column) for column in force.wrench.T], axis=1)  # (sample, 6)
@@ -196,9 +196,9 @@ def compute_spring_efforts(mechanism: Mechanism, q: Array, history: bool = True)
     laws = build_joint_laws(mechanism)._replace(friction=0.0)
     for joint in mechanism.joints:
         if joint.stiffness:
-            own = q[:, mechanism.q_slices[joint.name]]
+            coordinates = q[:, mechanism.q_slices[joint.name]]
             v = mechanism.v_slices[joint.name].start
-            place = read_scalar_coordinate(joint, own, history)
+            place = read_scalar_coordinate(joint, coordinates, history)
             out[:, v] = compute_resisting_effort(laws._replace(stiffness=joint.stiffness, rest=joint.rest), place, 0.0)
     return out
 

@@ -172,8 +172,8 @@ def find_zero_vector(gap: Triple, time: Array, length: float) -> float | None:
         way = steps * np.maximum(np.linalg.norm(rate[1:], axis=1), np.linalg.norm(rate[:-1], axis=1))
         way += steps**2 * np.maximum(np.linalg.norm(second[1:], axis=1), np.linalg.norm(second[:-1], axis=1))
         for k in np.flatnonzero(size[1:] + size[:-1] <= way + 2.0 * least).tolist():
-            own = slice(k, k + 2)
-            zero_between = _find_zero_between((d[own], rate[own], second[own]), float(steps[k]), least)
+            ends = slice(k, k + 2)
+            zero_between = _find_zero_between((d[ends], rate[ends], second[ends]), float(steps[k]), least)
             if zero_between is not None:
                 return float(time[k]) + zero_between
     short = np.flatnonzero(size <= least)

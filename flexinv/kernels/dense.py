@@ -198,7 +198,7 @@ def _find_pivot(m, rows, least, left):
 
 @jit
 def _solve_rows(whole, window, x):
-    """Eliminate below the diagonal: block rows [below, own, above, right] become [own, after, one further, right] of a triangle.
+    """Eliminate below the diagonal: rows [below, diagonal, above, right] become [diagonal, after, one more, right] of a triangle.
 
     Then fill x (samples + 2, n), whose last two rows are zero, from the triangle.
     whole : (samples, n, 3 n + 1); window : (2 n, 3 n + 1) scratch: the block row at hand and the one after it
@@ -225,18 +225,18 @@ def _solve_rows(whole, window, x):
             x[k, i] = value / whole[k, i, i]
 
 
-def solve_tridiagonal(below: Array, own: Array, above: Array, right: Array) -> Array:
+def solve_tridiagonal(below: Array, diagonal: Array, above: Array, right: Array) -> Array:
     """Return x (samples, n) of  below_k x_(k-1) + own_k x_k + above_k x_(k+1) = right_k  [any unit].
 
-    below, own, above : (samples, n, n), the first ``below`` and the last ``above`` without meaning; right : (samples, n).
+    below, diagonal, above : (samples, n, n), the first ``below`` and the last ``above`` without meaning; right : (samples, n).
     Rows are scaled to a largest entry of one first.  Elimination goes along time with partial pivoting: pivots are sought in the
     block row at hand and the one after it, which is all that a column reaches, as growing and decaying solutions stand side by
     side in a boundary-value problem, and a block may be singular by itself.  A singular system gives values that are not finite.
     (LAPACK's band solver does the same; its threads wait for each other on blocks of this size.)
     """
     samples, n = right.shape
-    largest = np.maximum.reduce([np.abs(part).max(axis=2) for part in (below, own, above)])
-    whole = np.concatenate([below, own, above, right[:, :, None]], axis=2) / largest[:, :, None]
+    largest = np.maximum.reduce([np.abs(part).max(axis=2) for part in (below, diagonal, above)])
+    whole = np.concatenate([below, diagonal, above, right[:, :, None]], axis=2) / largest[:, :, None]
     whole[-1, :, 2 * n : 3 * n] = 0.0
     x = np.zeros((samples + 2, n))
     _solve_rows(whole, np.zeros((2 * n, 3 * n + 1)), x)

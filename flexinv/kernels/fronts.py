@@ -58,20 +58,20 @@ def _build_fronts(shape: tuple[int, int], entries: bytes, last: bytes) -> Fronts
     turn = np.empty(count, dtype=np.int64)
     turn[order] = np.arange(count)
     groups = _join_fronts([[c] for c in order], [sorted(f, key=lambda c: turn[c]) for f in further])
-    front = {column: f for f, (own, _) in enumerate(groups) for column in own}
+    front = {column: f for f, (pivots, _) in enumerate(groups) for column in pivots}
     rows = _list_rows(pattern, front, len(groups))
     # the arrays: rows and values one front after the other
     parent = [front[others[0]] if others else -1 for _, others in groups]
     source, base = _list_sources(rows, groups, parent)
-    local = [{column: k for k, column in enumerate(own + others)} for own, others in groups]
-    place = [[-1] * len(own) + [local[parent[f]][c] for c in others] for f, (own, others) in enumerate(groups)]
+    local = [{column: k for k, column in enumerate(pivots + others)} for pivots, others in groups]
+    place = [[-1] * len(pivots) + [local[parent[f]][c] for c in others] for f, (pivots, others) in enumerate(groups)]
     tall = _count_each(source)
     wide = _count_each(local)
     start = _compute_offsets(tall * wide)
     return Fronts(
         columns=count,
         first=_compute_offsets(wide),
-        pivots=np.array([len(own) for own, _ in groups], dtype=np.int64),
+        pivots=np.array([len(pivots) for pivots, _ in groups], dtype=np.int64),
         column=_join_parts([list(columns) for columns in local]),
         place=_join_parts(place),
         begin=_compute_offsets(tall),
@@ -97,7 +97,7 @@ def _list_sources(
     rows: list[list[int]], groups: list[tuple[list[int], list[int]]], parent: list[int]
 ) -> tuple[list[list[int]], list[int]]:
     """All rows of each front, -1 where a child's comes, and the first that it fills in its parent."""
-    source = [list(own) for own in rows]
+    source = [list(row) for row in rows]
     base = [0] * len(groups)
     for f, (_, others) in enumerate(groups):
         if others:
@@ -113,8 +113,8 @@ def _list_entries(
     """Row and column of every entry of the matrix, and its value's place, column by column of its front."""
     entry = [
         (r, int(c), int(start[f] + local[f][int(c)] * tall[f] + k))
-        for f, own in enumerate(rows)
-        for k, r in enumerate(own)
+        for f, members in enumerate(rows)
+        for k, r in enumerate(members)
         for c in np.flatnonzero(pattern[r])
     ]
     return np.array(entry, dtype=np.int64).reshape(-1, 3)
@@ -147,21 +147,21 @@ def find_least_degree_order(
     return order, further
 
 
-def _join_fronts(own: list[list[int]], further: list[list[int]]) -> list[tuple[list[int], list[int]]]:
+def _join_fronts(pivots: list[list[int]], further: list[list[int]]) -> list[tuple[list[int], list[int]]]:
     """Own and other columns of fronts: a child whose columns are its parent's, or few with them, is one front with it."""
-    holder = {column: f for f, columns in enumerate(own) for column in columns}
+    holder = {column: f for f, columns in enumerate(pivots) for column in columns}
     gone = set()
-    for f in range(len(own)):
+    for f in range(len(pivots)):
         if not further[f]:
             continue
         parent = holder[further[f][0]]
-        wide = len(own[parent]) + len(further[parent])
-        if len(further[f]) == wide or len(own[f]) + wide <= SMALL:
-            own[parent] = own[f] + own[parent]
-            for column in own[f]:
+        wide = len(pivots[parent]) + len(further[parent])
+        if len(further[f]) == wide or len(pivots[f]) + wide <= SMALL:
+            pivots[parent] = pivots[f] + pivots[parent]
+            for column in pivots[f]:
                 holder[column] = parent
             gone.add(f)
-    return [(own[f], further[f]) for f in range(len(own)) if f not in gone]
+    return [(pivots[f], further[f]) for f in range(len(pivots)) if f not in gone]
 
 
 def _count_each(parts: Sequence[Sized]) -> Indices:

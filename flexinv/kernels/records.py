@@ -35,7 +35,7 @@ def take_record(typing_context: Any, records: Any, number: Any) -> Any:
     kinds = [whole.copy(ndim=whole.ndim - 1) if whole.ndim > 1 else whole.dtype for whole in wholes]
     made = types.BaseTuple.from_types(kinds, NUMBA.find_record_class(records))
 
-    def write_code(context: Any, builder: Any, own: Any, arguments: Any) -> Any:
+    def write_code(context: Any, builder: Any, call_signature: Any, arguments: Any) -> Any:
         parts = []
         for k, (whole, kind) in enumerate(zip(wholes, kinds, strict=True)):
             item = context.get_function(operator.getitem, signature(kind, whole, number))

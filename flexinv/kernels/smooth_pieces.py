@@ -75,8 +75,8 @@ class Pieces:
 
     def find_largest(self, column: int) -> tuple[float, float]:
         """Return the largest value of a column [unit of the function] and its time [s]."""
-        own = self.coefficients[:, :, column]
-        most = own[:, 0] + np.abs(own[:, 1:]).sum(axis=1)  # no value of the piece is larger
+        coefficients = self.coefficients[:, :, column]
+        most = coefficients[:, 0] + np.abs(coefficients[:, 1:]).sum(axis=1)  # no value of the piece is larger
         best = -np.inf
         at = float(self.begin[0])
         for piece in np.argsort(-most).tolist():
@@ -99,8 +99,8 @@ class Pieces:
         A level is at its stationary point where that differs by no more than rounding (`SAME_VALUE`): it is touched.
         """
         bar = SAME_VALUE * max(abs(level), float(self.scale[column]))
-        own = self.coefficients[:, :, column]
-        most = own[:, 0] + np.abs(own[:, 1:]).sum(axis=1)
+        coefficients = self.coefficients[:, :, column]
+        most = coefficients[:, 0] + np.abs(coefficients[:, 1:]).sum(axis=1)
         for piece in np.flatnonzero(most >= level - bar).tolist():
             times = self.find_extremes(piece, column)
             over = self.evaluate_column(piece, column, times) - level
@@ -137,13 +137,13 @@ class Pieces:
         """Of times [s] at which all columns are nearly zero where the column that moves most touches or crosses it."""
         column = int(np.argmax(np.abs(self.coefficients[piece, 1:]).sum(axis=0)))
         bar = SAME_VALUE * float(self.scale[column])
-        own = self._find_zeros(piece, column)
-        own = own[(own >= near[0]) & (own <= near[-1])]
+        zeros = self._find_zeros(piece, column)
+        zeros = zeros[(zeros >= near[0]) & (zeros <= near[-1])]
         turns = self.find_extremes(piece, column)[1:-1]
         touching = turns[
             (turns >= near[0]) & (turns <= near[-1]) & (np.abs(self.evaluate_column(piece, column, turns)) <= bar)
         ]
-        for some in (touching, own, near):
+        for some in (touching, zeros, near):
             if len(some):
                 return float(some[int(np.argmin(self._evaluate_length(piece, some)))])
         return float(near[0])

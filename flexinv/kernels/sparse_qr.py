@@ -96,7 +96,7 @@ def factorise_qr(fronts, qr):
 def _factorise_front(fronts, qr, f):
     """Eliminate the own columns of a front, and bring the others to a triangle where they are fewer than its rows left."""
     first = fronts.first[f]
-    own = fronts.pivots[f]
+    pivots = fronts.pivots[f]
     rows = fronts.begin[f + 1] - fronts.begin[f]
     width = fronts.first[f + 1] - first
     top = 0
@@ -104,15 +104,15 @@ def _factorise_front(fronts, qr, f):
     for c in range(width):
         at = first + c
         qr.pivot[at] = -1
-        if c == own:
+        if c == pivots:
             qr.top[f] = top
-            tall = rows - top > width - own
+            tall = rows - top > width - pivots
         if not tall:
             continue
         place = _find_first_value(fronts, f, c)
         column = qr.values[place : place + rows]
         _compute_squares(column, top, qr.sums)
-        if c < own:
+        if c < pivots:
             independence = _judge_independence(qr.sums, qr.scale)
             if independence < 0:
                 return False
@@ -124,7 +124,7 @@ def _factorise_front(fronts, qr, f):
             place = _find_first_value(fronts, f, d)
             _reflect(qr.values[place : place + rows], column, qr.beta[at], top, qr.sums)
         top += 1
-    if width == own:
+    if width == pivots:
         qr.top[f] = top
     return True
 
@@ -212,12 +212,12 @@ def _copy_to_parent(fronts, qr, f):
     top = qr.top[f]
     for d in range(fronts.pivots[f], fronts.first[f + 1] - first):
         pivot = qr.pivot[first + d]
-        own = qr.values[_find_first_value(fronts, f, d) :]
+        front = qr.values[_find_first_value(fronts, f, d) :]
         to = qr.values[_find_first_value(fronts, parent, fronts.place[first + d]) + fronts.base[f] :]
         for r in range(_count_remaining_rows(fronts, qr, f)):
             for k in range(qr.scale.shape[0]):
                 if pivot < 0 or top + r < pivot:
-                    to[r, k] = own[top + r, k]
+                    to[r, k] = front[top + r, k]
                 else:
                     to[r, k] = qr.diagonal[first + d, k] if top + r == pivot else 0.0
 
@@ -294,16 +294,16 @@ def solve_upper(fronts, qr, x):
         first = fronts.first[f]
         for c in range(fronts.pivots[f] - 1, -1, -1):
             pivot = qr.pivot[first + c]
-            own = fronts.column[first + c]
+            unknown = fronts.column[first + c]
             if pivot < 0:
                 continue
             for d in range(c + 1, fronts.first[f + 1] - first):
                 row = qr.values[_find_first_value(fronts, f, d) + pivot]
                 other = fronts.column[first + d]
                 for k in range(x.shape[1]):
-                    x[own, k] -= row[k] * x[other, k]
+                    x[unknown, k] -= row[k] * x[other, k]
             for k in range(x.shape[1]):
-                x[own, k] /= qr.diagonal[first + c, k]
+                x[unknown, k] /= qr.diagonal[first + c, k]
 
 
 @jit_inner
@@ -313,16 +313,16 @@ def solve_lower(fronts, qr, x):
         first = fronts.first[f]
         for c in range(fronts.pivots[f]):
             pivot = qr.pivot[first + c]
-            own = fronts.column[first + c]
+            unknown = fronts.column[first + c]
             if pivot < 0:
                 continue
             for k in range(x.shape[1]):
-                x[own, k] /= qr.diagonal[first + c, k]
+                x[unknown, k] /= qr.diagonal[first + c, k]
             for d in range(c + 1, fronts.first[f + 1] - first):
                 row = qr.values[_find_first_value(fronts, f, d) + pivot]
                 other = fronts.column[first + d]
                 for k in range(x.shape[1]):
-                    x[other, k] -= row[k] * x[own, k]
+                    x[other, k] -= row[k] * x[unknown, k]
 
 
 NORM_STEPS = 5  # of the estimate of a norm: it seldom changes after the second

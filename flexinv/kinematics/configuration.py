@@ -127,10 +127,10 @@ def _turn(q, first, d):
     angle = math.sqrt(dot(d, d))
     step = scale(0.5 * (math.sin(0.5 * angle) / (0.5 * angle) if angle > 0.0 else 1.0), d)
     c = math.cos(0.5 * angle)
-    own = vec_at(q, first)
+    imaginary = vec_at(q, first)
     real = q[first + 3]
-    vector = add(add(scale(real, step), scale(c, own)), cross(own, step))
-    scalar = real * c - dot(own, step)
+    vector = add(add(scale(real, step), scale(c, imaginary)), cross(imaginary, step))
+    scalar = real * c - dot(imaginary, step)
     size = 1.0 / math.sqrt(dot(vector, vector) + scalar * scalar)
     put(q, first, scale(size, vector))
     q[first + 3] = size * scalar

@@ -167,26 +167,33 @@ class _Builder(MeshPlaces):
         """
         ref = build_reference(beam.order)
         half = 0.5 * (end - start)
-        own = [nodes[-1]]
+        element_nodes = [nodes[-1]]
         jacobian = half * beam.length  # ds/dxi
         at_nodes = start + half * (1 + ref.nodes)
         at_points = start + half * (1 + ref.points)
         for previous, here in pairwise(at_nodes):
-            own.append(
-                self.add_node(own[-1], SECTION, compute_section_frame(beam, (here - previous) * beam.length), link)
+            element_nodes.append(
+                self.add_node(
+                    element_nodes[-1], SECTION, compute_section_frame(beam, (here - previous) * beam.length), link
+                )
             )
-        nodes += own[1:]
+        nodes += element_nodes[1:]
         stations += list(at_nodes[1:])
-        self.add_lumped_mass(beam, (start, end), own, at_nodes, coupled_mass)
+        self.add_lumped_mass(beam, (start, end), element_nodes, at_nodes, coupled_mass)
         gamma0, kappa0 = _compute_initial_strains(beam, at_nodes, ref.shape, ref.slope / jacobian)
         laws = _evaluate_laws(beam, (start, end), at_points)
         self.elements.append([
-            np.array(beam.order), np.array(own, dtype=float), *laws, gamma0, kappa0,
+            np.array(beam.order), np.array(element_nodes, dtype=float), *laws, gamma0, kappa0,
             ref.point_weights * jacobian, ref.shape, ref.slope / jacobian, at_points, np.array(link),
         ])  # fmt: skip
 
     def add_lumped_mass(
-        self, beam: Beam, bounds: tuple[float, float], own: list[int], at: Array, coupled_mass: dict[int, Array]
+        self,
+        beam: Beam,
+        bounds: tuple[float, float],
+        element_nodes: list[int],
+        at: Array,
+        coupled_mass: dict[int, Array],
     ) -> None:
         """Add the mass of an element to its nodes, which stand at fractions ``at``, each that of its part of the length."""
         section = beam.section
@@ -194,11 +201,11 @@ class _Builder(MeshPlaces):
         weights = build_reference(beam.order).weights * half
         if section.has_coupled_mass:
             (masses,) = _evaluate_sections(beam, bounds, at, section.mass_matrices)
-            for node, w, matrix in zip(own, weights, masses, strict=True):
+            for node, w, matrix in zip(element_nodes, weights, masses, strict=True):
                 coupled_mass[node] = coupled_mass[node] + w * matrix
             return
         rho_a, rho_i = _evaluate_sections(beam, bounds, at, section.mass_per_length, section.rotary_inertia)
-        for node, w, mass, rotary in zip(own, weights, rho_a, rho_i, strict=True):
+        for node, w, mass, rotary in zip(element_nodes, weights, rho_a, rho_i, strict=True):
             self.mass[node] += float(w * mass)
             self.inertia[node] = self.inertia[node] + w * np.diag(rotary)
 
@@ -356,7 +363,9 @@ def build(mechanism: Mechanism) -> Mesh:
     for n, count in enumerate(map(len, moved)):
         slide[n, :count] = moved[n]
         turn[n, :count] = turned[n]
-    whole = [np.array(column, dtype=np.int64) for column in (parent, kind, q, v, [len(own) for own in moved], link)]
+    whole = [
+        np.array(column, dtype=np.int64) for column in (parent, kind, q, v, [len(freedoms) for freedoms in moved], link)
+    ]
     return Mesh(
         mechanism, builder.joint_node, builder.tip_node, builder.section_nodes, builder.section_stations, builder.body_node,
         whole[0], whole[1],

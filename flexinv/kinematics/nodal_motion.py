@@ -155,10 +155,10 @@ def compute_difference(mechanism: Mechanism, q0: Array, q1: Array) -> Array:
     """Return the increment (nv,) [rad], [m] of the velocity coordinates from q0 (nq,) to q1: ``moved(m, q0, it)`` is q1."""
     out = np.zeros(mechanism.nv)
     for joint in mechanism.joints:
-        own = mechanism.q_slices[joint.name]
+        columns = mechanism.q_slices[joint.name]
         layout = KINDS[joint.kind].layout
-        first = q0[own]
-        last = q1[own]
+        first = q0[columns]
+        last = q1[columns]
         if layout == CIRCLE:
             change = np.arctan2(first[0] * last[1] - first[1] * last[0], first @ last)
         elif layout == ROTATION:
@@ -200,8 +200,8 @@ def compute_nearest_difference(mechanism: Mechanism, first: Array, last: Array) 
     out = compute_difference(mechanism, first, last)
     for joint in mechanism.joints:
         if KINDS[joint.kind].repeats and not KINDS[joint.kind].circle:
-            own = mechanism.v_slices[joint.name]
-            out[own] = (out[own] + np.pi) % (2 * np.pi) - np.pi
+            columns = mechanism.v_slices[joint.name]
+            out[columns] = (out[columns] + np.pi) % (2 * np.pi) - np.pi
     return out
 
 

@@ -231,16 +231,16 @@ def _warn_of_hidden_roots(times: Array) -> None:
     )
 
 
-def _compute_left_vectors(own: Pencil, root: Complex, w: Complex) -> Complex:
+def _compute_left_vectors(pencil: Pencil, root: Complex, w: Complex) -> Complex:
     """Left vectors (own, roots) of P from those of the pencil: y_e of what follows by w^H (A - s B)_e + y_e^H A_ee = 0."""
-    r = own.massive
-    first = own.massive + own.moved
-    size = own.basis.shape[1]
+    r = pencil.massive
+    first = pencil.massive + pencil.moved
+    size = pencil.basis.shape[1]
     out = np.zeros((size, len(root)), dtype=complex)
     out[:first] = w[r:]
     if size > first:
-        across = own.a[:, first:size].T @ w - np.conj(root) * (own.b[:, first:size].T @ w)
-        out[first:] = solve_held(own.held.T, across.real) + 1j * solve_held(own.held.T, across.imag)
+        across = pencil.a[:, first:size].T @ w - np.conj(root) * (pencil.b[:, first:size].T @ w)
+        out[first:] = solve_held(pencil.held.T, across.real) + 1j * solve_held(pencil.held.T, across.imag)
     return out
 
 

@@ -66,11 +66,11 @@ def split_by_inertia(mass: Sparse) -> Split:
     massive = [_build_columns(np.flatnonzero(alone & ~none), size)]
     massless = [_build_columns(np.flatnonzero(alone & none), size)]
     for k in np.unique(label[~alone]):
-        own = order[ends[k - 1] if k else 0 : ends[k]]
-        values, vectors = scipy.linalg.eigh(unit[own][:, own].toarray())
+        block = order[ends[k - 1] if k else 0 : ends[k]]
+        values, vectors = scipy.linalg.eigh(unit[block][:, block].toarray())
         for found, which in ((massive, values > NO_INERTIA), (massless, values <= NO_INERTIA)):
-            rows, columns = np.meshgrid(own, np.arange(which.sum()), indexing="ij")
-            found.append((rows.ravel(), columns.ravel(), (vectors[:, which] / size[own, None]).ravel()))
+            rows, columns = np.meshgrid(block, np.arange(which.sum()), indexing="ij")
+            found.append((rows.ravel(), columns.ravel(), (vectors[:, which] / size[block, None]).ravel()))
     return Split(_build_basis(massive, len(size)), _build_basis(massless, len(size)))
 
 
@@ -99,11 +99,11 @@ def build_massless_elimination(stiffness: Sparse, split: Split) -> Sparse:
     count = split.massless.shape[1]
     if not count:
         return split.massive
-    own = scipy.sparse.csc_array(split.massless.T @ stiffness @ split.massless)
+    massless = scipy.sparse.csc_array(split.massless.T @ stiffness @ split.massless)
     across = scipy.sparse.csc_array(split.massless.T @ stiffness @ split.massive)
     touched = np.flatnonzero(np.diff(across.indptr))
     follow = np.zeros(across.shape)
-    follow[:, touched] = solve_held(own, across[:, touched].toarray())
+    follow[:, touched] = solve_held(massless, across[:, touched].toarray())
     return scipy.sparse.csc_array(split.massive - split.massless @ scipy.sparse.csc_array(follow))
 
 

@@ -271,10 +271,10 @@ def _build_basis(motion: SteadyLinearisation, accelerated: Array, modes: int | N
     """T and W of `build_state_space`: given joints with what follows them at rest, and shapes with these held."""
     m = motion.matrices.mass
     k = motion.matrices.stiffness
-    own = accelerated.any(axis=0)
-    if not own.any():
+    inertial = accelerated.any(axis=0)
+    if not inertial.any():
         return _build_shapes(find_allowed_motions(motion.solver), motion, modes)
-    rest = scipy.sparse.csc_array(np.diag(motion.solver.topology.scale)[:, ~own])
+    rest = scipy.sparse.csc_array(np.diag(motion.solver.topology.scale)[:, ~inertial])
     held = (rest.T @ k @ rest).toarray()
     inertia = (rest.T @ m @ rest).toarray()
     # where other joints are free K_ff is singular: any Psi is exact, this one is near the slow one

@@ -62,8 +62,8 @@ def apply_damping_ratio(mechanism: Mechanism, ratio: float, mode: int = 1) -> tu
     modes = compute_modes(*resolve_setup(with_retardation(mechanism, 1.0), None, None, None), None)
     if not 1 <= mode <= len(modes.squared):
         raise InputError(f"damping ratio: mode {mode}, expected 1 to {len(modes.squared)}, the modes that are found")
-    own = float(modes.ratio[mode - 1])
-    if not own > 0.0:
+    computed = float(modes.ratio[mode - 1])
+    if not computed > 0.0:
         raise InputError(f"damping ratio: mode {mode} does not oscillate; take another, `flexinv modes` lists them")
-    seconds = ratio / own
+    seconds = ratio / computed
     return with_retardation(mechanism, seconds), seconds, replace(modes, friction=seconds * modes.friction)

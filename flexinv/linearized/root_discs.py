@@ -177,17 +177,17 @@ def _find_radii(error: Array, members: Members, gap: Array) -> tuple[Array, Memb
 
     members : (roots, sets); gap : (roots, sets) distance of each root to the sets
     """
-    own = np.stack([_find_weights(error, inside) for inside in members.T], axis=1)
-    weight = own
+    group_weights = np.stack([_find_weights(error, inside) for inside in members.T], axis=1)
+    weight = group_weights
     for _ in range(WEIGHT_STEPS):
         reach = error @ weight
-        room = np.maximum(gap - _find_largest(reach, own), LEAST_GAP * gap)
+        room = np.maximum(gap - _find_largest(reach, group_weights), LEAST_GAP * gap)
         weight = np.where(
-            members, own, np.minimum(reach / np.where(room > 0.0, room, np.finfo(float).tiny), LARGEST_WEIGHT)
+            members, group_weights, np.minimum(reach / np.where(room > 0.0, room, np.finfo(float).tiny), LARGEST_WEIGHT)
         )
-    weight = np.where(members, own, SPARE * weight + np.finfo(float).tiny)
+    weight = np.where(members, group_weights, SPARE * weight + np.finfo(float).tiny)
     reach = error @ weight
-    radius = _find_largest(reach, own)
+    radius = _find_largest(reach, group_weights)
     apart = (reach < (gap - radius) * weight) | members
     return radius, np.asarray(apart.all(axis=0))
 
@@ -197,13 +197,13 @@ def _find_weights(error: Array, inside: Members) -> Array:
     out = np.zeros(len(inside))
     out[inside] = 1.0
     if inside.sum() > 1:
-        own = error[np.ix_(inside, inside)]
-        values, vectors = np.linalg.eig(own)
+        block = error[np.ix_(inside, inside)]
+        values, vectors = np.linalg.eig(block)
         perron = np.abs(vectors[:, values.real.argmax()])
         out[inside] = np.maximum(perron / perron.max(), SMALLEST_WEIGHT)
     return out
 
 
-def _find_largest(reach: Array, own: Array) -> Array:
+def _find_largest(reach: Array, weights: Array) -> Array:
     """The largest radius (sets,) [1/s] of those of a set: reach (roots, sets) over its weights."""
-    return np.asarray(np.where(own > 0.0, reach / np.where(own > 0.0, own, 1.0), 0.0).max(axis=0))
+    return np.asarray(np.where(weights > 0.0, reach / np.where(weights > 0.0, weights, 1.0), 0.0).max(axis=0))

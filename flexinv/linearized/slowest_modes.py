@@ -132,9 +132,9 @@ def _count_negative_massless(k: Sparse, m: Sparse) -> int:
     none = split_by_inertia(m).massless
     if not none.shape[1]:
         return 0
-    own = scipy.sparse.csc_array(none.T @ k @ none)
-    solve_held(own, np.zeros((own.shape[0], 1)))  # refuses what has no stiffness either
-    count = count_sure_negative_pivots(own)
+    massless = scipy.sparse.csc_array(none.T @ k @ none)
+    solve_held(massless, np.zeros((massless.shape[0], 1)))  # refuses what has no stiffness either
+    count = count_sure_negative_pivots(massless)
     if count is None:
         raise InputError(NO_SHIFT)
     return count

@@ -147,60 +147,63 @@ def build_state_space(basis: Basis, matrices: tuple[Array, Array, Array], effort
     inertia and damper, so that a rate would follow the effort's rate.
     """
     mass, damping, stiffness = (basis.left.T @ part @ basis.right for part in matrices)
-    own = _Equations(basis, mass, damping, stiffness, basis.left.T @ efforts)
+    equations = _Equations(basis, mass, damping, stiffness, basis.left.T @ efforts)
     n = basis.states
-    efforts_end = n + own.push.shape[1]
-    place, direct = _compute_places(own)
-    known = np.zeros((n, n + own.inputs))  # p', eta' and p'' among x', by x and u
-    known[: own.inertial, :n] = own.velocity
-    known[own.moving : own.moving + basis.prescribed, efforts_end:] = np.eye(basis.prescribed)
-    by_rates = damping[own.rows] @ place
-    by_rates[:, own.moving :] += mass[own.rows, : own.inertial]
-    later = _find_delay(own, place)
+    efforts_end = n + equations.push.shape[1]
+    place, direct = _compute_places(equations)
+    known = np.zeros((n, n + equations.inputs))  # p', eta' and p'' among x', by x and u
+    known[: equations.inertial, :n] = equations.velocity
+    known[equations.moving : equations.moving + basis.prescribed, efforts_end:] = np.eye(basis.prescribed)
+    by_rates = damping[equations.rows] @ place
+    by_rates[:, equations.moving :] += mass[equations.rows, : equations.inertial]
+    later = _find_delay(equations, place)
     if later is not None:
-        by_rates -= stiffness[own.rows, own.follows] @ later
-    side = np.hstack([-stiffness[own.rows] @ place, -stiffness[own.rows] @ direct])
-    side[:, n:efforts_end] += own.push[own.rows]
-    known[own.unknown] = np.linalg.solve(by_rates[:, own.unknown], side - by_rates @ known)
-    left_out = None if later is None or not later.any() else _find_left_out(own, by_rates, later)
+        by_rates -= stiffness[equations.rows, equations.follows] @ later
+    side = np.hstack([-stiffness[equations.rows] @ place, -stiffness[equations.rows] @ direct])
+    side[:, n:efforts_end] += equations.push[equations.rows]
+    known[equations.unknown] = np.linalg.solve(by_rates[:, equations.unknown], side - by_rates @ known)
+    left_out = None if later is None or not later.any() else _find_left_out(equations, by_rates, later)
     rate = place @ known
     return StateSpace(known[:, :n], known[:, n:], place, direct, rate[:, :n], rate[:, n:], left_out)
 
 
-def _compute_places(own: _Equations) -> tuple[Array, Array]:
+def _compute_places(equations: _Equations) -> tuple[Array, Array]:
     """Each of the own unknowns by the states (own, states) and by the inputs (own, inputs)."""
-    place = np.zeros((len(own.mass), own.basis.states))
-    direct = np.zeros((len(own.mass), own.inputs))
-    ahead = own.moving
+    place = np.zeros((len(equations.mass), equations.basis.states))
+    direct = np.zeros((len(equations.mass), equations.inputs))
+    ahead = equations.moving
     place[:ahead, :ahead] = np.eye(ahead)
-    if own.basis.held:
-        e = own.follows
-        by_state = own.stiffness[e, :ahead] @ place[:ahead] + own.damping[e, : own.inertial] @ own.velocity
-        place[e] = -np.linalg.solve(own.stiffness[e, e], by_state)
-        direct[e, : own.push.shape[1]] = np.linalg.solve(own.stiffness[e, e], own.push[e])
-        _refuse_rates(direct[e], own.damping[:ahead, e], float(np.abs(own.damping).max()))
+    if equations.basis.held:
+        e = equations.follows
+        by_state = (
+            equations.stiffness[e, :ahead] @ place[:ahead]
+            + equations.damping[e, : equations.inertial] @ equations.velocity
+        )
+        place[e] = -np.linalg.solve(equations.stiffness[e, e], by_state)
+        direct[e, : equations.push.shape[1]] = np.linalg.solve(equations.stiffness[e, e], equations.push[e])
+        _refuse_rates(direct[e], equations.damping[:ahead, e], float(np.abs(equations.damping).max()))
     return place, direct
 
 
-def _find_delay(own: _Equations, place: Array) -> Array | None:
+def _find_delay(equations: _Equations, place: Array) -> Array | None:
     """K_ee^-1 F: what follows is less by so much of the rates of the states; None where nothing follows."""
-    if not own.basis.held:
+    if not equations.basis.held:
         return None
-    e = own.follows
-    moved = slice(own.inertial, own.moving)
-    first = own.damping[e, e] @ place[e]
-    first[:, moved] += own.damping[e, moved]
-    return np.asarray(np.linalg.solve(own.stiffness[e, e], first))
+    e = equations.follows
+    moved = slice(equations.inertial, equations.moving)
+    first = equations.damping[e, e] @ place[e]
+    first[:, moved] += equations.damping[e, moved]
+    return np.asarray(np.linalg.solve(equations.stiffness[e, e], first))
 
 
-def _find_left_out(own: _Equations, by_rates: Array, later: Array) -> LeftOut:
+def _find_left_out(equations: _Equations, by_rates: Array, later: Array) -> LeftOut:
     """The terms of second order in the times of what follows; by_rates : of the rows of eta and d, later : `_find_delay`."""
-    e = own.follows
-    n = own.basis.states
-    times = np.linalg.solve(own.stiffness[e, e], own.damping[e, e])
-    second = own.stiffness[own.rows, e] @ times @ later - own.damping[own.rows, e] @ later
+    e = equations.follows
+    n = equations.basis.states
+    times = np.linalg.solve(equations.stiffness[e, e], equations.damping[e, e])
+    second = equations.stiffness[equations.rows, e] @ times @ later - equations.damping[equations.rows, e] @ later
     left_out = LeftOut(np.zeros((n, n)), float(np.abs(np.linalg.eigvals(times)).max()))
-    left_out.matrix[own.unknown] = -np.linalg.solve(by_rates[:, own.unknown], second)
+    left_out.matrix[equations.unknown] = -np.linalg.solve(by_rates[:, equations.unknown], second)
     return left_out
 
 

@@ -155,7 +155,7 @@ def _find_moved_joints(couplings: list[Closure], moving: set[str]) -> set[str]:
     """The joints in couplings that move with those that do."""
     names = [{name for name, _ in closure.factors} for closure in couplings]
     grown = moving & set[str]().union(*names)
-    while more := set[str]().union(*(own for own in names if grown & own)) - grown:
+    while more := set[str]().union(*(coupled for coupled in names if grown & coupled)) - grown:
         grown |= more
     return grown
 
@@ -339,11 +339,11 @@ def _compute_matrices(found: Matrices, solver: Solver, turning: SteadyRotation) 
         rate = turning.rate[n]
         place = slice(o, o + 3)
         turn = slice(o + 3, o + 6)
-        world, own = (np.cross(np.eye(3), w) for w in (rate, solver.state.r[n].T @ rate))  # skew matrices
+        world, local = (np.cross(np.eye(3), w) for w in (rate, solver.state.r[n].T @ rate))  # skew matrices
         a[place, place] = world
-        a[turn, turn] = own
+        a[turn, turn] = local
         b[place, place] = 2 * world
-        b[turn, turn] = own
+        b[turn, turn] = local
         d[place, place] = world @ world
     a, b, d = (scipy.sparse.csc_array(part) for part in (a, b, d))
     damping = by_rate + by_acceleration @ b

@@ -45,8 +45,8 @@ class Frozen(ByValue):
 
     def _describe_record(self) -> str:
         """Return the words before the name of a field in a message [-]."""
-        own = getattr(self, "name", None)
-        return f"{type(self).__name__} {own!r}: " if isinstance(own, str) else f"{type(self).__name__}: "
+        name = getattr(self, "name", None)
+        return f"{type(self).__name__} {name!r}: " if isinstance(name, str) else f"{type(self).__name__}: "
 
     def _check(self, where: str) -> None:
         """Raise InputError where fields contradict one another [any unit]; each of them keeps its rule."""
@@ -320,7 +320,7 @@ class Section(Frozen):
         """Return the section of the same beam about another axis: at y, z [m] of this one, turned by ``angle`` about x [rad]."""
         back = np.linalg.inv(matrices.build_axis_change(y, z, angle))
         damping = None if self.damping is None else back.T @ self.damping_matrices @ back
-        stiffness, mass = (back.T @ own @ back for own in (self.stiffness_matrices, self.mass_matrices))
+        stiffness, mass = (back.T @ matrix @ back for matrix in (self.stiffness_matrices, self.mass_matrices))
         return Section.build_from_matrices(self.stations, stiffness, mass, damping)
 
     def check_independent(self, what: str) -> Section:

@@ -333,9 +333,9 @@ def build_drive_model(mechanism: Mechanism) -> Mechanism:
             raise InputError(f"joint {joint.name!r}: {beside}")
         inertia = drive.ratio**2 * drive.rotor_inertia
         damping = drive.ratio**2 * drive.viscous
-        own = replace(joint, rotor_inertia=inertia, damping=damping, friction=drive.ratio * drive.coulomb)
+        motor = replace(joint, rotor_inertia=inertia, damping=damping, friction=drive.ratio * drive.coulomb)
         if not drive.stiffness:
-            joints.append(own)
+            joints.append(motor)
             continue
         gear = Link(joint.name + GEAR)
         spring = replace(
@@ -343,7 +343,7 @@ def build_drive_model(mechanism: Mechanism) -> Mechanism:
             stiffness=drive.stiffness, rest=0.0, damping=drive.damping, actuated=False, weight=1.0, limits=Limits(), drive=None,
         )  # fmt: skip
         links[gear.name] = gear
-        joints += [replace(own, child=gear.name), spring]
+        joints += [replace(motor, child=gear.name), spring]
     return replace(mechanism, joints=tuple(joints), links=tuple(links[joint.child] for joint in joints))
 
 
@@ -353,7 +353,7 @@ def check_expanded(joint: Joint) -> None:
     if drive is None or (drive.stiffness and drive.moves == "link"):
         return
     elastic = drive.stiffness and not joint.child.endswith(GEAR)
-    own = drive.rotor_inertia or drive.viscous or drive.coulomb
-    if elastic or (own and not (joint.rotor_inertia or joint.damping or joint.friction)):
+    passive = drive.rotor_inertia or drive.viscous or drive.coulomb
+    if elastic or (passive and not (joint.rotor_inertia or joint.damping or joint.friction)):
         advice = "write flexinv.model.mechanism.build_drive_model(mechanism), which puts rotors into joints and springs between"
         raise InputError(f"joint {joint.name!r}: its drive is not part of the mechanism yet; {advice} motors and links")

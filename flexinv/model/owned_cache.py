@@ -66,17 +66,17 @@ def make_owner_cache(
             results = owner.__dict__.get(ATTRIBUTE)
             if results is None:
                 results = owner.__dict__.setdefault(ATTRIBUTE, _Results())
-            own = results.setdefault(name, {})
+            by_arguments = results.setdefault(name, {})
             index: tuple[Any, ...] = tuple(map(type, key)) if typed else ()
             index += tuple((k.shape, k.dtype.char, k.tobytes()) if isinstance(k, np.ndarray) else k for k in key)
             try:
-                return own[index]  # type: ignore[no-any-return]
+                return by_arguments[index]  # type: ignore[no-any-return]
             except KeyError:
                 pass
             result = function(owner, *key, **named)
-            found = own.setdefault(index, make_read_only(result) if frozen else result)
-            for old in list(own)[: max(len(own) - most, 0)]:
-                own.pop(old, None)
+            found = by_arguments.setdefault(index, make_read_only(result) if frozen else result)
+            for old in list(by_arguments)[: max(len(by_arguments) - most, 0)]:
+                by_arguments.pop(old, None)
             return found  # type: ignore[no-any-return]
 
         return run_cached

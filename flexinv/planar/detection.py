@@ -148,8 +148,8 @@ def _has_couplings_out_of_plane(elements: Elements, element: int, normal: Array)
     within = np.array([[1.0, 0, 0, 0, 0, 0], [*aside, *none], [*none, *normal]])
     outside = np.array([[*normal, *none], [0, 0, 0, 1.0, 0, 0], [*none, *aside]])
     for coupling, direct in ((elements.coupling, elements.stiffness), (elements.damping_coupling, elements.damping)):
-        for matrix, own in zip(coupling[element : element + 1], direct[element : element + 1], strict=False):
-            size = np.sqrt(np.abs(np.einsum("gi,gj->gij", own, own)))
+        for matrix, diagonal in zip(coupling[element : element + 1], direct[element : element + 1], strict=False):
+            size = np.sqrt(np.abs(np.einsum("gi,gj->gij", diagonal, diagonal)))
             across = within @ matrix @ outside.T
             if (np.abs(across) > PLACEMENT_ROUNDING * (np.abs(within) @ size @ np.abs(outside).T)).any():
                 return True

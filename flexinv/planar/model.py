@@ -145,8 +145,8 @@ def _list_elements(mesh: Mesh, topology: Topology, ends: int) -> tuple[Indices, 
 def _build_scales(unknowns: int, lengths: tuple[Indices, ...], length: float) -> Array:
     """The size of each unknown: 1 of an angle, the mechanism's length of those that are ``lengths``."""
     scale = np.ones(unknowns)
-    for own in lengths:
-        scale[own] = length
+    for rows in lengths:
+        scale[rows] = length
     return scale
 
 
@@ -162,8 +162,8 @@ def _build_elements(mesh: Mesh, plane: Plane, space: Embedding) -> PlanarElement
         [
             a[..., 0],
             *(
-                _compute_components(a[..., own], axes[: len(a)] ** 2)
-                for own, axes in ((np.s_[:3], side), (np.s_[3:], axle))
+                _compute_components(a[..., block], axes[: len(a)] ** 2)
+                for block, axes in ((np.s_[:3], side), (np.s_[3:], axle))
             ),
         ]
         for a in (e.stiffness, e.damping)
@@ -184,10 +184,10 @@ def _build_elements(mesh: Mesh, plane: Plane, space: Embedding) -> PlanarElement
 
 def _list_couplings(coupling: Array, side: Array, axle: Array) -> list[Array]:
     """Axial with shear, axial with bending, shear with bending (elements, points) of couplings (elements, points, 6, 6)."""
-    own = slice(0, len(coupling))
-    shear = np.einsum("kgij,kj->kgi", coupling[..., :, :3], side[own])  # resultants by shear in the plane
-    bending = np.einsum("kgij,kj->kgi", coupling[..., :, 3:], axle[own])
-    return [shear[..., 0], bending[..., 0], _compute_components(bending[..., :3], side[own])]
+    stations = slice(0, len(coupling))
+    shear = np.einsum("kgij,kj->kgi", coupling[..., :, :3], side[stations])  # resultants by shear in the plane
+    bending = np.einsum("kgij,kj->kgi", coupling[..., :, 3:], axle[stations])
+    return [shear[..., 0], bending[..., 0], _compute_components(bending[..., :3], side[stations])]
 
 
 def _compute_components(vectors: Array, axes: Array) -> Array:
@@ -223,17 +223,19 @@ def _list_places(tree: PlanarTree, element_arrays: PlanarElements) -> tuple[Indi
     for k in range(elements):
         order = int(element_arrays.order[k])
         extra = 3 * int(element_arrays.order[k])
-        own = {}
+        offsets = {}
         for i, n in enumerate(element_arrays.nodes[k, 1 : order + 1]):
             block = tree.block[n]
             for j in range(tree.size[block]):
                 row[k, i + 1, j] = j * order + i if j < 3 else extra
                 extra += j >= 3
-                own[int(row[k, i + 1, j])] = int(tree.offset[block] + j)
-        numbers.append([own[r] for r in range(extra)])
-    most = max((len(own) for own in numbers), default=0)
-    table = np.array([own + [0] * (most - len(own)) for own in numbers], dtype=np.int64).reshape(elements, most)
-    return np.array([len(own) for own in numbers], dtype=np.int64), row, table
+                offsets[int(row[k, i + 1, j])] = int(tree.offset[block] + j)
+        numbers.append([offsets[r] for r in range(extra)])
+    most = max((len(offsets) for offsets in numbers), default=0)
+    table = np.array([offsets + [0] * (most - len(offsets)) for offsets in numbers], dtype=np.int64).reshape(
+        elements, most
+    )
+    return np.array([len(offsets) for offsets in numbers], dtype=np.int64), row, table
 
 
 def _build_ties(rows: Rows, row: Indices, plane: Plane, tree: PlanarTree) -> Ties:
@@ -253,8 +255,8 @@ def _build_masses(tree: PlanarTree) -> BlockMasses:
     single = np.flatnonzero(alone[tree.block])
     blocks = np.flatnonzero((tree.size > 0) & ~alone)
     member = np.full((len(blocks), nodes[blocks].max(initial=0)), -1, dtype=np.int64)
-    for own, block in zip(member, blocks, strict=True):
-        own[: nodes[block]] = np.flatnonzero(tree.block == block)
+    for members, block in zip(member, blocks, strict=True):
+        members[: nodes[block]] = np.flatnonzero(tree.block == block)
     inertia = np.stack([tree.mass[single], tree.mass[single], tree.inertia[single]], axis=1)
     over = np.divide(1.0, inertia, out=np.zeros_like(inertia), where=inertia > 0.0)
     mass, rest = np.zeros((2, widest, widest))

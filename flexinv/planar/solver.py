@@ -96,13 +96,20 @@ class PlanarMarch:
 
     def copy_from_space(self, state: State, ties: Ties) -> None:
         """Copy the state of the spatial solver, and which closures act there [m, rad, s, N]."""
-        own = self.system.ties
+        planar_ties = self.system.ties
         row = self.model.space.row
-        own.acting[:] = ties.acting[row]
-        own.multiplier[:] = ties.multiplier[row]
+        planar_ties.acting[:] = ties.acting[row]
+        planar_ties.multiplier[:] = ties.multiplier[row]
         if len(row):
-            places = (own.place_a, own.a, ties.place_a), (own.place_b, own.b, ties.place_b)
-            for seen_here, node, vectors in (*places, (own.u, own.a, ties.u), (own.w, own.b, ties.w)):
+            places = (
+                (planar_ties.place_a, planar_ties.a, ties.place_a),
+                (planar_ties.place_b, planar_ties.b, ties.place_b),
+            )
+            for seen_here, node, vectors in (
+                *places,
+                (planar_ties.u, planar_ties.a, ties.u),
+                (planar_ties.w, planar_ties.b, ties.w),
+            ):
                 seen_here[:] = convert_to_plane(self.model.plane, node, vectors[row])[:, :2]
         here = self.system.state
         m = self.model
@@ -225,15 +232,15 @@ def _make_frames(model: PlanarModel) -> PlanarFrames:
 
 def _make_factors(model: PlanarModel) -> PlanarFactors:
     """Room for the factors of the linearisation; lines are as long as products take numbers at once."""
-    rows, row, own = model.place
+    rows, row, unknowns = model.place
     widest = _find_widest(model)
-    elements = len(own)
-    most = -(-own.shape[1] // ROWS_AT_ONCE) * ROWS_AT_ONCE
+    elements = len(unknowns)
+    most = -(-unknowns.shape[1] // ROWS_AT_ONCE) * ROWS_AT_ONCE
     columns = -(-widest // ROWS_AT_ONCE) * ROWS_AT_ONCE
     return PlanarFactors(
         rows=rows,
         row=row,
-        unknowns=own,
+        unknowns=unknowns,
         inverse=make_aligned_zeros(elements, most, most),
         to_root=make_aligned_zeros(elements, 3, most),
         b=make_aligned_zeros(elements, widest, most),

@@ -240,8 +240,8 @@ def find_overturned_element(tree, elements, scheme, state, frames):
         for i in range(1, elements.order[k] + 1):
             turn = state.d[tree.offset[tree.block[elements.nodes[k, i]]] + 2]
             if not abs(turn) <= stepper.NO_SLIP:
-                own = state.d[tree.offset[tree.block[root]] + 2]
-                if not abs(turn - (own if tree.independent[root] else scheme.h * frames.rate[root, 2])) <= np.pi:
+                end_turn = state.d[tree.offset[tree.block[root]] + 2]
+                if not abs(turn - (end_turn if tree.independent[root] else scheme.h * frames.rate[root, 2])) <= np.pi:
                     return k
     return -1
 
@@ -382,11 +382,11 @@ def _write_resultants(system, internal):
         axle = system.space.axle[elements.nodes[n, 0]]
         for g in range(elements.order[n]):
             at = compute_point_offset(n, g, elements.shape.shape[1])
-            own = internal[n, g]
+            resultant = internal[n, g]
             for i in range(3):
-                own[i] = work.points[at + N2] * side[i]
-                own[3 + i] = work.points[at + M] * axle[i]
-            own[0] = work.points[at + N1]
+                resultant[i] = work.points[at + N2] * side[i]
+                resultant[3 + i] = work.points[at + M] * axle[i]
+            resultant[0] = work.points[at + N1]
     return power
 
 

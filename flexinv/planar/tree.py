@@ -91,7 +91,7 @@ def run_forward_pass(tree, state, given, frames):
     """Set the motion of all nodes from the unknowns and the prescribed coordinates (joints, 3) q, q', q'' [m, rad, s]."""
     for n in range(len(tree.parent)):
         o = tree.offset[tree.block[n]]
-        own = tree.column[n]
+        column = tree.column[n]
         if tree.independent[n]:
             put(frames.pose[n], 0, add(vec_at(state.place, o), vec_at(state.d, o)))
             put(frames.rate[n], 0, vec_at(state.u, o))
@@ -99,8 +99,8 @@ def run_forward_pass(tree, state, given, frames):
             continue
         if tree.prescribed_column[n] >= 0:
             put(frames.joint[n], 0, vec(given[tree.prescribed_column[n]]))
-        elif own >= 0:
-            k = o + own
+        elif column >= 0:
+            k = o + column
             put(frames.joint[n], 0, (state.place[k] + state.d[k], state.u[k], state.du[k]))
         _compute_child_motion(n, tree, frames)
 
@@ -147,17 +147,17 @@ def begin_undeformed(tree, state, joint, frames):
     """Set the unknowns to the rigid motion of the stress-free mechanism whose joints (nodes, 3) are at q, q', q'' [m, rad, s]."""
     for n in range(len(tree.parent)):
         o = tree.offset[tree.block[n]]
-        own = tree.column[n]
+        column = tree.column[n]
         put(frames.joint[n], 0, vec(joint[n]))
         _compute_child_motion(n, tree, frames)
         if tree.independent[n]:
             put(state.place, o, vec(frames.pose[n]))
             put(state.u, o, vec(frames.rate[n]))
             put(state.du, o, vec(frames.acceleration[n]))
-        elif own >= 0:
-            state.place[o + own] = joint[n, 0]
-            state.u[o + own] = joint[n, 1]
-            state.du[o + own] = joint[n, 2]
+        elif column >= 0:
+            state.place[o + column] = joint[n, 0]
+            state.u[o + column] = joint[n, 1]
+            state.du[o + column] = joint[n, 2]
 
 
 @jit_inner
@@ -178,10 +178,10 @@ def fill_independent_variations(tree, frames, cv, ca):
         if tree.independent[n]:
             for k in range(tree.size[tree.block[n]]):
                 for i in range(3):
-                    own = 1.0 if k == i else 0.0
-                    frames.by_pose[n, k, i] = own
-                    frames.by_rate[n, k, i] = cv * own
-                    frames.by_acceleration[n, k, i] = ca * own
+                    unit = 1.0 if k == i else 0.0
+                    frames.by_pose[n, k, i] = unit
+                    frames.by_rate[n, k, i] = cv * unit
+                    frames.by_acceleration[n, k, i] = ca * unit
 
 
 @jit_inner
@@ -203,18 +203,18 @@ def fill_pose_variations(tree, frames):
         m = tree.parent[n]
         for k in range(0 if tree.independent[n] else tree.size[tree.block[n]]):
             x, y, turned = vec(frames.by_pose[m, k]) if m >= 0 else ZERO
-            own = 1.0 if k == tree.column[n] else 0.0
+            unit = 1.0 if k == tree.column[n] else 0.0
             arm = frames.arm[n]
-            x = x + own * arm[2] - turned * arm[1]
-            y = y + own * arm[3] + turned * arm[0]
-            put(frames.by_pose[n, k], 0, (x, y, turned + own * tree.turn[n]))
+            x = x + unit * arm[2] - turned * arm[1]
+            y = y + unit * arm[3] + turned * arm[0]
+            put(frames.by_pose[n, k], 0, (x, y, turned + unit * tree.turn[n]))
 
 
 @jit_inner
 def _add_variation(n, k, tree, frames, cv, ca):
     """Add to the variation of node n, on entry its parent's, the differential of `_compute_child_motion` by unknown k."""
     m = tree.parent[n]
-    own = 1.0 if k == tree.column[n] else 0.0
+    unit = 1.0 if k == tree.column[n] else 0.0
     w, al = (frames.rate[m, 2], frames.acceleration[m, 2]) if m >= 0 else (0.0, 0.0)
     turned = frames.by_pose[n, k, 2]
     dw = frames.by_rate[n, k, 2]
@@ -226,18 +226,18 @@ def _add_variation(n, k, tree, frames, cv, ca):
     e2 = arm[3]
     dq = frames.joint[n, 1]
     ddq = frames.joint[n, 2]
-    dr1 = own * e1 - turned * r2
-    dr2 = own * e2 + turned * r1
+    dr1 = unit * e1 - turned * r2
+    dr2 = unit * e2 + turned * r1
     # d(S p')
-    s1 = cv * own * e1 - turned * dq * e2
-    s2 = cv * own * e2 + turned * dq * e1
+    s1 = cv * unit * e1 - turned * dq * e2
+    s2 = cv * unit * e2 + turned * dq * e1
     # d(S p'')
-    z1 = ca * own * e1 - turned * ddq * e2
-    z2 = ca * own * e2 + turned * ddq * e1
+    z1 = ca * unit * e1 - turned * ddq * e2
+    z2 = ca * unit * e2 + turned * ddq * e1
     x = frames.by_pose[n, k]
     v = frames.by_rate[n, k]
     a = frames.by_acceleration[n, k]
-    turn = own * tree.turn[n]
+    turn = unit * tree.turn[n]
     put(x, 0, (x[0] + dr1, x[1] + dr2, turned + turn))
     put(v, 0, (v[0] - dw * r2 - w * dr2 + s1, v[1] + dw * r1 + w * dr1 + s2, dw + cv * turn))
     spin = w * w
@@ -273,16 +273,16 @@ def assemble_residual(tree, state, frames, residual):
     for n in range(len(tree.parent) - 1, -1, -1):
         m = tree.parent[n]
         o = tree.offset[tree.block[n]]
-        own = tree.column[n]
+        column = tree.column[n]
         f1, f2, mu = vec(frames.wrench[n])
         if tree.independent[n]:
             put(residual, o, (f1, f2, mu))
             continue
-        if own >= 0:
-            u = state.u[o + own]
-            du = state.du[o + own]
+        if column >= 0:
+            u = state.u[o + column]
+            du = state.du[o + column]
             drive = compute_joint_effort(take_joint_law(tree.drives, n), 0.0, u, du, compute_smooth_direction(u))
-            residual[o + own] = frames.arm[n, 2] * f1 + frames.arm[n, 3] * f2 + tree.turn[n] * mu + drive
+            residual[o + column] = frames.arm[n, 2] * f1 + frames.arm[n, 3] * f2 + tree.turn[n] * mu + drive
         if m >= 0:
             add_to(frames.wrench[m], 0, (f1, f2, mu + frames.arm[n, 0] * f2 - frames.arm[n, 1] * f1))
 
@@ -296,7 +296,7 @@ def assemble_diagonal(tree, state, frames, diagonal, cv, ca):
     for n in range(len(tree.parent) - 1, -1, -1):
         m = tree.parent[n]
         b = tree.block[n]
-        own = tree.column[n]
+        column = tree.column[n]
         columns = tree.size[tree.block[n]]
         f1, f2, _ = vec(frames.wrench[n])
         r1 = frames.arm[n, 0]
@@ -311,11 +311,11 @@ def assemble_diagonal(tree, state, frames, diagonal, cv, ca):
                 diagonal[b, 2, k] = dmu
                 continue
             turned = frames.by_pose[m, k, 2] if m >= 0 else 0.0
-            along = 1.0 if k == own else 0.0
-            if own >= 0:
+            along = 1.0 if k == column else 0.0
+            if column >= 0:
                 slope = e1 * df1 + e2 * df2 + turned * (e1 * f2 - e2 * f1) + tree.turn[n] * dmu
-                direction = compute_smooth_direction(state.u[tree.offset[b] + own])
-                diagonal[b, own, k] = slope + along * compute_effort_slope(
+                direction = compute_smooth_direction(state.u[tree.offset[b] + column])
+                diagonal[b, column, k] = slope + along * compute_effort_slope(
                     take_joint_law(tree.drives, n), direction, cv, ca
                 )
             if m >= 0:

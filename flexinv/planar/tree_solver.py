@@ -55,12 +55,12 @@ def add_element_stiffness(tree, elements, points, frames, factors):
     for k in range(len(elements.order)):
         order = elements.order[k]
         root = elements.nodes[k, 0]
-        own = factors.inverse[k]
+        block = factors.inverse[k]
         columns = tree.size[tree.block[root]]
         for r in range(3 * order, factors.rows[k]):
             for c in range(factors.rows[k]):
-                own[r, c] = 0.0
-                own[c, r] = 0.0
+                block[r, c] = 0.0
+                block[c, r] = 0.0
         for i in range(order):
             if columns > 0:
                 stiffness = compute_pair_stiffness(k, i + 1, 0, elements, points)
@@ -71,8 +71,8 @@ def add_element_stiffness(tree, elements, points, frames, factors):
                 stiffness = compute_pair_stiffness(k, i + 1, j + 1, elements, points)
                 for a in range(3):
                     for c in range(3):
-                        own[a * order + i, c * order + j] = stiffness[a][c]
-                        own[c * order + j, a * order + i] = stiffness[a][c]
+                        block[a * order + i, c * order + j] = stiffness[a][c]
+                        block[c * order + j, a * order + i] = stiffness[a][c]
         of_root = compute_pair_stiffness(k, 0, 0, elements, points) if columns > 0 else ZERO_MATRIX
         for c in range(columns):
             add_to(frames.dwrench[root, c], 0, apply(of_root, vec_at(frames.by_pose[root, c], 0)))
@@ -103,9 +103,9 @@ def _is_small(k, tree, elements, factors):
 def _solve_small_element(k, tree, elements, frames, factors):
     """`_solve_element_blocks` of a small element."""
     root = elements.nodes[k, 0]
-    own = factors.diagonal[tree.block[elements.nodes[k, 1]]]
+    diagonal = factors.diagonal[tree.block[elements.nodes[k, 1]]]
     first = factors.diagonal[tree.block[root]]
-    inverse = inverse_transposed(madd(mat(factors.inverse[k]), mat(own)))
+    inverse = inverse_transposed(madd(mat(factors.inverse[k]), mat(diagonal)))
     b = mul(mat(frames.by_pose[root]), mat(factors.to_root[k]))
     x = mul(b, inverse)
     put_block(factors.inverse[k], 0, 0, inverse)
@@ -199,9 +199,9 @@ def _update_residual(k, tree, elements, factors, residual, y):
     """Solve for an element's own unknowns while its first block stands still, and bring what they do to that."""
     first = tree.offset[tree.block[elements.nodes[k, 0]]]
     if _is_small(k, tree, elements, factors):
-        own = tapply(mat(factors.inverse[k]), vec_at(residual, factors.unknowns[k, 0]))
-        put(y, factors.unknowns[k, 0], scale(-1.0, own))
-        add_to(residual, first, scale(-1.0, apply(mat(factors.b[k]), own)))
+        solved = tapply(mat(factors.inverse[k]), vec_at(residual, factors.unknowns[k, 0]))
+        put(y, factors.unknowns[k, 0], scale(-1.0, solved))
+        add_to(residual, first, scale(-1.0, apply(mat(factors.b[k]), solved)))
     else:
         _solve_own(k, tree, elements, factors, residual, factors.scratch[k], first)
 
@@ -239,10 +239,10 @@ def _add_root_motion(k, tree, elements, factors, y):
 def _solve_own(k, tree, elements, factors, residual, found, first):
     """S^-1 r of an element, and what its own unknowns do to the residual of its first block while that stands still."""
     rows = factors.rows[k]
-    own = factors.unknowns[k]
+    unknowns = factors.unknowns[k]
     line = factors.line[0]
     for r in range(rows):
-        line[r] = residual[own[r]]
+        line[r] = residual[unknowns[r]]
     for r in range(rows, -(-rows // ROWS_AT_ONCE) * ROWS_AT_ONCE):
         line[r] = 0.0
     _compute_transposed_product(factors.inverse[k], line, found, rows)

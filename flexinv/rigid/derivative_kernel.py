@@ -122,12 +122,12 @@ def _apply_coupling(body, m):
 @jit_inner
 def _fill_body(body, mass, moment, inertia, rotation, arm):
     """The sums of a body alone: about c, in world axes, from its inertia about its node at ``arm`` from c, and its motion."""
-    own = apply(rotation, moment)
-    h = add(own, scale(mass, arm))
+    turned_moment = apply(rotation, moment)
+    h = add(turned_moment, scale(mass, arm))
     # J = I + (2 arm.h + m arm^2) 1 - arm h^T - h arm^T - m arm arm^T, h about the node
-    round_part = vec3.mscale(dot(arm, own) + dot(arm, h), EYE)
+    round_part = vec3.mscale(dot(arm, turned_moment) + dot(arm, h), EYE)
     turned = vec3.madd(vec3.mul(vec3.mul(rotation, inertia), vec3.transpose(rotation)), round_part)
-    about = vec3.madd(turned, vec3.mscale(-1.0, vec3.madd(vec3.outer(arm, own), vec3.outer(h, arm))))
+    about = vec3.madd(turned, vec3.mscale(-1.0, vec3.madd(vec3.outer(arm, turned_moment), vec3.outer(h, arm))))
     body[MASS] = mass
     put(body, FIRST_MOMENT, h)
     for i in range(3):
@@ -229,11 +229,11 @@ def _fill_axes(b, carried, r, arm, bodies, axes):
     velocity = _read_spatial_vector(bodies[b], VELOCITY)
     for i in range(carried.freedoms[b]):
         t = apply(r, vec(carried.turn[b, i]))
-        own = axes[carried.first[b] + i]
+        entry = axes[carried.first[b] + i]
         axis = t, add(apply(r, vec(carried.slide[b, i])), cross(arm, t))
         rate = motion_cross(up, axis)
         second = _add_spatial_vectors(motion_cross(up_rate, axis), motion_cross(up, rate))
-        _write_spatial_vector(own, AXIS, axis)
-        _write_spatial_vector(own, AXIS_RATE, rate)
-        _write_spatial_vector(own, AXIS_SECOND, second)
-        _write_spatial_vector(own, AXIS_SLOPE, _add_spatial_vectors(rate, motion_cross(velocity, axis)))
+        _write_spatial_vector(entry, AXIS, axis)
+        _write_spatial_vector(entry, AXIS_RATE, rate)
+        _write_spatial_vector(entry, AXIS_SECOND, second)
+        _write_spatial_vector(entry, AXIS_SLOPE, _add_spatial_vectors(rate, motion_cross(velocity, axis)))

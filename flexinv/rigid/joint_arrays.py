@@ -68,8 +68,8 @@ def convert_to_arrays(mechanism: Mechanism, arrays: Sequence[ArrayLike], order: 
     axis = 0 if order == "coordinates" else -1  # of the columns; -1 - axis is that of the samples
     result = []
     for label, width, given in zip(LABELS, (mechanism.nq, mechanism.nv, mechanism.nv), arrays, strict=True):
-        own = type(given) is ARRAY_TYPE and given.dtype is FLOAT_TYPE and given.flags.aligned
-        a: Array = given if own else convert_to_floats(f"joint_torques: {label}", given)  # type: ignore[assignment]
+        ready = type(given) is ARRAY_TYPE and given.dtype is FLOAT_TYPE and given.flags.aligned
+        a: Array = given if ready else convert_to_floats(f"joint_torques: {label}", given)  # type: ignore[assignment]
         if a.ndim not in (1, 2) or a.shape[axis] != width:
             raise _make_shape_error(mechanism, label, a, order)
         result.append(a)
@@ -120,18 +120,18 @@ def check_arrays(mechanism: Mechanism, arrays: Sequence[Array], order: Order) ->
             raise InputError(f"joint_torques: {label}{list(where)} is {a[where]}, expected a finite number")
     q = convert_to_sample_view(arrays[0], order)
     for joint in mechanism.joints:
-        own = q[:, mechanism.q_slices[joint.name]]
+        coordinates = q[:, mechanism.q_slices[joint.name]]
         if KINDS[joint.kind].circle:
-            off = np.abs((own**2).sum(axis=1) - 1.0) > ASTRAY
+            off = np.abs((coordinates**2).sum(axis=1) - 1.0) > ASTRAY
             if off.any():
                 sample = int(np.argmax(off))
+                cosine, sine = coordinates[sample]
                 raise InputError(
-                    f"joint_torques: q of joint '{joint.name}' at sample {sample} has cosine and sine {own[sample, 0]:g}, "
-                    f"{own[sample, 1]:g}, whose squares sum to {(own[sample] ** 2).sum():g}; expected those of its angle "
-                    "(neutral: 1, 0)"
+                    f"joint_torques: q of joint '{joint.name}' at sample {sample} has cosine and sine {cosine:g}, {sine:g}, "
+                    f"whose squares sum to {cosine**2 + sine**2:g}; expected those of its angle (neutral: 1, 0)"
                 )
         if KINDS[joint.kind].has_quaternion:
-            none = ~own[:, -4:].any(axis=1)
+            none = ~coordinates[:, -4:].any(axis=1)
             if none.any():
                 raise InputError(
                     f"joint_torques: q of joint '{joint.name}' at sample {int(np.argmax(none))} has the quaternion 0, 0, 0, 0; "

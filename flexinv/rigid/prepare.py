@@ -154,9 +154,9 @@ class TorqueFunction(ByValue):
         flat, strides = zip(*(_make_flat_view(a) for a in rows), strict=True)
         b = self.bodies
         loops = (self.plan.plan, self.plan.fixed)
-        own = self._own
-        counter = own.prepare_cells(len(rows[0]))
-        call = np.uint64(len(rows[0])), own.work, counter, mails
+        memory = self._own
+        counter = memory.prepare_cells(len(rows[0]))
+        call = np.uint64(len(rows[0])), memory.work, counter, mails
         try:
             ended = compute_torque_blocks(
                 b.tree, b.numbers, b.columns, *loops, *flat, _make_stride_table(strides), *call

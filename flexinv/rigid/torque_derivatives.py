@@ -80,10 +80,10 @@ def torque_derivatives(
         part = slice(start, start + NODAL_SAMPLES)
         motion = compute_rigid_motion(f.mesh, *(state[part] for state in states)).frames
         fill_torque_derivatives(carried, gravity, motion, *scratch, out.q[part], out.qd[part], out.qdd[part])
-    own = np.arange(mechanism.nv)
+    diagonal = np.arange(mechanism.nv)
     law = build_joint_laws(mechanism)
-    out.qdd[:, own, own] += law.rotor
+    out.qdd[:, diagonal, diagonal] += law.rotor
     if passive:
-        out.q[:, own, own] += law.stiffness
-        out.qd[:, own, own] += law.damping
+        out.q[:, diagonal, diagonal] += law.stiffness
+        out.qd[:, diagonal, diagonal] += law.damping
     return out

@@ -181,16 +181,16 @@ def base_parameters(regressor: Regressor) -> BaseParameters:
         if length > DEPENDENT:
             kept.append(k)
             basis = np.column_stack([basis, left / length])
-    own = seen[kept]
-    rest = np.setdiff1d(seen, own)
-    factor, r = scipy.linalg.qr(y[:, own] / size[own], mode="economic")
-    combination = np.zeros((len(own), len(size)))
-    combination[np.arange(len(own)), own] = 1.0
+    chosen = seen[kept]
+    rest = np.setdiff1d(seen, chosen)
+    factor, r = scipy.linalg.qr(y[:, chosen] / size[chosen], mode="economic")
+    combination = np.zeros((len(chosen), len(size)))
+    combination[np.arange(len(chosen)), chosen] = 1.0
     by = scipy.linalg.solve_triangular(r, factor.T @ (y[:, rest] / size[rest]))
-    combination[:, rest] = by * size[rest] / size[own][:, None]
+    combination[:, rest] = by * size[rest] / size[chosen][:, None]
     combination[np.abs(combination) < UNPRINTED] = 0.0
     unseen = tuple(name for k, name in enumerate(regressor.names) if k not in set(seen.tolist()))
-    return BaseParameters(own, combination, regressor.names, combination @ regressor.values, unseen)
+    return BaseParameters(chosen, combination, regressor.names, combination @ regressor.values, unseen)
 
 
 def sample_states(mechanism: Mechanism, samples: int, seed: int = 0) -> tuple[Array, Array, Array]:

@@ -185,8 +185,8 @@ def _add_masses(mesh: Mesh, numbers: Array, body: list[int], axes: list[Array], 
             continue
         x = axes[i].T @ place[n]
         r = axes[i].T @ turn[n]
-        own = 0.5 * np.trace(mesh.inertia[n]) * np.eye(3) - mesh.inertia[n]
-        second = mesh.mass[n] * np.outer(x, x) + r @ own @ r.T
+        central = 0.5 * np.trace(mesh.inertia[n]) * np.eye(3) - mesh.inertia[n]
+        second = mesh.mass[n] * np.outer(x, x) + r @ central @ r.T
         numbers[i, _MOMENTS] += mesh.mass[n] * np.array([1.0, *x])
         numbers[i, _SECOND] += second[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]]
 
@@ -258,10 +258,10 @@ def _list_columns(mesh: Mesh, tree: NDArray[np.uint64], moving: NDArray[np.int64
     m = mesh.mechanism
     columns = list[np.uint64]()
     for part in range(3):
-        own = np.zeros(m.nv if part else m.nq, np.uint64)
+        numbers = np.zeros(m.nv if part else m.nq, np.uint64)
         for n, (_, _, first, *_) in zip(moving, tree[1:], strict=True):
             at = (mesh.v_index if part else mesh.q_index)[n]
             rows = _ROWS[int(mesh.kind[n])][part]
-            own[at : at + len(rows)] = [first + row for row in rows]
-        columns.extend(own)
+            numbers[at : at + len(rows)] = [first + row for row in rows]
+        columns.extend(numbers)
     return np.array(columns, dtype=np.uint64)

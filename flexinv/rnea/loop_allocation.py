@@ -62,10 +62,10 @@ def _find_larger(a, b):
 
 
 @jit_lanes
-def fill_coupling_columns(plan, fixed, work, own, lanes, closure, offset):
+def fill_coupling_columns(plan, fixed, work, closing, lanes, closure, offset):
     """Set the columns [-] of a coupling and its squares, phi = sum gear q - offset [rad], [m]."""
     for k in range(lanes):
-        put_vec(own, layout.COUPLING_ROWS, k, (-offset, 0.0, 0.0))
+        put_vec(closing, layout.COUPLING_ROWS, k, (-offset, 0.0, 0.0))
     for j in range(closure.columns):
         column = layout.column_at(plan, closure.first + j)
         gear = fixed[column.signs]
@@ -76,13 +76,13 @@ def fill_coupling_columns(plan, fixed, work, own, lanes, closure, offset):
         for k in range(lanes):
             work[to + k] = gear * gear
             work[to + layout.ENTRIES + k] = gear
-            phi, phi1, phi2 = vec_of(own, layout.COUPLING_ROWS, k)
+            phi, phi1, phi2 = vec_of(closing, layout.COUPLING_ROWS, k)
             phi = phi + gear * work[place + k]
             phi1 = phi1 + gear * work[rate + k]
-            put_vec(own, layout.COUPLING_ROWS, k, (phi, phi1, phi2 + gear * work[second + k]))
+            put_vec(closing, layout.COUPLING_ROWS, k, (phi, phi1, phi2 + gear * work[second + k]))
     for k in range(lanes):
-        phi, phi1, phi2 = vec_of(own, layout.COUPLING_ROWS, k)
-        put_vec(own, layout.SQUARES, k, (phi * phi, phi1 * phi1, phi2 * phi2))
+        phi, phi1, phi2 = vec_of(closing, layout.COUPLING_ROWS, k)
+        put_vec(closing, layout.SQUARES, k, (phi * phi, phi1 * phi1, phi2 * phi2))
 
 
 @jit_lanes
@@ -128,13 +128,13 @@ def update_largest_squares(plan, fixed, work, lanes, closure, sums, in_space):
     Of three positions in space the square of phi' is that of d'.
     """
     limits = work[plan[layout.LIMITS] :]
-    own = work[closure.offset :]
+    closing = work[closure.offset :]
     together = in_space and closure.kind == layout.WHOLE
     for k in range(lanes):
-        a, b, c = vec_of(own, layout.SQUARES, k)
+        a, b, c = vec_of(closing, layout.SQUARES, k)
         x, y, z = vec_of(limits, _ZERO, k)
         if together:
-            d1 = vec_of(own, layout.GAP_RATE, k)
+            d1 = vec_of(closing, layout.GAP_RATE, k)
             b += dot(d1, d1)
         put_vec(limits, _ZERO, k, (_find_larger(x, a), _find_larger(y, b), _find_larger(z, c)))
     if sums:
@@ -373,11 +373,11 @@ def _begin_step(plan, work, scratch, at, lanes):
 def _update_pairs(plan, fixed, work, scratch, at, lanes):
     """Update the pairs of entries or efforts of the step at ``at``."""
     kind = plan[at]
-    own = scratch[:LANES]
+    products = scratch[:LANES]
     if kind == layout.TAKE:
-        own = work[plan[at + _FOUR] :][:LANES]
+        products = work[plan[at + _FOUR] :][:LANES]
     elif kind == layout.NORM:
-        own = scratch[layout.SQUARE :][:LANES]
+        products = scratch[layout.SQUARE :][:LANES]
     for i in range(plan[at + _ONE]):
         pair = at + _FIVE + _TWO * i
         one = work[plan[pair] :][:LANES]
@@ -388,10 +388,10 @@ def _update_pairs(plan, fixed, work, scratch, at, lanes):
             keep = 0.0 if i == 0 else 1.0
             weight = fixed[plan[at + _THREE] + i]
             for k in range(lanes):
-                own[k] = keep * own[k] + weight * one[k] * other[k]
+                products[k] = keep * products[k] + weight * one[k] * other[k]
         else:  # the effort that a multiplier has along another coordinate
             for k in range(lanes):
-                other[k] -= own[k] * one[k]
+                other[k] -= products[k] * one[k]
 
 
 @jit_lanes
@@ -399,12 +399,12 @@ def is_unclear(plan, fixed, work, lanes):
     """Return True if the squares of a call, of all threads, are not clearly within the limits fixed[:3] [-] of the sums."""
     speed = size = rounding = a = b = c = 0.0
     for i in range(work.shape[0]):
-        own = work[i, plan[layout.LIMITS] :]
+        limits = work[i, plan[layout.LIMITS] :]
         for k in range(lanes):
-            a = _find_larger(a, own[k])
-            b = _find_larger(b, own[LANES + k])
-            c = _find_larger(c, own[_TWO * LANES + k])
-        largest = own[layout.LARGEST :]
+            a = _find_larger(a, limits[k])
+            b = _find_larger(b, limits[LANES + k])
+            c = _find_larger(c, limits[_TWO * LANES + k])
+        largest = limits[layout.LARGEST :]
         speed = max(speed, largest[0])
         size = max(size, largest[1])
         rounding = max(rounding, ACCELERATION_ROUNDING * largest[2])

@@ -41,23 +41,23 @@ def read_body_axes(body, k):
 
 
 @jit_lane
-def add_squares(own, k, phi, rate, second):
+def add_squares(closing, k, phi, rate, second):
     """Add to the squares of a closure [any unit]."""
-    own[layout.SQUARES + k] += phi * phi
-    own[layout.SQUARES_TOO + k] += rate * rate
-    own[layout.SQUARES_LAST + k] += second * second
+    closing[layout.SQUARES + k] += phi * phi
+    closing[layout.SQUARES_TOO + k] += rate * rate
+    closing[layout.SQUARES_LAST + k] += second * second
 
 
 @jit_lane
-def _write_turned_axes(own, first, k, rows, axes, place):
+def _write_turned_axes(body, first, k, rows, axes, place):
     """The place, and the axes of a body that turns about the third one, from those where its coordinate is zero."""
     cosine = rows[COS + k]
     sine = rows[SIN + k]
     x, y, z = axes
-    put_vec(own, first + layout.AXIS_Z, k, z)
-    put_vec(own, first + layout.AT, k, place)
-    put_vec(own, first + layout.AXES, k, plus(times(cosine, x), times(sine, y)))
-    put_vec(own, first + layout.AXIS_Y, k, plus(times(cosine, y), times(-sine, x)))
+    put_vec(body, first + layout.AXIS_Z, k, z)
+    put_vec(body, first + layout.AT, k, place)
+    put_vec(body, first + layout.AXES, k, plus(times(cosine, x), times(sine, y)))
+    put_vec(body, first + layout.AXIS_Y, k, plus(times(cosine, y), times(-sine, x)))
 
 
 @jit_lane
@@ -68,21 +68,23 @@ def _compute_zero_axes(axes, c):
 
 
 @jit_lanes
-def _fill_root_revolute(own, rows, lanes, c):
+def _fill_root_revolute(body, rows, lanes, c):
     """A body that turns, fixed in the root."""
     axes = mat_at(c, 0)
     place = vec_at(c, 9)
     for k in range(lanes):
-        _write_turned_axes(own, _VEC, k, rows, axes, place)
+        _write_turned_axes(body, _VEC, k, rows, axes, place)
 
 
 @jit_lanes
-def _turn(own, above, parent, rows, lanes, c):
+def _turn(body, above, parent, rows, lanes, c):
     """A body that turns about z."""
     p = vec_at(c, 9)
     for k in range(lanes):
         axes = read_body_axes(parent, k)
-        _write_turned_axes(own, _VEC, k, rows, _compute_zero_axes(axes, c), plus(vec_of(above, _VEC, k), into(axes, p)))
+        _write_turned_axes(
+            body, _VEC, k, rows, _compute_zero_axes(axes, c), plus(vec_of(above, _VEC, k), into(axes, p))
+        )
 
 
 @jit_lane
@@ -93,7 +95,7 @@ def _compute_tilted_axes(axes, cosine, sine):
 
 
 @jit_lanes
-def _fill_revolute(own, above, parent, rows, lanes, c):
+def _fill_revolute(body, above, parent, rows, lanes, c):
     """A body that turns about an axis at right angles to x of its parent, R_0 = R_x(tilt)."""
     cosine = c[4]
     sine = c[5]
@@ -101,7 +103,7 @@ def _fill_revolute(own, above, parent, rows, lanes, c):
     for k in range(lanes):
         axes = read_body_axes(parent, k)
         _write_turned_axes(
-            own, _VEC, k, rows, _compute_tilted_axes(axes, cosine, sine), plus(vec_of(above, _VEC, k), into(axes, p))
+            body, _VEC, k, rows, _compute_tilted_axes(axes, cosine, sine), plus(vec_of(above, _VEC, k), into(axes, p))
         )
 
 
@@ -120,7 +122,7 @@ def _fill_chain_revolute(both, rows, lanes, c):
 
 
 @jit_lanes
-def _fill_universal(own, first, rows, lanes, c):
+def _fill_universal(body, first, rows, lanes, c):
     """A body on a universal joint that is fixed in the root, in one pass: nobody asks for x and y of the body between."""
     x, y, z = mat_at(c, 0)
     place = vec_at(c, 9)
@@ -130,43 +132,43 @@ def _fill_universal(own, first, rows, lanes, c):
         c1 = first[COS + k]
         s1 = first[SIN + k]
         axes = plus(times(c1, x), times(s1, y)), plus(times(c1, y), times(-s1, x)), z
-        _write_turned_axes(own, _VEC, k, rows, _compute_tilted_axes(axes, cosine, sine), place)
+        _write_turned_axes(body, _VEC, k, rows, _compute_tilted_axes(axes, cosine, sine), place)
 
 
 @jit_lanes
-def _fill_prismatic(own, above, parent, rows, lanes, c):
+def _fill_prismatic(body, above, parent, rows, lanes, c):
     """A body that slides along d of its parent."""
     along = vec_at(c, 6)
     p = vec_at(c, 9)
     for k in range(lanes):
         axes = read_body_axes(parent, k)
         d = into(axes, along)
-        put_vec(own, layout.SLIDING_AXIS, k, d)
-        put_vec(own, layout.AT, k, plus(plus(vec_of(above, _VEC, k), into(axes, p)), times(rows[PLACE + k], d)))
+        put_vec(body, layout.SLIDING_AXIS, k, d)
+        put_vec(body, layout.AT, k, plus(plus(vec_of(above, _VEC, k), into(axes, p)), times(rows[PLACE + k], d)))
 
 
 @jit_lanes
-def _fill_screw(own, above, parent, rows, lanes, c):
+def _fill_screw(body, above, parent, rows, lanes, c):
     """A body that turns about z and goes c[12] along it for every radian."""
-    _turn(own, above, parent, rows, lanes, c)
+    _turn(body, above, parent, rows, lanes, c)
     for k in range(lanes):
-        advance = times(c[12] * rows[PLACE + k], vec_of(own, layout.AXIS_Z, k))
-        put_vec(own, layout.AT, k, plus(vec_of(own, layout.AT, k), advance))
+        advance = times(c[12] * rows[PLACE + k], vec_of(body, layout.AXIS_Z, k))
+        put_vec(body, layout.AT, k, plus(vec_of(body, layout.AT, k), advance))
 
 
 @jit_lanes
-def _fill_floating(own, above, parent, rows, lanes, c):
+def _fill_floating(body, above, parent, rows, lanes, c):
     """A body that turns about its origin, which moves too."""
     p = vec_at(c, 9)
     for k in range(lanes):
         axes = read_body_axes(parent, k)
         zero_axes = _compute_zero_axes(axes, c)
         x, y, z = read_orientation(rows, k)
-        put_vec(own, layout.AXES, k, into(zero_axes, (x[0], y[0], z[0])))
-        put_vec(own, layout.AXIS_Y, k, into(zero_axes, (x[1], y[1], z[1])))
-        put_vec(own, layout.AXIS_Z, k, into(zero_axes, (x[2], y[2], z[2])))
+        put_vec(body, layout.AXES, k, into(zero_axes, (x[0], y[0], z[0])))
+        put_vec(body, layout.AXIS_Y, k, into(zero_axes, (x[1], y[1], z[1])))
+        put_vec(body, layout.AXIS_Z, k, into(zero_axes, (x[2], y[2], z[2])))
         at = plus(vec_of(above, _VEC, k), into(axes, p))
-        put_vec(own, layout.AT, k, plus(at, into(zero_axes, vec_of(rows, SHIFT, k))))
+        put_vec(body, layout.AT, k, plus(at, into(zero_axes, vec_of(rows, SHIFT, k))))
 
 
 @jit_lanes
@@ -185,11 +187,11 @@ def begin(plan, fixed, work, lanes):
     """Set the rows that are constant: axes [-], places [m]; and no limits."""
     for i in range(plan[layout.ROOTS + 1]):
         at = plan[layout.ROOTS] + _TWO * i
-        own = work[plan[at] : plan[at] + _BODY]
+        origin = work[plan[at] : plan[at] + _BODY]
         c = fixed[plan[at + _ONE] :]
         for k in range(lanes):
             for j in range(0, 12, 3):
-                put_vec(own, np.uint64(j) * LANES, k, vec_at(c, j))
+                put_vec(origin, np.uint64(j) * LANES, k, vec_at(c, j))
     limits = work[plan[layout.LIMITS] :]
     for k in range(layout.LARGEST + _THREE):
         limits[k] = 0.0
@@ -200,24 +202,24 @@ def move(plan, fixed, work, first_body, count, lanes):
     """Carry axes [-] and places [m] from the roots to the ends, for so many bodies of the plan."""
     for i in range(count):
         kind, first, above, rows, numbers, place = layout.body_at(plan, first_body + i)
-        own = work[first : first + _BODY]
+        body = work[first : first + _BODY]
         parent = work[above : above + _BODY]
         rows = work[rows : rows + _JOINT]
         c = fixed[numbers:]
         origin = work[place : place + layout.VECTOR]
         if kind == layout.ROOT_TURN:
-            _fill_root_revolute(own, rows, lanes, c)
+            _fill_root_revolute(body, rows, lanes, c)
         elif kind == layout.CHAIN:
             _fill_chain_revolute(work[above : above + layout.CHAINED + _BODY], rows, lanes, c)
         elif kind == layout.TWO_TURNS:
-            _fill_universal(own, work[above : above + _JOINT], rows, lanes, c)
+            _fill_universal(body, work[above : above + _JOINT], rows, lanes, c)
         elif kind == layout.TURN:
-            _turn(own, origin, parent, rows, lanes, c)
+            _turn(body, origin, parent, rows, lanes, c)
         elif kind == layout.TILT:
-            _fill_revolute(own, origin, parent, rows, lanes, c)
+            _fill_revolute(body, origin, parent, rows, lanes, c)
         elif kind == layout.SLIDE:
-            _fill_prismatic(own, origin, parent, rows, lanes, c)
+            _fill_prismatic(body, origin, parent, rows, lanes, c)
         elif kind == layout.SCREW:
-            _fill_screw(own, origin, parent, rows, lanes, c)
+            _fill_screw(body, origin, parent, rows, lanes, c)
         elif kind == layout.FLOAT:
-            _fill_floating(own, origin, parent, rows, lanes, c)
+            _fill_floating(body, origin, parent, rows, lanes, c)

@@ -165,7 +165,7 @@ class BodyRecord(NamedTuple):
 class ClosureRecord(NamedTuple):
     """Closure in the plan.
 
-    own, axes_a .. state_b : offsets of its rows, of both ends' axes, places and states; numbers : of its constants
+    offset, axes_a .. state_b : offsets of its rows, of both ends' axes, places and states; numbers : of its constants
     positions, directions : rows one by one; first, columns .. body_count : the first of its other records, their number
     stride : between entries of a column; reduced : a universal joint is taken from it; ground : the end that stands in the world
     """

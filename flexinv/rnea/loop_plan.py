@@ -106,14 +106,14 @@ def _find_universal_pairs(mechanism: Mechanism, rows: Rows, g: Array) -> dict[in
     """For closures that hold a point and nothing else the two coordinates of a universal joint in no other, without a drive."""
     out = {}
     for closure in np.unique(rows.closure):
-        own = rows.closure == closure
-        if own.sum() != 3 or rows.direction[own].any() or rows.gear[own].any():
+        members = rows.closure == closure
+        if members.sum() != 3 or rows.direction[members].any() or rows.gear[members].any():
             continue
         for joint in mechanism.joints:
             if joint.kind == "universal" and not joint.actuated:
                 one = mechanism.v_slices[joint.name].start
                 both = [one, one + 1]
-                if g[:, own][:, :, both].any(axis=(0, 1)).all() and not g[:, ~own][:, :, both].any():
+                if g[:, members][:, :, both].any(axis=(0, 1)).all() and not g[:, ~members][:, :, both].any():
                     out[int(closure)] = (one, one + 1)
     return out
 
@@ -186,9 +186,9 @@ def sample_configurations(mechanism: Mechanism, count: int) -> Array:
     random = np.random.default_rng(1)
     q = random.uniform(-1.0, 1.0, (count, mechanism.nq))
     for joint in mechanism.joints:
-        own = q[:, mechanism.q_slices[joint.name]]
+        coordinates = q[:, mechanism.q_slices[joint.name]]
         if joint.kind in ("continuous", "spherical", "free"):
-            turn = own[:, 3:] if joint.kind == "free" else own
+            turn = coordinates[:, 3:] if joint.kind == "free" else coordinates
             turn /= np.linalg.norm(turn, axis=1, keepdims=True)
     return q
 
@@ -331,8 +331,8 @@ def _is_six_by_six(elimination: Elimination, left: list[int], passive: list[int]
 
 def _compute_pivot_cost(elimination: Elimination, left: list[int], column: int) -> tuple[int, int]:
     """Rows that have an entry in a column, and their entries."""
-    own = [elimination.rows[r] for r in left if column in elimination.rows[r]]
-    return len(own), sum(len(row) for row in own)
+    filled_rows = [elimination.rows[r] for r in left if column in elimination.rows[r]]
+    return len(filled_rows), sum(len(row) for row in filled_rows)
 
 
 def _plan_projection(
@@ -344,9 +344,9 @@ def _plan_projection(
     for row in rows:
         row.update({c: e.add_zero_entry() for c in drives if c not in row})
     targets = [[row[c] for c in drives] for row in rows]
-    for i, own in enumerate(targets):
-        e.steps.append(Step(Operation.NORM, second=weights, pairs=[(at, at) for at in own]))
+    for i, source in enumerate(targets):
+        e.steps.append(Step(Operation.NORM, second=weights, pairs=[(at, at) for at in source]))
         for target in ([effort[c] for c in drives], *targets[i + 1 :]):
-            pairs = list(zip(own, target, strict=True))
+            pairs = list(zip(source, target, strict=True))
             e.steps.append(Step(Operation.INNER, second=weights, pairs=pairs))
             e.steps.append(Step(Operation.PROJECT, pairs=pairs))

@@ -81,7 +81,7 @@ def _make_two_end_kernel(whole: bool) -> Any:
     """
 
     @jit_lanes
-    def fill_ends(end_a, end_b, own, lanes, c):
+    def fill_ends(end_a, end_b, closing, lanes, c):
         a, place_a, state_a = end_a
         b, place_b, state_b = end_b
         scale = c[_SCALE]
@@ -101,12 +101,12 @@ def _make_two_end_kernel(whole: bool) -> Any:
             one = compute_acceleration_at(*read_state(state_a, k), arm)
             other = compute_acceleration_at(*read_state(state_b, k), arm_b)
             second = minus(_convert_to_root(b, k, turned_b, other), _convert_to_root(a, k, turned_a, one))
-            put_vec(own, layout.POINT, k, point)
-            put_vec(own, layout.GAP_RATE, k, _NONE)
-            put_vec(own, layout.SQUARES, k, (scale * dot(gap, gap), 0.0, dot(second, second)) if whole else _NONE)
+            put_vec(closing, layout.POINT, k, point)
+            put_vec(closing, layout.GAP_RATE, k, _NONE)
+            put_vec(closing, layout.SQUARES, k, (scale * dot(gap, gap), 0.0, dot(second, second)) if whole else _NONE)
             if not whole:
-                put_vec(own, layout.GAP, k, gap)
-                put_vec(own, layout.SECOND, k, second)
+                put_vec(closing, layout.GAP, k, gap)
+                put_vec(closing, layout.SECOND, k, second)
 
     return fill_ends
 
@@ -116,17 +116,17 @@ _partial = _make_two_end_kernel(False)
 
 
 @jit_lanes
-def _write_angular_rates(a, state_a, b, state_b, own, lanes, c):
+def _write_angular_rates(a, state_a, b, state_b, closing, lanes, c):
     """Write both ends' angular velocities and their relative angular acceleration, in the axes of the root."""
     turned_a = mat_at(c, _TURNED_A)
     turned_b = mat_at(c, _TURNED_B)
     for k in range(lanes):
         wa, al_a, _ = read_state(state_a, k)
         wb, al_b, _ = read_state(state_b, k)
-        put_vec(own, layout.SPIN_A, k, _convert_to_root(a, k, turned_a, wa))
-        put_vec(own, layout.SPIN_B, k, _convert_to_root(b, k, turned_b, wb))
+        put_vec(closing, layout.SPIN_A, k, _convert_to_root(a, k, turned_a, wa))
+        put_vec(closing, layout.SPIN_B, k, _convert_to_root(b, k, turned_b, wb))
         put_vec(
-            own,
+            closing,
             layout.TURNING_RATE,
             k,
             minus(_convert_to_root(b, k, turned_b, al_b), _convert_to_root(a, k, turned_a, al_a)),
@@ -134,30 +134,30 @@ def _write_angular_rates(a, state_a, b, state_b, own, lanes, c):
 
 
 @jit_lanes
-def _add_direction_squares(e, a, b, own, lanes, u, w):
+def _add_direction_squares(e, a, b, closing, lanes, u, w):
     """The squares of phi = u . w of one row, and e."""
     for k in range(lanes):
-        wa = vec_of(own, layout.SPIN_A, k)
-        wb = vec_of(own, layout.SPIN_B, k)
+        wa = vec_of(closing, layout.SPIN_A, k)
+        wb = vec_of(closing, layout.SPIN_B, k)
         us = into(read_body_axes(a, k), u)
         ws = into(read_body_axes(b, k), w)
         n = cross(ws, us)
         turning = minus(wb, wa)
         n1 = plus(cross(cross(wb, ws), us), cross(ws, cross(wa, us)))
         add_squares(
-            own, k, dot(us, ws), dot(n, turning), dot(n, vec_of(own, layout.TURNING_RATE, k)) + dot(n1, turning)
+            closing, k, dot(us, ws), dot(n, turning), dot(n, vec_of(closing, layout.TURNING_RATE, k)) + dot(n1, turning)
         )
         put_vec(e, _VEC, k, n)
 
 
 @jit_lanes
-def _add_position_squares(e, own, lanes, scale):
+def _add_position_squares(e, closing, lanes, scale):
     """The squares of phi = u . d of one row."""
     for k in range(lanes):
         u = vec_of(e, _VEC, k)
-        d1 = vec_of(own, layout.GAP_RATE, k)
-        second = minus(vec_of(own, layout.SECOND, k), times(2.0, cross(vec_of(own, layout.SPIN_A, k), d1)))
-        add_squares(own, k, scale * dot(u, vec_of(own, layout.GAP, k)), dot(u, d1), dot(u, second))
+        d1 = vec_of(closing, layout.GAP_RATE, k)
+        second = minus(vec_of(closing, layout.SECOND, k), times(2.0, cross(vec_of(closing, layout.SPIN_A, k), d1)))
+        add_squares(closing, k, scale * dot(u, vec_of(closing, layout.GAP, k)), dot(u, d1), dot(u, second))
 
 
 def make_ground_kernel(count: int) -> Any:
@@ -167,7 +167,7 @@ def make_ground_kernel(count: int) -> Any:
     """
 
     @jit_lanes
-    def fill_ends(own, axes, place, state, lanes, c):
+    def fill_ends(closing, axes, place, state, lanes, c):
         at = vec_at(c, _AT)
         there = vec_at(c, _THERE)
         rest = vec_at(c, _REST)
@@ -178,8 +178,8 @@ def make_ground_kernel(count: int) -> Any:
             w, al, a = read_state(state, k)
             d = minus(plus(vec_of(place, _VEC, k), into(frame, at)), there)
             second = minus(into(frame, compute_acceleration_at(w, al, a, at)), rest)
-            put_vec(own, layout.POINT, k, plus(there, times(is_b, d)))
-            put_vec(own, layout.GAP_RATE, k, _NONE)
+            put_vec(closing, layout.POINT, k, plus(there, times(is_b, d)))
+            put_vec(closing, layout.GAP_RATE, k, _NONE)
             squares = scale * dot(d, d), 0.0, dot(second, second)
             for j in range(count):
                 pair = _PAIRS + _SIX * np.uint64(j)
@@ -190,8 +190,8 @@ def make_ground_kernel(count: int) -> Any:
                 phi1 = dot(w, n)
                 phi2 = dot(al, n) + dot(w, f) * dot(m, w) - dot(w, w) * phi
                 squares = plus(squares, (phi * phi, phi1 * phi1, phi2 * phi2))
-                put_vec(own, layout.VECTORS + np.uint64(j) * layout.VECTOR, k, into(frame, n))
-            put_vec(own, layout.SQUARES, k, squares)
+                put_vec(closing, layout.VECTORS + np.uint64(j) * layout.VECTOR, k, into(frame, n))
+            put_vec(closing, layout.SQUARES, k, squares)
 
     return fill_ends
 
@@ -200,7 +200,7 @@ _from_ground = layout.make_choice_of_four(make_ground_kernel, 0)
 
 
 @jit_lanes
-def _fill_ends(work, closure, own, lanes, c):
+def _fill_ends(work, closure, closing, lanes, c):
     """Points, vectors and squares of one closure, but for what takes d'."""
     a = work[closure.axes_a :]
     b = work[closure.axes_b :]
@@ -210,38 +210,40 @@ def _fill_ends(work, closure, own, lanes, c):
     end_b = (b, work[closure.place_b :], of_b)
     positions = closure.positions
     directions = closure.directions
-    vectors = own[layout.VECTORS :]
+    vectors = closing[layout.VECTORS :]
     if closure.ground != layout.NO_GROUND:
         axes, place, state = end_b if closure.ground == layout.A_STANDS else end_a
-        _from_ground(directions, own, axes, place, state, lanes, c)
+        _from_ground(directions, closing, axes, place, state, lanes, c)
         return
     if closure.kind == layout.WHOLE:
-        _whole(end_a, end_b, own, lanes, c)
+        _whole(end_a, end_b, closing, lanes, c)
     else:
-        _partial(end_a, end_b, own, lanes, c)
+        _partial(end_a, end_b, closing, lanes, c)
     if positions + directions > np.uint64(0):
-        _write_angular_rates(a, of_a, b, of_b, own, lanes, c)
+        _write_angular_rates(a, of_a, b, of_b, closing, lanes, c)
     for j in range(positions):  # e = u
         u = vec_at(c, _U + _THREE * j)
         for k in range(lanes):
             put_vec(vectors, j * layout.VECTOR, k, into(read_body_axes(a, k), u))
     for j in range(directions):
         u = c[_U + _THREE * positions + _SIX * j :]
-        _add_direction_squares(vectors[(positions + j) * layout.VECTOR :], a, b, own, lanes, vec_at(u, 0), vec_at(u, 3))
+        _add_direction_squares(
+            vectors[(positions + j) * layout.VECTOR :], a, b, closing, lanes, vec_at(u, 0), vec_at(u, 3)
+        )
 
 
 @jit_lane
-def _compute_point_velocity(own, axis, at, k, signs):
+def _compute_point_velocity(closing, axis, at, k, signs):
     """The velocity of B's point per unit rate of a joint, over the mechanism's length."""
     z = vec_of(axis, _VEC, k)
-    arm = minus(vec_of(own, layout.POINT, k), vec_of(at, _VEC, k))
+    arm = minus(vec_of(closing, layout.POINT, k), vec_of(at, _VEC, k))
     return plus_cross(times(signs[0], z), times(signs[1], z), arm)
 
 
 @jit_lane
-def _add_rate(own, k, speed, c):
+def _add_rate(closing, k, speed, c):
     """Add to d'."""
-    put_vec(own, layout.GAP_RATE, k, plus(vec_of(own, layout.GAP_RATE, k), times(speed, c)))
+    put_vec(closing, layout.GAP_RATE, k, plus(vec_of(closing, layout.GAP_RATE, k), times(speed, c)))
 
 
 def make_column_kernel(count: int) -> Any:
@@ -251,21 +253,21 @@ def make_column_kernel(count: int) -> Any:
     """
 
     @jit_lane
-    def fill_lane(column, own, axis, at, rates, k, signs):
-        c = _compute_point_velocity(own, axis, at, k, signs)
+    def fill_lane(column, closing, axis, at, rates, k, signs):
+        c = _compute_point_velocity(closing, axis, at, k, signs)
         z = vec_of(axis, _VEC, k)
         column[k] = dot(c, c) + (signs[2] * signs[2] if count else 0.0)
         for j in range(3):
             column[_ROW * (_ONE + np.uint64(j)) + k] = c[j]
-        _add_rate(own, k, signs[3] * rates[k], c)
+        _add_rate(closing, k, signs[3] * rates[k], c)
         for j in range(count):
-            e = vec_of(own, layout.VECTORS + np.uint64(j) * layout.VECTOR, k)
+            e = vec_of(closing, layout.VECTORS + np.uint64(j) * layout.VECTOR, k)
             column[_ROW * (_FOUR + np.uint64(j)) + k] = signs[2] * dot(e, z)
 
     @jit_lanes
-    def fill_lanes(column, own, axis, at, rates, lanes, signs):
+    def fill_lanes(column, closing, axis, at, rates, lanes, signs):
         for k in range(lanes):
-            fill_lane(column, own, axis, at, rates, k, signs)
+            fill_lane(column, closing, axis, at, rates, k, signs)
 
     return fill_lanes
 
@@ -274,33 +276,33 @@ _whole_column = layout.make_choice_of_four(make_column_kernel, 0)
 
 
 @jit_lanes
-def _write_column_size(to, axis, at, own, rates, lanes, signs, turns):
+def _write_column_size(to, axis, at, closing, rates, lanes, signs, turns):
     """Write the size of a column and c behind it, and add to d'; turns : what directions add to the size."""
     for k in range(lanes):
-        c = _compute_point_velocity(own, axis, at, k, signs)
+        c = _compute_point_velocity(closing, axis, at, k, signs)
         put_vec(to, layout.ENTRIES, k, c)
         to[k] = dot(c, c) + turns
-        _add_rate(own, k, signs[3] * rates[k], c)
+        _add_rate(closing, k, signs[3] * rates[k], c)
 
 
 @jit_lanes
-def _fill_column(work, closure, column, own, lanes, signs):
+def _fill_column(work, closure, column, closing, lanes, signs):
     """Set the entries of one column, row by row: along u of single positions, about e of directions."""
     z = work[column.axis :]
     to = work[column.to :]
     positions = closure.positions
     turns = signs[2] * signs[2] if closure.directions > _VEC else 0.0
-    _write_column_size(to, z, work[column.joint :], own, work[column.rate :], lanes, signs, turns)
+    _write_column_size(to, z, work[column.joint :], closing, work[column.rate :], lanes, signs, turns)
     for j in range(positions + closure.directions):
         entry = work[column.entry + j * closure.stride :]
-        e = own[layout.VECTORS + j * layout.VECTOR :]
+        e = closing[layout.VECTORS + j * layout.VECTOR :]
         moved, sign = (to[layout.ENTRIES :], 1.0) if j < positions else (z, signs[2])
         for k in range(lanes):
             entry[k] = sign * dot(vec_of(e, _VEC, k), vec_of(moved, _VEC, k))
 
 
 @jit_lanes
-def _remove_universal_joint(work, one, other, own, lanes, signs):
+def _remove_universal_joint(work, one, other, closing, lanes, signs):
     """Take both columns of a universal joint; set u, f, d'; return how often the arm is nearly in their plane, or nearly none."""
     axis = work[one.axis :]
     axis_too = work[other.axis :]
@@ -316,7 +318,7 @@ def _remove_universal_joint(work, one, other, own, lanes, signs):
     for k in range(lanes):
         z1 = vec_of(axis, _VEC, k)
         z2 = vec_of(axis_too, _VEC, k)
-        r = times(sign, minus(vec_of(own, layout.POINT, k), vec_of(at, _VEC, k)))
+        r = times(sign, minus(vec_of(closing, layout.POINT, k), vec_of(at, _VEC, k)))
         square = dot(r, r)
         s = dot(cross(z1, z2), r)
         doubts += 0 if (s * s >= LEAST_PIVOT * LEAST_PIVOT * square) & (s * s >= least) else 1
@@ -324,18 +326,18 @@ def _remove_universal_joint(work, one, other, own, lanes, signs):
         along = dot(z1, r)
         along_too = dot(z2, r)
         inverse = 1.0 / s
-        put_vec(own, layout.UNIT_FORCE, k, times(inverse, r))
-        put_vec(own, layout.JOINT_FORCE, k, times(inverse, minus(times(tau_too[k], z1), times(tau[k], z2))))
-        put_vec(own, layout.GAP_RATE, k, times(length, cross(w, r)))
-        own[layout.SIZE + k] = square - along * along
-        own[layout.SIZE_TOO + k] = square - along_too * along_too
+        put_vec(closing, layout.UNIT_FORCE, k, times(inverse, r))
+        put_vec(closing, layout.JOINT_FORCE, k, times(inverse, minus(times(tau_too[k], z1), times(tau[k], z2))))
+        put_vec(closing, layout.GAP_RATE, k, times(length, cross(w, r)))
+        closing[layout.SIZE + k] = square - along * along
+        closing[layout.SIZE_TOO + k] = square - along_too * along_too
     for k in range(lanes):
         tau[k] = tau_too[k] = 0.0
     return doubts
 
 
 @jit_lanes
-def _fill_single_column(work, column, own, lanes, signs):
+def _fill_single_column(work, column, closing, lanes, signs):
     """The column of one coordinate, g = u . c, and what the force does for its joint."""
     to = work[column.to :]
     entry = work[column.entry :]
@@ -344,39 +346,41 @@ def _fill_single_column(work, column, own, lanes, signs):
     axis = work[column.axis :]
     at = work[column.joint :]
     for k in range(lanes):
-        c = _compute_point_velocity(own, axis, at, k, signs)
+        c = _compute_point_velocity(closing, axis, at, k, signs)
         to[k] = dot(c, c)
-        entry[k] = dot(vec_of(own, layout.UNIT_FORCE, k), c)
-        effort[k] -= dot(vec_of(own, layout.JOINT_FORCE, k), c)
-        _add_rate(own, k, signs[3] * rates[k], c)
+        entry[k] = dot(vec_of(closing, layout.UNIT_FORCE, k), c)
+        effort[k] -= dot(vec_of(closing, layout.JOINT_FORCE, k), c)
+        _add_rate(closing, k, signs[3] * rates[k], c)
 
 
 @jit_lanes
-def _fill_floating_columns(entries, body, own, rows, lanes, c):
+def _fill_floating_columns(entries, body, closing, rows, lanes, c):
     """The six columns of a free body that holds the point, r in its axes: u and f with their moments about its origin."""
     scale = c[0]
     sign = c[0] * c[3]
     r = vec_at(c, 4)
     for k in range(lanes):
         axes = read_body_axes(body, k)
-        along = times(scale, compute_components(axes, vec_of(own, layout.UNIT_FORCE, k)))
-        pull = times(scale, compute_components(axes, vec_of(own, layout.JOINT_FORCE, k)))
+        along = times(scale, compute_components(axes, vec_of(closing, layout.UNIT_FORCE, k)))
+        pull = times(scale, compute_components(axes, vec_of(closing, layout.JOINT_FORCE, k)))
         put_vec(entries, _VEC, k, along)
         put_vec(entries, layout.VECTOR, k, cross(r, along))
         put_vec(rows, EFFORTS_FREE, k, minus(vec_of(rows, EFFORTS_FREE, k), pull))
         put_vec(rows, EFFORTS_TURNING, k, minus(vec_of(rows, EFFORTS_TURNING, k), cross(r, pull)))
-        _add_rate(own, k, sign, into(axes, plus_cross(vec_of(rows, RATES_FREE, k), vec_of(rows, RATES_TURNING, k), r)))
+        _add_rate(
+            closing, k, sign, into(axes, plus_cross(vec_of(rows, RATES_FREE, k), vec_of(rows, RATES_TURNING, k), r))
+        )
 
 
 @jit_lanes
-def fill_columns(plan, fixed, work, closure, own, lanes):
+def fill_columns(plan, fixed, work, closure, closing, lanes):
     """Set the columns of one closure, positions over the mechanism's length [1/rad], [1/m], directions [-]; return doubts."""
     doubts = 0
     first = _VEC
     if closure.reduced > _VEC:
         one = layout.column_at(plan, closure.first)
         other = layout.column_at(plan, closure.first + _ONE)
-        doubts = _remove_universal_joint(work, one, other, own, lanes, fixed[one.signs :])
+        doubts = _remove_universal_joint(work, one, other, closing, lanes, fixed[one.signs :])
         first = np.uint64(2)
     for j in range(first, closure.columns):
         column = layout.column_at(plan, closure.first + j)
@@ -384,15 +388,15 @@ def fill_columns(plan, fixed, work, closure, own, lanes):
         at = work[column.joint :]
         c = fixed[column.signs :]
         if column.kind == layout.FLOATING:
-            _fill_floating_columns(work[column.entry :], axis, own, at, lanes, c)
+            _fill_floating_columns(work[column.entry :], axis, closing, at, lanes, c)
             break  # the records of the other axes are there for their sums
         signs = c[0], c[1], c[2], c[3]
         if closure.reduced > _VEC:
-            _fill_single_column(work, column, own, lanes, signs)
+            _fill_single_column(work, column, closing, lanes, signs)
         elif closure.kind == layout.WHOLE:
-            _whole_column(closure.directions, work[column.to :], own, axis, at, work[column.rate :], lanes, signs)
+            _whole_column(closure.directions, work[column.to :], closing, axis, at, work[column.rate :], lanes, signs)
         else:
-            _fill_column(work, closure, column, own, lanes, signs)
+            _fill_column(work, closure, column, closing, lanes, signs)
     return doubts
 
 
@@ -406,15 +410,15 @@ def fill_spatial_closures(plan, fixed, work, lanes, sums):
     for i in range(plan[layout.CLOSURE_RECORDS + 1]):
         closure = layout.closure_at(plan, i)
         c = fixed[closure.numbers :]
-        own = work[closure.offset :]
+        closing = work[closure.offset :]
         move(plan, fixed, work, closure.first_body, closure.body_count, lanes)
         if closure.kind == layout.COUPLED:
-            fill_coupling_columns(plan, fixed, work, own, lanes, closure, c[0])
+            fill_coupling_columns(plan, fixed, work, closing, lanes, closure, c[0])
         else:
-            _fill_ends(work, closure, own, lanes, c)
-            doubts += fill_columns(plan, fixed, work, closure, own, lanes)
+            _fill_ends(work, closure, closing, lanes, c)
+            doubts += fill_columns(plan, fixed, work, closure, closing, lanes)
         if closure.kind == layout.PARTIAL:
             for j in range(closure.positions):
-                _add_position_squares(own[layout.VECTORS + j * layout.VECTOR :], own, lanes, c[_SCALE])
+                _add_position_squares(closing[layout.VECTORS + j * layout.VECTOR :], closing, lanes, c[_SCALE])
         update_largest_squares(plan, fixed, work, lanes, closure, sums, True)
     return doubts

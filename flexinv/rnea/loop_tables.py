@@ -143,14 +143,17 @@ def build_loop_tables(
     tables = _Tables(mesh, bodies, plane, pairs or {}, matrix)
     header = _begin_header(tables, limits)
     own_rows = [np.flatnonzero(rows.closure == closure) for closure in np.unique(rows.closure)]
-    loops = [None if rows.gear[own].any() else _find_loop(mesh, bodies, rows, int(own[0])) for own in own_rows]
+    loops = [
+        None if rows.gear[closure_rows].any() else _find_loop(mesh, bodies, rows, int(closure_rows[0]))
+        for closure_rows in own_rows
+    ]
     tables.shared = _find_shared_bodies(loops)
-    for own, loop in zip(own_rows, loops, strict=True):
+    for closure_rows, loop in zip(own_rows, loops, strict=True):
         tables.used = 0
         if loop is None:
-            _add_coupling(tables, rows, int(own[0]))
+            _add_coupling(tables, rows, int(closure_rows[0]))
         elif any(loop.ways):  # else both ends are on one body: nothing moves
-            _add_closure(tables, rows, own[mask[own] | ~rows.direction[own]], loop)
+            _add_closure(tables, rows, closure_rows[mask[closure_rows] | ~rows.direction[closure_rows]], loop)
     plan = _join_records(tables, header)
     sizes = _drop_smaller_constants(tables)
     fixed = np.array(tables.fixed)
@@ -255,29 +258,29 @@ def _make_frame(tables: _Tables, root: int, body: int) -> _Frame:
         return _make_universal_frame(tables, root, body, tables.add_rows(layout.BODY_ROWS, alone))
     if before in (layout.ROOT_TURN, layout.CHAIN) and alone:
         how = layout.CHAIN
-        own = above.axes + int(layout.CHAINED)
+        offset = above.axes + int(layout.CHAINED)
         tables.add_rows(int(layout.CHAINED) // BLOCK, True)
     else:
-        own = tables.add_rows(layout.PLANE_ROWS if tables.plane else layout.BODY_ROWS, alone)
+        offset = tables.add_rows(layout.PLANE_ROWS if tables.plane else layout.BODY_ROWS, alone)
     numbers = tables.add_constants(r.T, p, tables.bodies.numbers[body, BODY_LEAD])
-    tables.moved.append(BodyRecord(how, own, above.axes, rows, numbers, 0 if tables.plane else above.place))
+    tables.moved.append(BodyRecord(how, offset, above.axes, rows, numbers, 0 if tables.plane else above.place))
     slides = how == layout.SLIDE
-    axes = above.axes if slides and not tables.plane else own
+    axes = above.axes if slides and not tables.plane else offset
     turned = r if slides else np.eye(3)
-    tables.frames[root, body] = _Frame(axes, own + int(layout.AT), own + int(layout.SLIDING_AXIS), turned)
+    tables.frames[root, body] = _Frame(axes, offset + int(layout.AT), offset + int(layout.SLIDING_AXIS), turned)
     return tables.frames[root, body]
 
 
-def _make_universal_frame(tables: _Tables, root: int, body: int, own: int) -> _Frame:
+def _make_universal_frame(tables: _Tables, root: int, body: int, offset: int) -> _Frame:
     """The frame of a body on a universal joint in the root; the axis and the place of its first turn are constant."""
     parent, rows = (int(cell) for cell in tables.bodies.tree[body, [TREE_PARENT, TREE_ROWS]])
     seat, place = (tables.frames[root, root].turned @ x for x in _compute_zero_placement(tables.bodies, parent))
     first = tables.add_constant_rows(layout.BODY_ROWS, seat.T[2], place, seat.T[:2])
     numbers = tables.add_constants(seat.T, place, _compute_zero_placement(tables.bodies, body)[0][1:, 1])
     above = int(tables.bodies.tree[parent, TREE_ROWS])
-    tables.moved[-1] = BodyRecord(layout.TWO_TURNS, own, above, rows, numbers, 0)
+    tables.moved[-1] = BodyRecord(layout.TWO_TURNS, offset, above, rows, numbers, 0)
     tables.frames[root, parent] = _Frame(first, first + int(layout.AT), 0, np.eye(3))
-    tables.frames[root, body] = _Frame(own, own + int(layout.AT), 0, np.eye(3))
+    tables.frames[root, body] = _Frame(offset, offset + int(layout.AT), 0, np.eye(3))
     return tables.frames[root, body]
 
 
@@ -315,16 +318,16 @@ def _resolve_motion(tables: _Tables, kind: int, on_root: bool, r: Array) -> int:
     return layout.TILT if is_about_x and not tables.plane else layout.TURN
 
 
-def _add_closure(tables: _Tables, rows: Rows, own: NDArray[np.int64], loop: _Loop) -> None:
+def _add_closure(tables: _Tables, rows: Rows, closure_rows: NDArray[np.int64], loop: _Loop) -> None:
     """A closure of two ends: the bodies between them, its record, its columns."""
-    k = own[0]
+    k = closure_rows[0]
     pair = tables.pairs.get(int(rows.closure[k]))
     before = (len(tables.columns), len(tables.moved))
     _add_root_frame(tables, loop.root, loop.ways[::-1])
     a = _make_end(tables, loop.root, loop.ends[0], rows.place_a[k])
     b = _make_end(tables, loop.root, loop.ends[1], rows.place_b[k])
-    positions = [int(r) for r in own if not rows.direction[r]]
-    directions = [int(r) for r in own if rows.direction[r]]
+    positions = [int(r) for r in closure_rows if not rows.direction[r]]
+    directions = [int(r) for r in closure_rows if rows.direction[r]]
     columns = _list_loop_columns(tables, loop)
     whole = len(positions) == 3 and (tables.plane or pair is not None or len(columns) <= layout.MOST_COLUMNS)
     alone = [] if whole else positions  # one by one
@@ -398,20 +401,20 @@ def _list_joint_columns(tables: _Tables, root: int, body: int, sign: float) -> l
     Their accelerations are stored, in the plane for the kernels, in space for the sums.
     """
     kind = int(tables.bodies.tree[body, TREE_KIND])
-    own = tables.frames[root, body]
+    frame = tables.frames[root, body]
     m = tables.mesh.mechanism
     length = tables.mesh.length
-    slides, turns = ([(how, own.axes + at) for at in _AXES] for how in (layout.SLIDING, layout.TURNING))
-    several = {PRISMATIC: [(layout.SLIDING, own.direction)], SPHERICAL: turns, FREE: slides + turns}
+    slides, turns = ([(how, frame.axes + at) for at in _AXES] for how in (layout.SLIDING, layout.TURNING))
+    several = {PRISMATIC: [(layout.SLIDING, frame.direction)], SPHERICAL: turns, FREE: slides + turns}
     out = []
     first = int(tables.mesh.v_index[tables.bodies.node[body]])
     for v, (how, axis) in enumerate(several.get(kind, turns[2:]), start=first):
         lead, about = (1.0, 0.0) if how == layout.SLIDING else (tables.bodies.numbers[body, BODY_LEAD], 1.0)
         signs = tables.add_constants(sign * lead / length, sign * about / length, sign * about, length)
         rate, effort = (int(tables.bodies.columns[i + v]) for i in (m.nq, m.nq + m.nv))
-        kept = own.place - int(layout.AT) + int(layout.KEPT_ACCELERATION) if tables.plane else tables.add_rows(1)
+        kept = frame.place - int(layout.AT) + int(layout.KEPT_ACCELERATION) if tables.plane else tables.add_rows(1)
         (tables.keeps if tables.plane else tables.summed).append((effort, kept))
-        out.append(_Column(v, body, ColumnRecord(how, axis, own.place, 0, rate, kept, signs, effort, 0)))
+        out.append(_Column(v, body, ColumnRecord(how, axis, frame.place, 0, rate, kept, signs, effort, 0)))
     return out
 
 
@@ -438,12 +441,12 @@ def _add_all_rows(tables: _Tables, columns: list[_Column], whole: bool, rows: li
 
 
 def _add_remaining_row(
-    tables: _Tables, columns: list[_Column], own: int, pair: tuple[int, int], row: int, end: _End
+    tables: _Tables, columns: list[_Column], offset: int, pair: tuple[int, int], row: int, end: _End
 ) -> None:
     """Columns of a closure from which a universal joint is taken; end : that of B."""
     for v, at in zip(pair, (layout.SIZE, layout.SIZE_TOO), strict=True):
         column = next(c for c in columns if c.v == v)
-        _add_column(tables, column, [], to=own + int(at))
+        _add_column(tables, column, [], to=offset + int(at))
     is_free = int(tables.bodies.tree[end.body, TREE_KIND]) == FREE
     free = [c for c in columns if is_free and c.body == end.body]
     for column in (c for c in columns if c.v not in pair and c not in free):

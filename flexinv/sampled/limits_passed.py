@@ -37,10 +37,10 @@ class PassedLimits:
         m = self.mechanism
         for joint in m.joints:
             if joint.nv == 1 and KINDS[joint.kind].scalar:
-                own = q[:, m.q_slices[joint.name]]
+                coordinates = q[:, m.q_slices[joint.name]]
                 at = m.v_slices[joint.name]
-                self.lowest[at] = np.minimum(self.lowest[at], own.min(initial=np.inf))
-                self.highest[at] = np.maximum(self.highest[at], own.max(initial=-np.inf))
+                self.lowest[at] = np.minimum(self.lowest[at], coordinates.min(initial=np.inf))
+                self.highest[at] = np.maximum(self.highest[at], coordinates.max(initial=-np.inf))
         self.fastest = np.maximum(self.fastest, np.abs(qd).max(axis=0, initial=0.0))
         self.strongest = np.maximum(self.strongest, np.abs(tau).max(axis=0, initial=0.0))
 

@@ -190,11 +190,11 @@ def list_digits(table: MotionSource, sense: str) -> Array:
     names = list(table.mechanism.velocity_names)
     for column, digit in zip(columns, table.digits[sense], strict=True):
         joint = table.mechanism.joint_of[column.joint]
-        own = table.mechanism.v_slices[column.joint]
+        freedoms = table.mechanism.v_slices[column.joint]
         if column.coordinate in names:
             out[names.index(column.coordinate)] = digit
         elif KINDS[joint.kind].has_quaternion:
-            out[own] = np.maximum(out[own], 2.0 * digit)
+            out[freedoms] = np.maximum(out[freedoms], 2.0 * digit)
     return out
 
 

@@ -70,14 +70,14 @@ def convert_to_coordinates(mechanism: Mechanism, positions: Array) -> Array:
         return positions
     q = np.empty((len(positions), mechanism.nq))
     for joint, places in list_place_slices(mechanism):
-        own = q[:, mechanism.q_slices[joint.name]]
+        coordinates = q[:, mechanism.q_slices[joint.name]]
         kind = KINDS[joint.kind]
-        own[:] = positions[:, places] if kind.layout != CIRCLE else 0.0
+        coordinates[:] = positions[:, places] if kind.layout != CIRCLE else 0.0
         if kind.layout == CIRCLE:
-            own[:, 0] = np.cos(positions[:, places.start])
-            own[:, 1] = np.sin(positions[:, places.start])
+            coordinates[:, 0] = np.cos(positions[:, places.start])
+            coordinates[:, 1] = np.sin(positions[:, places.start])
         elif kind.has_quaternion:
-            own[:, -4:] = scale_quaternions(own[:, -4:], f"joint {joint.name!r}")
+            coordinates[:, -4:] = scale_quaternions(coordinates[:, -4:], f"joint {joint.name!r}")
     return q
 
 
@@ -93,18 +93,18 @@ def compute_increments(mechanism: Mechanism, positions: Array) -> Array:
         return after - before
     out = np.empty((len(before), mechanism.nv))
     for joint, places in list_place_slices(mechanism):
-        own = out[:, mechanism.v_slices[joint.name]]
+        increments = out[:, mechanism.v_slices[joint.name]]
         kind = KINDS[joint.kind]
         if not kind.has_quaternion:
             step = after[:, places] - before[:, places]
-            own[:] = np.remainder(step + np.pi, 2.0 * np.pi) - np.pi if kind.layout == CIRCLE else step
+            increments[:] = np.remainder(step + np.pi, 2.0 * np.pi) - np.pi if kind.layout == CIRCLE else step
             continue
         first = Rotation.from_quat(before[:, places][:, -4:])
         turn = (first.inv() * Rotation.from_quat(after[:, places][:, -4:])).as_rotvec()
-        own[:, -3:] = turn
+        increments[:, -3:] = turn
         if kind.layout == POSE:
             halfway = first * Rotation.from_rotvec(0.5 * turn)
-            own[:, :3] = halfway.inv().apply(after[:, places][:, :3] - before[:, places][:, :3])
+            increments[:, :3] = halfway.inv().apply(after[:, places][:, :3] - before[:, places][:, :3])
     return out
 
 
@@ -156,17 +156,17 @@ def _fit_splines(table: MotionSource, whole: MotionPart, start: int, end: int) -
     _check_times(table, whole, whole.time)
     time = make_even_times(whole.time, table.time_digit)
     time = time - time[0]
-    own = slice(start, end)
+    piece = slice(start, end)
     first = whole.first + start
     if whole.rates is not None:
         sampling = Sampling(time)
         sampling.check(np.inf)
-        qdd = sampling.build_spline(whole.rates)(time[own], 1)
-        q = convert_to_coordinates(mechanism, whole.positions[own])
-        return MotionSamples(first, whole.time[own], q, whole.rates[own], qdd)
+        qdd = sampling.build_spline(whole.rates)(time[piece], 1)
+        q = convert_to_coordinates(mechanism, whole.positions[piece])
+        return MotionSamples(first, whole.time[piece], q, whole.rates[piece], qdd)
     names = {joint.name: whole.positions[:, places] for joint, places in list_place_slices(mechanism)}
     motion = Motion.from_samples(time, names, max_gap=float(time[-1]) + 1.0)
-    return MotionSamples(first, whole.time[own], *motion.evaluate(mechanism, time[own]))
+    return MotionSamples(first, whole.time[piece], *motion.evaluate(mechanism, time[piece]))
 
 
 def make_even_times(time: Array, digit: float) -> Array:
@@ -263,9 +263,9 @@ class HermiteMotion:
         angles, rates, accelerations = (np.asarray(part) for part in path)
         q = np.tile(mechanism.neutral, (at.size, 1))
         for joint in mechanism.joints:
-            own = q[:, mechanism.q_slices[joint.name]]
+            coordinates = q[:, mechanism.q_slices[joint.name]]
             angle = angles[:, mechanism.v_slices[joint.name]]
-            own[:] = np.hstack([np.cos(angle), np.sin(angle)]) if KINDS[joint.kind].circle else angle
+            coordinates[:] = np.hstack([np.cos(angle), np.sin(angle)]) if KINDS[joint.kind].circle else angle
         outside = ((at < 0.0) | (at > self.duration))[:, None]
         return q, np.where(outside, 0.0, rates), np.where(outside, 0.0, accelerations)
 

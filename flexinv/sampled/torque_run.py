@@ -163,8 +163,10 @@ class TorqueRun:
             skipped = slice(1 if k else 0, None)
             values = solution.torque_all[skipped]
             self.passed.update(solution.q, solution.qd, solution.torque_all)
-            own = slice(first, first + len(values))
-            times = whole.time[own] if even and len(whole.time[own]) == len(values) else start + solution.time[skipped]
+            piece = slice(first, first + len(values))
+            times = (
+                whole.time[piece] if even and len(whole.time[piece]) == len(values) else start + solution.time[skipped]
+            )
             yield EffortRows(first, times, values)
             first += len(values)
 

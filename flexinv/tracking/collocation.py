@@ -181,13 +181,13 @@ class FreeLayout:
         flat = np.zeros((len(q), len(t.scale)))
         flat[:, self.place] = motion.x[:, self.section]
         for n in np.flatnonzero(t.freedoms):
-            own = slice(t.offset[t.block[n]] + t.column[n], t.offset[t.block[n]] + t.column[n] + t.freedoms[n])
+            columns = slice(t.offset[t.block[n]] + t.column[n], t.offset[t.block[n]] + t.column[n] + t.freedoms[n])
             slide = t.slide[n, : t.freedoms[n]]
             turn = t.turn[n, : t.freedoms[n]]
-            flat[:, own] = (rel.p[:, n] - self.joints.p[n]) @ (slide * ~turn.any(axis=1, keepdims=True)).T
+            flat[:, columns] = (rel.p[:, n] - self.joints.p[n]) @ (slide * ~turn.any(axis=1, keepdims=True)).T
             if t.triple[n] < 0:
                 angle = log_so3(self.joints.r[n].T @ rel.r[:, n]) @ turn.T  # (sample, freedom)
-                flat[:, own] += np.unwrap(angle, axis=0) if len(q) > 1 else angle
+                flat[:, columns] += np.unwrap(angle, axis=0) if len(q) > 1 else angle
         turned = [motion.rotation[:, n] if t.independent[n] else rel.r[:, n] for n in self.node]
         return NodePoses(flat, np.stack(turned, axis=1) if turned else np.zeros((len(q), 0, 3, 3)))
 
@@ -200,10 +200,10 @@ class FreeLayout:
         x[:, self.section] = at.flat[:, self.place]
         for n in np.flatnonzero(t.freedoms):
             first = t.offset[t.block[n]] + t.column[n]
-            own = at.flat[:, first : first + t.freedoms[n]]
-            x[:, n] += own @ t.slide[n, : t.freedoms[n]]
+            values = at.flat[:, first : first + t.freedoms[n]]
+            x[:, n] += values @ t.slide[n, : t.freedoms[n]]
             if t.triple[n] < 0:
-                r[:, n] = r[:, n] @ exp_so3(own @ t.turn[n, : t.freedoms[n]])
+                r[:, n] = r[:, n] @ exp_so3(values @ t.turn[n, : t.freedoms[n]])
         r[:, self.node] = at.turn
         return x, r
 
@@ -234,10 +234,10 @@ def _build_planar_rows(mesh: Mesh, solver: Solver, plane: Plane) -> Array:
     for n in range(mesh.size):
         o = t.offset[t.block[n]]
         if t.independent[n]:
-            own = np.zeros((3, len(t.scale)))
-            own[:2, o : o + 3] = plane.axes.T[:2]
-            own[2, o + 3 : o + 6] = plane.frames[n, 2]
-            rows += list(own)
+            block = np.zeros((3, len(t.scale)))
+            block[:2, o : o + 3] = plane.axes.T[:2]
+            block[2, o + 3 : o + 6] = plane.frames[n, 2]
+            rows += list(block)
         elif t.freedoms[n]:
             rows.append(np.eye(len(t.scale))[o + t.column[n]])
     return np.array(rows).reshape(-1, len(t.scale))
@@ -323,14 +323,16 @@ class Horizon:
         if instant >= 0:
             raise RotationTooLarge(f"t = {self.time[first + instant]:g} s, element {element}")
 
-    def _compute_task_errors(self, part: slice, at: NodePoses, own: Trajectory, reach: Array) -> tuple[Array, Array]:
+    def _compute_task_errors(
+        self, part: slice, at: NodePoses, trajectory: Trajectory, reach: Array
+    ) -> tuple[Array, Array]:
         """c(y) (samples, tasks) [m], [rad] and its derivative (samples, tasks, unknowns)."""
         wanted = self.wanted
         frame = self.way.frame
         drives = self.layout.drives
         length = self.way.mesh.length
-        now = frame.compute_poses(own.motion)
-        node = own.motion.rotation[:, frame.node]
+        now = frame.compute_poses(trajectory.motion)
+        node = trajectory.motion.rotation[:, frame.node]
         off = now.x - wanted.x[part]
         by = np.zeros((len(reach), 3, reach.shape[2]))
         if len(reach):
@@ -354,17 +356,17 @@ class Horizon:
 
     def build_linear_solver(self, at: NodePoses, now: LinearisedEquations) -> Callable[[Array, Array], Array]:
         """Return the function of residual (samples, rows) and missed (samples, tasks) that gives y (samples, rows) [m], [rad]."""
-        below, own, above = self._compute_blocks(at, now)
+        below, diagonal, above = self._compute_blocks(at, now)
         efforts = -self.layout.pick @ self.layout.drives.T  # (row, drive)
         rows, drives = efforts.shape
         system = [np.zeros((len(self.time), rows + drives, rows + drives)) for _ in range(3)]
-        for part, block in zip(system, (below, own, above), strict=True):
+        for part, block in zip(system, (below, diagonal, above), strict=True):
             part[:, :rows, :rows] = block
         system[1][:, :rows, rows:] = efforts
         system[1][:, rows:, :rows] = now.by
         # unknowns of one size: lengths over that of the mechanism, efforts by the largest work of a motion of that size
         of_motion = np.sqrt(self.layout.pick**2 @ self.layout.solver.topology.scale**2)
-        largest = np.abs(of_motion[:, None] * own * of_motion).max()
+        largest = np.abs(of_motion[:, None] * diagonal * of_motion).max()
         scale = np.concatenate([of_motion, largest / (self.layout.drives @ self.layout.solver.topology.scale)])
 
         def solve(residual: Array, missed: Array) -> Array:
@@ -389,16 +391,18 @@ class Horizon:
         none = np.zeros((1, len(self.layout.triple), 3))
         after = np.concatenate([delta, none])
         before = np.concatenate([none, -delta])
-        own = k - (self._apply_increment_map(ahead, after, True) + self._apply_increment_map(back, before, True))
-        return self._apply_increment_map(back, before, False), own, self._apply_increment_map(ahead, after, False)
+        diagonal = k - (self._apply_increment_map(ahead, after, True) + self._apply_increment_map(back, before, True))
+        return self._apply_increment_map(back, before, False), diagonal, self._apply_increment_map(ahead, after, False)
 
     def _apply_increment_map(self, block: Array, delta: Array, transposed: bool) -> Array:
         """A block times d(delta) by the increment of its other end (H^-1) or, ``transposed``, less that of its own (H^-T)."""
         # (sample, rotation, 3, 3)
         out = block.copy()
         inverse = compute_inverse_tangents(delta)
-        for k, own in enumerate(self.layout.triple):
-            out[:, :, own] = block[:, :, own] @ (np.swapaxes(inverse[:, k], 1, 2) if transposed else inverse[:, k])
+        for k, triple in enumerate(self.layout.triple):
+            out[:, :, triple] = block[:, :, triple] @ (
+                np.swapaxes(inverse[:, k], 1, 2) if transposed else inverse[:, k]
+            )
         return out
 
     def take_instant(self, sample: int) -> Horizon:

@@ -161,14 +161,14 @@ class RigidPath:
     def _check_limits(self) -> None:
         """Raise InputError with joint and instant where a drive passes a limit, at any time of the path."""
         lower, upper = self._bounds
-        own = np.flatnonzero(np.isfinite(lower) | np.isfinite(upper))
-        if not len(own):
+        limited = np.flatnonzero(np.isfinite(lower) | np.isfinite(upper))
+        if not len(limited):
             return
         pieces = fit_pieces(
-            lambda times: self._find_angles(times)[:, self._drives[own]], [0.0, self.path.duration], 1.0
+            lambda times: self._find_angles(times)[:, self._drives[limited]], [0.0, self.path.duration], 1.0
         )
         opposite = replace(pieces, coefficients=-pieces.coefficients)
-        for column, drive in enumerate(own.tolist()):
+        for column, drive in enumerate(limited.tolist()):
             for side, level, part in (("upper", upper[drive], pieces), ("lower", -lower[drive], opposite)):
                 if not np.isfinite(level) or part.find_largest(column)[0] <= level + AT_LIMIT:
                     continue
@@ -236,11 +236,11 @@ class RigidPath:
         angles = np.empty((KNOTS, m.nv))
         first = np.zeros(m.nv)
         for joint in m.joints:
-            own = m.v_slices[joint.name]
+            columns = m.v_slices[joint.name]
             if joint.kind in SCALAR and (place := places.get(joint.name)) is not None:
-                first[own] = np.arctan2(place[1], place[0]) if KINDS[joint.kind].circle else place
+                first[columns] = np.arctan2(place[1], place[0]) if KINDS[joint.kind].circle else place
             elif joint.stiffness:
-                first[own] = joint.rest
+                first[columns] = joint.rest
         for k, at in enumerate(knots):
             angles[k] = first = self._find_angles_near(first, self.path.evaluate(np.array([at])), float(at))
         return scipy.interpolate.make_interp_spline(knots, angles, k=5)
@@ -250,11 +250,11 @@ class RigidPath:
         m = self.mesh.mechanism
         q = np.tile(self.mesh.mechanism.neutral, (len(angles), 1))
         for joint in m.joints:
-            own = angles[:, m.v_slices[joint.name]]
+            joint_angles = angles[:, m.v_slices[joint.name]]
             if KINDS[joint.kind].circle:
-                q[:, m.q_slices[joint.name]] = np.hstack([np.cos(own), np.sin(own)])
+                q[:, m.q_slices[joint.name]] = np.hstack([np.cos(joint_angles), np.sin(joint_angles)])
             elif joint.kind in SCALAR:
-                q[:, m.q_slices[joint.name]] = own
+                q[:, m.q_slices[joint.name]] = joint_angles
         return q
 
     def _compute_poses(self, angles: Array, rates: Array) -> Poses:
@@ -318,9 +318,9 @@ class RigidPath:
 
     def _refuse_unreachable(self, angles: Array, distance: float, at: float) -> None:
         m = self.mesh.mechanism
-        own = angles[self._drives]
+        driven = angles[self._drives]
         lower, upper = self._bounds
-        held = (own <= lower) | (own >= upper)
+        held = (driven <= lower) | (driven >= upper)
         if held.any():
             name = [m.velocity_names[i] for i in self._drives][int(np.argmax(held))]
             raise InputError(

@@ -59,9 +59,9 @@ def _compute_rotary_scale(model: Model, target: str) -> float:
     """
     beam = model.base.mechanism.link_of[target].beam
     assert beam is not None
-    own = float(beam.section.rotary_inertia.max())
+    of_section = float(beam.section.rotary_inertia.max())
     of_length = float(beam.section.mass_per_length.mean()) * beam.length**2 / 12.0
-    return max(1.0, 0.1 * of_length / own) if own > 0.0 else 0.0
+    return max(1.0, 0.1 * of_length / of_section) if of_section > 0.0 else 0.0
 
 
 def _add_kelvin_voigt_damping(beam: Beam, size: float) -> Beam:
@@ -121,8 +121,8 @@ def _move_mass_to_lumps(subject: Subject, target: str, size: Array) -> Subject:
         weights = np.array([0.5, *[1.0] * (BUSHELS - 1), 0.5]) / BUSHELS * beam.length * part
         there = [section.evaluate_inertia(float(s)) for s in stations]
         lumps = tuple(
-            Body(f"lump {k}", Inertia(float(w * own.mass), own.com, w * own.tensor), float(s))
-            for k, (s, w, own) in enumerate(zip(stations, weights, there, strict=True))
+            Body(f"lump {k}", Inertia(float(w * inertia.mass), inertia.com, w * inertia.tensor), float(s))
+            for k, (s, w, inertia) in enumerate(zip(stations, weights, there, strict=True))
         )
         light = replace(
             section,

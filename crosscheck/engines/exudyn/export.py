@@ -151,12 +151,12 @@ class ModelRun(TypedDict):
 
 def _collect_joint_properties(mechanism: Mechanism, without: frozenset[str]) -> JointProperties:
     """Return the properties of the joints themselves [kg m^2], [N m s/rad], [N m], ..., zero for joints in ``without``."""
-    own = [(j, 0.0 if j.name in without else 1.0) for j in mechanism.joints for _ in range(j.nv)]
+    weighted = [(j, 0.0 if j.name in without else 1.0) for j in mechanism.joints for _ in range(j.nv)]
     springs = [j for j in mechanism.joints if j.stiffness and j.name not in without]
     return {
-        "rotor_inertia": [factor * float(j.rotor_inertia) for j, factor in own],
-        "damping": [factor * float(j.damping) for j, factor in own],
-        "friction": [factor * float(j.friction) for j, factor in own],
+        "rotor_inertia": [factor * float(j.rotor_inertia) for j, factor in weighted],
+        "damping": [factor * float(j.damping) for j, factor in weighted],
+        "friction": [factor * float(j.friction) for j, factor in weighted],
         "joint_springs": [
             {
                 "joint": j.name,

@@ -53,10 +53,10 @@ class ExtendedMotion:
         s = 1.0 + time[early] / self.lead if self.lead else time[early]
         for name, place in (self.before or {}).items():
             joint = self.mechanism.joint_of[name]
-            own = self.mechanism.v_slices[name]
+            columns = self.mechanism.v_slices[name]
             q[early, self.mechanism.q_slices[name]] = _convert_to_coordinates(joint, place(s))
-            qd[early, own] = (place.deriv()(s) / self.lead)[:, None]
-            qdd[early, own] = (place.deriv(2)(s) / self.lead**2)[:, None]
+            qd[early, columns] = (place.deriv()(s) / self.lead)[:, None]
+            qdd[early, columns] = (place.deriv(2)(s) / self.lead**2)[:, None]
         return q, qd, qdd
 
 
@@ -110,10 +110,12 @@ def build_history(mechanism: Mechanism, case: Case, step: float) -> ExtendedMoti
 def _fit_lead_polynomial(mechanism: Mechanism, case: Case, joint: Joint, lead: float, step: float) -> Polynomial:
     """Return the coordinate before 0 as a polynomial of s."""
     q, qd, qdd = case.motion.evaluate(mechanism, step * np.arange(3.0))
-    own = mechanism.v_slices[joint.name].start
-    v = lead * qd[0, own]
-    a = lead**2 * qdd[0, own]
-    jerk = lead**3 * (-3 * qdd[0, own] + 4 * qdd[1, own] - qdd[2, own]) / (2 * step)  # of second order, at the start
+    column = mechanism.v_slices[joint.name].start
+    v = lead * qd[0, column]
+    a = lead**2 * qdd[0, column]
+    jerk = (
+        lead**3 * (-3 * qdd[0, column] + 4 * qdd[1, column] - qdd[2, column]) / (2 * step)
+    )  # of second order, at the start
     s = Polynomial([0.0, 1.0])
     first = a - 3 * v
     second = (jerk - 6 * v - 6 * first) / 2

@@ -99,14 +99,14 @@ def _read_robot(robot: Any) -> Iterator[Part]:
     for k, link in enumerate(robot.links):
         parent = int(robot.GetParentIndex(k)) if robot.HasParent(k) else -1
         carrier = behind[parent] if parent >= 0 else _convert_placement(robot.GetBaseHT())
-        own = Inertia.build_unchecked(
+        body = Inertia.build_unchecked(
             float(link.mass), np.array(link.COM, dtype=float), np.array(link.inertia, dtype=float)
         )
         yield Part(
             link.jointType,
             parent,
             apply_placement(carrier, _convert_placement(link.preHT)),
-            move_inertia(behind[k], own),
+            move_inertia(behind[k], body),
         )
 
 

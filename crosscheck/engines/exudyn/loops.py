@@ -280,9 +280,9 @@ def compute_drive_efforts(model: Model, outcome: Outcome, time: Array) -> Array:
     """Return the efforts (samples, nv) [N m], [N] of the drives of a mechanism with beams at ``time`` (samples,) [s]."""
     m = model.mechanism
     q, qd, qdd = model.case.motion.evaluate(m, time)
-    own = rotor_effort(m, qdd) + passive_effort(m, qd) + compute_spring_effort(m, q)
+    passive = rotor_effort(m, qdd) + passive_effort(m, qd) + compute_spring_effort(m, q)
     given = np.array([j.name not in model.free for j in m.joints for _ in range(j.nv)], dtype=bool)
-    return _compute_connector_efforts(model, outcome, q) + np.where(given, own, 0.0)
+    return _compute_connector_efforts(model, outcome, q) + np.where(given, passive, 0.0)
 
 
 def _compute_connector_efforts(model: Model, outcome: Outcome, q: Array) -> Array:

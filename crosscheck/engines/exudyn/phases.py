@@ -265,9 +265,9 @@ def add_switching(mbs: Any, connectors: dict[str, tuple[Any, ...]], switching: S
                 for number in numbers:
                     mbs.SetObjectParameter(number, "activeConnector", name in on)
 
-    numbers = {name: tuple(map(int, own)) for name, own in connectors.items()}
+    numbers = {name: tuple(map(int, members)) for name, members in connectors.items()}
     acting = (tuple(n for name in numbers if name in on for n in numbers[name]) for on in switching.acting)
-    taken = tuple(n for own in numbers.values() for n in own)
+    taken = tuple(n for members in numbers.values() for n in members)
     exudyn_script.add_switch_record(mbs, taken, tuple(zip(switching.starts, acting, strict=True)))
     state = [switching.list_active_names(0.0)]
     turn(state[0], None)
@@ -293,9 +293,9 @@ def compute_drive_shares(mechanism: Mechanism, followed: list[tuple[Phase, State
     q = np.concatenate([state[0] for _, state in followed])
     drive_shares = np.zeros((len(q), mechanism.nv, mechanism.nv))
     for phase, _ in followed:
-        own = q[phase.samples]
+        states = q[phase.samples]
         for k, unit in enumerate(np.eye(mechanism.nv)):
-            drive_shares[phase.samples, :, k] = _split_phase_efforts(phase, own, np.tile(unit, (len(own), 1)))[0]
+            drive_shares[phase.samples, :, k] = _split_phase_efforts(phase, states, np.tile(unit, (len(states), 1)))[0]
     return drive_shares
 
 

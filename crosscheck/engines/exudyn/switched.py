@@ -82,10 +82,10 @@ def describe_refusal(mechanism: Mechanism, case: Case, engine: str) -> str | Non
     span = case.motion.evaluate(mechanism, np.linspace(0.0, case.end, 101))
     free = assembly.find_unprescribed_joints(mechanism, case)
     for joint in mechanism.joints:
-        own = mechanism.v_slices[joint.name]
+        columns = mechanism.v_slices[joint.name]
         for here, whole in zip(case.motion.evaluate(mechanism, instants)[1:], span[1:], strict=True):
-            most = np.abs(whole[:, own]).max(initial=0.0)
-            if joint.name not in free and np.abs(here[:, own]).max(initial=0.0) > exudyn_lead.REFUSED * most:
+            most = np.abs(whole[:, columns]).max(initial=0.0)
+            if joint.name not in free and np.abs(here[:, columns]).max(initial=0.0) > exudyn_lead.REFUSED * most:
                 return (
                     f"joint {joint.name} moves where closures switch: Exudyn finds the accelerations there without those of the "
                     "motion and takes none from outside"
@@ -177,12 +177,14 @@ def _integrate(mechanism: Mechanism, model: exudyn_loops.Model, elements: int, p
     for piece in all_pieces:
         stated = [c for c in mechanism.closures if c.name in piece.acting]
         acting = {c.name: before.get(c.name) or _apply_capture(model.layout, c, pose) for c in stated}
-        own = replace(
+        settings = replace(
             plan,
             end=(piece.samples.stop - piece.samples.start - (piece is all_pieces[-1])) * plan.sample,
             static_start=state is None and model.case.initial == "static",
         )
-        outcome, state = _integrate_phase(mechanism, model, (elements, own, piece.start), tuple(acting.values()), state)
+        outcome, state = _integrate_phase(
+            mechanism, model, (elements, settings, piece.start), tuple(acting.values()), state
+        )
         pose = {index: (x[-1:], r[-1:]) for index, (x, r) in outcome.pose.items()}
         parts.append(outcome if piece is all_pieces[-1] else _drop_last_sample(outcome))
         before = acting

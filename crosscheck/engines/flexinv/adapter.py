@@ -173,16 +173,18 @@ def collect_series(mechanism: Mechanism, solution: Solution, rows: slice) -> dic
 def collect_wrenches(mechanism: Mechanism, solution: Solution, rows: slice) -> dict[str, Series]:
     """Return the wrenches of joints and, on its second frame, of every closure [N], [N m]: only determinate components."""
     if solution.loops is None:
-        return {k: s for name, own in solution.wrench.items() for k, s in make_wrench_series(name, own[rows]).items()}
+        return {
+            k: s for name, values in solution.wrench.items() for k, s in make_wrench_series(name, values[rows]).items()
+        }
     sure = find_determinate_parts(solution.mesh, solution.nodes, solution.time)
     wrenches: dict[str, Series] = {}
-    for name, own in solution.wrench.items():
-        wrenches |= _take_determinate(make_wrench_series(name, own[rows]), sure.wrench[name])
+    for name, values in solution.wrench.items():
+        wrenches |= _take_determinate(make_wrench_series(name, values[rows]), sure.wrench[name])
     for closure in mechanism.closures:
         if closure.second.link == WORLD:
             continue  # there it is said at the first frame; a coupling has none
-        own = solution.loops.reaction[closure.name][rows]
-        wrenches |= _take_determinate(make_reaction_series(closure.name, own), sure.reaction[closure.name])
+        values = solution.loops.reaction[closure.name][rows]
+        wrenches |= _take_determinate(make_reaction_series(closure.name, values), sure.reaction[closure.name])
     return wrenches
 
 

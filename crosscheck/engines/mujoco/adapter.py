@@ -235,9 +235,9 @@ def _solve_phase_efforts(tree: mujoco_loops.Tree, state: State, time: Array) -> 
     driven = np.zeros(built.model.nv, dtype=bool)
     weight = np.ones(built.model.nv)
     for joint in (j for j in mechanism.joints if j.nv):
-        own = slice(built.v_at[joint.name], built.v_at[joint.name] + joint.nv)
-        driven[own] = joint.actuated
-        weight[own] = joint.weight
+        columns = slice(built.v_at[joint.name], built.v_at[joint.name] + joint.nv)
+        driven[columns] = joint.actuated
+        weight[columns] = joint.weight
     raw = make_empty_raw(built.model, len(time))
     wrench = np.empty((len(time), len(mechanism.closures), 6))
     for k, t in enumerate(time):

@@ -130,8 +130,8 @@ def _compute_joint_inertias(
         tensor = np.zeros((3, 3))
         for body in np.flatnonzero(model.body_weldid == model.body_weldid[child]):
             turn = axes.T @ data.ximat[body].reshape(3, 3)
-            own = turn @ np.diag(model.body_inertia[body]) @ turn.T
-            m, i = move_inertia_to_origin(float(mass[body]), axes.T @ (data.xipos[body] - data.xpos[child]), own)
+            central = turn @ np.diag(model.body_inertia[body]) @ turn.T
+            m, i = move_inertia_to_origin(float(mass[body]), axes.T @ (data.xipos[body] - data.xpos[child]), central)
             moment = moment + m
             tensor = tensor + i
         joint_inertias[name] = (moment, tensor)

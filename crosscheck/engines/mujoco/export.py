@@ -88,8 +88,8 @@ def export(mechanism: Mechanism, case: Case, engine: str, effort: Array, folder:
         if joint.nv:
             _fill_names(q_names, built.q_at[joint.name], joint, PLACE)
             _fill_names(v_names, built.v_at[joint.name], joint, SUFFIX)
-            own = mechanism.v_slices[joint.name]
-            order[built.v_at[joint.name] + np.arange(joint.nv)] = np.arange(own.start, own.stop)
+            columns = mechanism.v_slices[joint.name]
+            order[built.v_at[joint.name] + np.arange(joint.nv)] = np.arange(columns.start, columns.stop)
     expected = _convert_efforts(mechanism, built, convert_from_engine(mechanism, built, state.q), effort)
     motion = Motion(time, state.q, state.v, state.a, expected, q_names, v_names)
     spans = ((phase.samples, [c.name for c in phase.mechanism.closures]) for phase, _ in followed)

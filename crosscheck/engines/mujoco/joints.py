@@ -169,7 +169,7 @@ def convert_from_engine(mechanism: Mechanism, built_model: BuiltModel, position:
         if joint.nv == 0:
             continue
         at = built_model.q_at[joint.name]
-        own = mechanism.q_slices[joint.name]
+        columns = mechanism.q_slices[joint.name]
         theirs = position[:, at : at + (1 if joint.kind == "continuous" else joint.nq)]
         if joint.kind == "continuous":
             theirs = np.hstack([np.cos(theirs), np.sin(theirs)])
@@ -179,7 +179,7 @@ def convert_from_engine(mechanism: Mechanism, built_model: BuiltModel, position:
             seat = scipy.spatial.transform.Rotation.from_matrix(joint.placement.rotation).inv()
             turn = seat * scipy.spatial.transform.Rotation.from_quat(np.roll(theirs[:, 3:], -1, axis=1))
             theirs = np.hstack([seat.apply(theirs[:, :3] - joint.placement.position), turn.as_quat()])
-        out[:, own] = theirs
+        out[:, columns] = theirs
     return out
 
 

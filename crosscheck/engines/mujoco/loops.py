@@ -238,8 +238,8 @@ def split_state_efforts(tree: Tree, time: float, driven: NDArray[np.bool_], weig
         return SampleEfforts(effort, acting, np.zeros((0, 6)))
     pairs = tree.collect_frame_pairs()
     rows = assembly.assemble_rows(m.closures, pairs)
-    own = np.isin(rows.closure, [k for k, c in enumerate(m.closures) if not has_equality(c)])
-    drives = assembly.split_efforts(np.vstack([g, rows.g[own]]), effort, driven, weight)
+    unrealised = np.isin(rows.closure, [k for k, c in enumerate(m.closures) if not has_equality(c)])
+    drives = assembly.split_efforts(np.vstack([g, rows.g[unrealised]]), effort, driven, weight)
     closure_forces = compute_closure_forces(m, pairs, rows, assembly.solve_multipliers(rows.g, effort, drives))
     return SampleEfforts(drives, acting + closure_forces, compute_reactions(closure_forces, pairs))
 

@@ -47,10 +47,10 @@ def find_shape_masses(path: Path, model: Any) -> dict[str, ShapeMasses]:
 
 def _compare_masses(model: Any, touched: Any, body: int) -> tuple[float, float]:
     """The masses of a body in two models [kg]; one mass, twice, where they differ by rounding only."""
-    own, other = (float(one.body_mass[body]) for one in (model, touched))
-    if abs(own - other) <= max(SAME * max(own, other), LEAST):
-        return own, own
-    return own, other if other > 2 * LEAST else 0.0
+    stated, other = (float(one.body_mass[body]) for one in (model, touched))
+    if abs(stated - other) <= max(SAME * max(stated, other), LEAST):
+        return stated, stated
+    return stated, other if other > 2 * LEAST else 0.0
 
 
 def _can_move(model: Any, body: int) -> bool:

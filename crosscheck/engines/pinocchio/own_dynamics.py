@@ -57,10 +57,10 @@ class OwnDynamics:
             model.gravity = stated  # a model in memory stays what it was
         force += model.damping * rate + model.upperDryFrictionLimit * np.sign(rate)
         out = np.empty_like(qd)
-        for name, own in self.mechanism.v_slices.items():
-            if own.stop > own.start:
+        for name, columns in self.mechanism.v_slices.items():
+            if columns.stop > columns.start:
                 first = self._find_joint(name).idx_v
-                out[:, own] = force[:, first : first + own.stop - own.start]
+                out[:, columns] = force[:, first : first + columns.stop - columns.start]
         return out + self.rotor * qdd
 
     @property
@@ -86,14 +86,14 @@ class OwnDynamics:
                 continue
             theirs = self._find_joint(joint.name)
             mine = q[:, mechanism.q_slices[joint.name]]
-            own = mechanism.v_slices[joint.name]
+            columns = mechanism.v_slices[joint.name]
             if joint.kind == "continuous" and theirs.nq == 1:
                 mine = np.arctan2(mine[:, 1], mine[:, 0])[:, None]
             elif joint.kind == "revolute" and theirs.nq == 2:
                 mine = np.hstack([np.cos(mine), np.sin(mine)])
             place[:, theirs.idx_q : theirs.idx_q + theirs.nq] = mine
-            rate[:, theirs.idx_v : theirs.idx_v + joint.nv] = qd[:, own]
-            push[:, theirs.idx_v : theirs.idx_v + joint.nv] = qdd[:, own]
+            rate[:, theirs.idx_v : theirs.idx_v + joint.nv] = qd[:, columns]
+            push[:, theirs.idx_v : theirs.idx_v + joint.nv] = qdd[:, columns]
         return place, rate, push
 
 
@@ -103,9 +103,9 @@ def build_dynamics(model: Any, mechanism: Mechanism, stated: str) -> OwnDynamics
     Raises InputError where the model has other joints, or fewer coordinates, as one with mimic joints in it.
     """
     moving = {joint.name: joint.nv for joint in mechanism.joints if joint.nv}
-    own = {model.names[k]: int(model.joints[k].nv) for k in range(1, model.njoints)}
-    if moving != own:
-        odd = sorted({f"{name} with {count}" for name, count in moving.items() ^ own.items()})
+    engine_joints = {model.names[k]: int(model.joints[k].nv) for k in range(1, model.njoints)}
+    if moving != engine_joints:
+        odd = sorted({f"{name} with {count}" for name, count in moving.items() ^ engine_joints.items()})
         raise InputError(f"{stated}: Pinocchio has other joints, or other coordinates: {', '.join(odd[:6])}")
     return OwnDynamics(model, mechanism, np.zeros(mechanism.nv))
 

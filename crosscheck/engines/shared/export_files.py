@@ -102,7 +102,7 @@ def collect_sharing_settings(
     return {
         "driven": [bool(x) for x in mechanism.actuated[order]],
         "weight": [float(x) for x in mechanism.weights[order]],
-        "phases": [{"first": own.start, "last": own.stop, "closures": list(names)} for own, names in spans],
+        "phases": [{"first": samples.start, "last": samples.stop, "closures": list(names)} for samples, names in spans],
     }
 
 

@@ -51,9 +51,11 @@ def convert_to_scalars(mechanism: Mechanism, q: Array) -> Array:
     """
     columns = []
     for joint in mechanism.joints:
-        own = q[:, mechanism.q_slices[joint.name]]
+        coordinates = q[:, mechanism.q_slices[joint.name]]
         if joint.nv:
-            columns.append(np.arctan2(own[:, 1], own[:, 0]) if joint.kind == "continuous" else own[:, 0])
+            columns.append(
+                np.arctan2(coordinates[:, 1], coordinates[:, 0]) if joint.kind == "continuous" else coordinates[:, 0]
+            )
     return np.stack(columns, axis=1)
 
 
@@ -96,8 +98,12 @@ def compute_spring_effort(mechanism: Mechanism, q: Array) -> Array:
     out = np.zeros((len(q), mechanism.nv))
     for joint in mechanism.joints:
         if joint.stiffness:
-            own = q[:, mechanism.q_slices[joint.name]]
-            place = np.unwrap(np.arctan2(own[:, 1], own[:, 0])) if joint.kind == "continuous" else own[:, 0]
+            coordinates = q[:, mechanism.q_slices[joint.name]]
+            place = (
+                np.unwrap(np.arctan2(coordinates[:, 1], coordinates[:, 0]))
+                if joint.kind == "continuous"
+                else coordinates[:, 0]
+            )
             out[:, mechanism.v_slices[joint.name].start] = joint.stiffness * (place - joint.rest)
     return out
 

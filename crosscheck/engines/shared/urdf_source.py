@@ -67,8 +67,8 @@ def _read_root(path: Path | None) -> Element:
 def _drop_inertials(robot: Element, links: set[str]) -> None:
     """Leave links without the inertia that the URDF states for them: the mechanism has another one."""
     for link in robot.iter("link"):
-        for own in link.findall("inertial") if link.get("name") in links else ():
-            link.remove(own)
+        for inertial in link.findall("inertial") if link.get("name") in links else ():
+            link.remove(inertial)
 
 
 def _has_inertia(link: Element) -> bool:

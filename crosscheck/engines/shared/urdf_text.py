@@ -91,8 +91,8 @@ def _find_mimic_coupling(mechanism: Mechanism, name: str) -> Iterator[Closure]:
 
 def _add_mimic(element: ET.Element, closure: Closure) -> None:
     """f1 q1 + f2 q2 = offset  as  q1 = multiplier q2 + offset / f1."""
-    (_, own), (other, factor) = closure.factors
-    told = {"multiplier": repr(float(-factor / own)), "offset": repr(float(closure.offset / own))}
+    (_, factor_here), (other, factor) = closure.factors
+    told = {"multiplier": repr(float(-factor / factor_here)), "offset": repr(float(closure.offset / factor_here))}
     ET.SubElement(element, "mimic", {"joint": other} | told)
 
 

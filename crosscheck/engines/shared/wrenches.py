@@ -70,9 +70,9 @@ def compute_closure_forces(
     """
     closure_forces = []
     for index, (closure, (_, second)) in enumerate(zip(mechanism.closures, pairs, strict=True)):
-        own = np.where(rows.closure == index, multipliers, 0.0)
-        force = own @ rows.force
-        moment = own @ rows.moment
+        multiplier = np.where(rows.closure == index, multipliers, 0.0)
+        force = multiplier @ rows.force
+        moment = multiplier @ rows.moment
         closure_forces.append(AppliedWrench(closure.second.link, second.x, force, moment))
         closure_forces.append(AppliedWrench(closure.first.link, second.x, -force, -moment))
     return closure_forces

@@ -167,8 +167,8 @@ class MemberPoses:
 
     def _list_registered_poses(self, a: int) -> Iterator[Placement]:
         one, two = self._find_member_pair(a)
-        own = [(one.axis, two.axis)]
-        primary = own if one.kind in SCALARS else [*self._list_direction_pairs(a), *self._list_arm_pairs(a)][:PRIMARY]
+        axes = [(one.axis, two.axis)]
+        primary = axes if one.kind in SCALARS else [*self._list_direction_pairs(a), *self._list_arm_pairs(a)][:PRIMARY]
         for first, second in primary:
             for sign in (1.0, -1.0):
                 base = Placement(rotation=_compute_least_rotation(second, sign * first))

@@ -68,9 +68,9 @@ def _list_slice_inertias(beam: Beam) -> Iterator[Inertia]:
     bounds = np.union1d(np.linspace(0.0, 1.0, 3), np.clip(section.stations, 0.0, 1.0))
     for low, high in pairwise(bounds):
         for at, weight in zip((low + high) / 2 + (high - low) / 2 * nodes, weights * (high - low) / 2, strict=True):
-            own = section.evaluate_inertia(float(at))
+            per_length = section.evaluate_inertia(float(at))
             ds = weight * beam.length
-            slice_inertia = Inertia(own.mass * ds, own.com, own.tensor * ds)
+            slice_inertia = Inertia(per_length.mass * ds, per_length.com, per_length.tensor * ds)
             yield move_inertia(evaluate_section_frame(beam, float(at)), slice_inertia)
 
 

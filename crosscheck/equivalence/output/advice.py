@@ -181,7 +181,7 @@ class ComparedDescriptions:
             kind = "link"
             name = name.partition(" (on link ")[2].removesuffix(")")
         called = {k: one.name if kind == "link" else one.joint for k, one in enumerate(self.trees[0].members)}
-        return next((k for k, own in called.items() if own == name), None)
+        return next((k for k, label in called.items() if label == name), None)
 
 
 def make_single_body_member(member: Member, part: str) -> Member:
@@ -252,12 +252,12 @@ def _describe_common_change(difference: Difference, sides: ComparedDescriptions)
     if difference.place.startswith("joints ") and difference.changes:
         members = [sides.trees[0].members[k] for k, _, _ in difference.changes]
         others = [sides.trees[1].members[sides.alignments[k].second] for k, _, _ in difference.changes]
-        for n, (side, other, own, value) in enumerate(
+        for n, (side, other, changed_members, value) in enumerate(
             (("A", "B", members, difference.second), ("B", "A", others, difference.first))
         ):
             description = sides.descriptions[n]
             if text := describe_quantity(description.format, difference.cause, value):
-                names = ", ".join(member.joint for member in own)
+                names = ", ".join(member.joint for member in changed_members)
                 yield f"to make {side} ({description.label}) like {other}, in each of the joints {names}: {text}"
     factor = difference.second.partition(" ")[0]
     if difference.second.endswith("times that of A"):
@@ -297,11 +297,11 @@ def _find_body_names(
 ) -> tuple[str, str]:
     """The body that a difference is about as each side calls it; "" where a side has none that is this body and no more."""
     name = difference.place.partition(" ")[2].partition(" (on link ")[0]
-    parts = dict(members[0].parts), {own: move_inertia(alignment.frame, body) for own, body in members[1].parts}
+    parts = dict(members[0].parts), {label: move_inertia(alignment.frame, body) for label, body in members[1].parts}
     # The difference was found of a body of A where it changes that part, and of one of B where it changes the whole.
     mine = 0 if any(field.startswith("part ") for _, field, _ in difference.changes) else 1
-    rest = join_bodies(body for own, body in parts[mine].items() if own != name)
-    size = max(float(np.linalg.norm(body.com)) for own in parts for body in own.values())
+    rest = join_bodies(body for label, body in parts[mine].items() if label != name)
+    size = max(float(np.linalg.norm(body.com)) for label in parts for body in label.values())
     other = find_counterpart(parts[1 - mine], rest, size)
     return (other, name) if mine else (name, other)
 
@@ -378,8 +378,8 @@ def _has_moved_frame(sides: ComparedDescriptions, both: tuple[Member, Member, Me
 def _has_reframed_link(sides: ComparedDescriptions, alignment: MemberAlignment) -> bool:
     """Return True if B's link or the one that carries it has another frame here than in its file."""
     members = sides.trees[1].members
-    own = members[alignment.second]
-    return own.name in sides.rehung or (own.parent >= 0 and members[own.parent].name in sides.rehung)
+    member = members[alignment.second]
+    return member.name in sides.rehung or (member.parent >= 0 and members[member.parent].name in sides.rehung)
 
 
 def _is_same_frame(alignment: MemberAlignment) -> bool:

@@ -148,15 +148,15 @@ def _map_to_first(added: FeatureEfforts, ground: CommonGround, number: int) -> F
         return map_efforts_back(found, ground.tree, ground.alignments)
 
     return FeatureEfforts(
-        map_back(added.whole), {name: map_back(own) for name, own in added.by_name.items()}, map_back(added.scale)
+        map_back(added.whole), {name: map_back(value) for name, value in added.by_name.items()}, map_back(added.scale)
     )
 
 
 def _apply_start_poses(states: States, starts: Mapping[str, Placement]) -> States:
     """States whose floating joints count from another pose."""
     poses = {
-        joint: [apply_placement(starts[joint], one) for one in own] if joint in starts else own
-        for joint, own in states.poses.items()
+        joint: [apply_placement(starts[joint], one) for one in joint_poses] if joint in starts else joint_poses
+        for joint, joint_poses in states.poses.items()
     }
     return replace(states, poses=poses)
 

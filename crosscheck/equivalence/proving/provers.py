@@ -33,9 +33,9 @@ def add_dynamics(description: Description) -> Description:
     if description.format in OURS or description.file is None:
         return description
     refused: list[str] = []
-    own = _find_dynamics(description, refused)
-    if own is not None:
-        return replace(description, dynamics=own)
+    reader = _find_dynamics(description, refused)
+    if reader is not None:
+        return replace(description, dynamics=reader)
     none = f"no engine is installed that has a model of its own of {description.format.upper()}"
     return replace(description, unproven="; ".join(refused) or none)
 
@@ -45,13 +45,13 @@ def _find_dynamics(description: Description, refused: list[str]) -> ReaderDynami
     first: ReaderDynamics | None = None
     for name, dynamics in _list_offering_engines(description.format):
         try:
-            own: ReaderDynamics = dynamics(description.file, description.mechanism)
+            reader: ReaderDynamics = dynamics(description.file, description.mechanism)
         except InputError as error:
             refused.append(f"{name}: {' '.join(str(error).split())}")
             continue
-        if not description.mechanism.closures or own.closing(description.mechanism.neutral) is not None:
-            return own if first is None else CombinedDynamics(first, own)
-        first = own if first is None else first
+        if not description.mechanism.closures or reader.closing(description.mechanism.neutral) is not None:
+            return reader if first is None else CombinedDynamics(first, reader)
+        first = reader if first is None else first
     return first
 
 

@@ -59,9 +59,9 @@ def find_least_sizes(here: CauseRound, at: Array, evidence: float) -> list[Detec
 def describe_least_sizes(some: list[DetectionLimit]) -> Iterator[str]:
     """Yield one sentence for each cause, with its places [unit of each]."""
     for name in dict.fromkeys(one.name for one in some):
-        own = [one for one in some if one.name == name]
-        sizes = ", ".join(f"{o.place} {'–' if np.isinf(o.size) else format(o.size, '.2g')}" for o in own)
-        yield f"{name} [{own[0].unit}]: {sizes}"
+        limits = [one for one in some if one.name == name]
+        sizes = ", ".join(f"{o.place} {'–' if np.isinf(o.size) else format(o.size, '.2g')}" for o in limits)
+        yield f"{name} [{limits[0].unit}]: {sizes}"
 
 
 def _find_size_by_trial(here: CauseRound, at: Array, k: int, level: Array, evidence: float) -> float:

@@ -214,19 +214,19 @@ def _list_payload_causes(machine: Machine, values: Values) -> Iterator[Cause]:
     mechanism = machine.mechanism
     ten = compute_link_inertias(machine.space, mechanism, values)
     parents = {joint.parent for joint in mechanism.joints}
-    for link, own in zip(mechanism.links, ten, strict=True):
+    for link, numbers in zip(mechanism.links, ten, strict=True):
         several = len(link.bodies) > 1
         if link.beam is not None or not link.bodies or not (several or link.name not in parents):
             continue
-        if own[0] <= 0.0:
+        if numbers[0] <= 0.0:
             continue
-        least = -float(own[0])
+        least = -float(numbers[0])
         if several or np.any(link.tip):
             where = link.bodies[-1].inertia.com if several else link.tip
             place = f"{link.name}/{link.bodies[-1].name}" if several else f"{link.name}, at its tip"
             yield Cause(PAYLOAD, place, "kg", 0.1, _make_payload_undo(link.name, where), least=least)
         else:
-            yield from (_make_payload_cause(link, own[1:4] / own[0], least, times) for times in OUTWARD)
+            yield from (_make_payload_cause(link, numbers[1:4] / numbers[0], least, times) for times in OUTWARD)
 
 
 def _make_payload_cause(link: Link, com: Array, least: float, times: float) -> Cause:

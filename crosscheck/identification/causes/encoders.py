@@ -50,7 +50,9 @@ def _compare_joint_encoders(machine: Machine, run: Run, name: str, link: Array, 
     q = run.motion.q[:, at]
     qd = run.motion.qd[:, at]
     slides = machine.mechanism.joint_of[name].kind == "prismatic"
-    own = low_pass(link, spacing, machine.settings.bandwidth_Hz) - low_pass(q, spacing, machine.settings.bandwidth_Hz)
+    difference = low_pass(link, spacing, machine.settings.bandwidth_Hz) - low_pass(
+        q, spacing, machine.settings.bandwidth_Hz
+    )
     wide = np.sqrt(np.mean(effort**2)) / 10.0 + 1e-12
     terms = {
         DELAY: ("s", -qd),
@@ -62,7 +64,7 @@ def _compare_joint_encoders(machine: Machine, run: Run, name: str, link: Array, 
     columns = [c for c, channel in enumerate(machine.channels) if channel.place == name and channel.sense == "effort"]
     counted = run.counted[:, columns[0]] if columns else run.counted.any(axis=1)
     for kind, size, error, drop, left in _find_entering_terms(
-        own[counted], {k: v[1][counted] for k, v in terms.items()}
+        difference[counted], {k: v[1][counted] for k, v in terms.items()}
     ):
         unit = terms[kind][0]
         if kind == TWIST:
@@ -71,32 +73,36 @@ def _compare_joint_encoders(machine: Machine, run: Run, name: str, link: Array, 
         yield NamedCause(kind, name, unit, size, error, drop, words)
 
 
-def _find_entering_terms(own: Array, terms: dict[str, Array]) -> Iterator[tuple[str, float, float, float, float]]:
+def _find_entering_terms(
+    difference: Array, terms: dict[str, Array]
+) -> Iterator[tuple[str, float, float, float, float]]:
     """Kind, size, its error, drop, and the part of the scatter that is left, of each term that enters."""
     chosen: list[str] = []
     drops: list[tuple[float, float]] = []
-    left = _solve_regression(own, [])[0]
+    left = _solve_regression(difference, [])[0]
     while len(chosen) < len(terms):
-        tried = {k: _solve_regression(own, [*(terms[c] for c in chosen), terms[k]]) for k in terms if k not in chosen}
+        tried = {
+            k: _solve_regression(difference, [*(terms[c] for c in chosen), terms[k]]) for k in terms if k not in chosen
+        }
         kind = min(tried, key=lambda k: float(np.sum(tried[k][0] ** 2)))
         rest, size, _ = tried[kind]
-        drop = len(own) / count_agreeing_samples(rest) * np.log(np.sum(left**2) / np.sum(rest**2))
+        drop = len(difference) / count_agreeing_samples(rest) * np.log(np.sum(left**2) / np.sum(rest**2))
         if drop < EVIDENCE or (kind in (TWIST, BACKLASH, HYSTERESIS) and size[-1] <= 0.0):
             break
         drops.append((float(drop), float(np.sqrt(np.sum(rest**2) / np.sum(left**2)))))
         chosen.append(kind)
         left = rest
     if chosen:
-        _, size, error = _solve_regression(own, [terms[c] for c in chosen])
+        _, size, error = _solve_regression(difference, [terms[c] for c in chosen])
         yield from zip(chosen, size.tolist(), error.tolist(), *zip(*drops, strict=True), strict=True)
 
 
-def _solve_regression(own: Array, columns: list[Array]) -> tuple[Array, Array, Array]:
+def _solve_regression(values: Array, columns: list[Array]) -> tuple[Array, Array, Array]:
     """Rest of a regression on a constant and columns, their sizes and standard errors."""
-    matrix = np.column_stack([*columns, np.ones(len(own))])
+    matrix = np.column_stack([*columns, np.ones(len(values))])
     scale = np.sqrt(np.mean(matrix**2, axis=0)) + 1e-300
-    size = np.linalg.lstsq(matrix / scale, own, rcond=None)[0] / scale
-    rest = own - matrix @ size
+    size = np.linalg.lstsq(matrix / scale, values, rcond=None)[0] / scale
+    rest = values - matrix @ size
     base = np.linalg.pinv((matrix / scale).T @ (matrix / scale))
     error = np.sqrt(np.diag(base) * np.mean(rest**2) * count_agreeing_samples(rest)) / scale
     return rest, size[:-1], error[:-1]

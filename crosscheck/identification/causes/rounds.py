@@ -86,10 +86,10 @@ def update_space(machine: Machine, mechanism: Mechanism) -> ParameterSpace:
     """Return the parameters as before, with the masses [kg] that the changed mechanism has beside those of the first one."""
     if mechanism is machine.mechanism:
         return machine.space
-    own = [name for name in machine.space.factors if name in mechanism.link_of]
+    names = [name for name in machine.space.factors if name in mechanism.link_of]
     more = {
         n: compute_link_parameters(mechanism.link_of[n]) - compute_link_parameters(machine.mechanism.link_of[n])
-        for n in own
+        for n in names
     }
     return replace(machine.space, more=more)
 
@@ -199,10 +199,10 @@ class CauseRound:
         log = self.log
         mechanism = self.search.machine.mechanism
         moves = False
-        for cause, phi, own in zip(self.causes, at, self.at, strict=True):
+        for cause, phi, before in zip(self.causes, at, self.at, strict=True):
             if phi:
                 log, mechanism = cause.undone(log, mechanism, float(phi))
-            moves = moves or (cause.moves and phi != own)
+            moves = moves or (cause.moves and phi != before)
         return self.search.build_task(log, mechanism, level, moves, once=level is not None)
 
     def _compute_residual(self, task: Problem) -> list[Array]:
@@ -242,12 +242,12 @@ class CauseRound:
         machine = self.search.machine
         channel = self.search.machine.channels[rows.channel]
         columns = channel.column, machine.settings.joints[channel.place].angle.column
-        own = all(log.columns[c] is self.log.columns[c] for c in columns)
-        if own and rows.channel in self._own_costs:
+        unchanged = all(log.columns[c] is self.log.columns[c] for c in columns)
+        if unchanged and rows.channel in self._own_costs:
             return self._own_costs[rows.channel]
         run = replace(self.task.runs[0], wide=compute_wide_responses(machine, log, rows.channel))
         cost = float(np.sum(rows.compute_rows(run) ** 2))
-        if own:
+        if unchanged:
             self._own_costs[rows.channel] = cost
         return cost
 

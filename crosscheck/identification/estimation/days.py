@@ -148,9 +148,9 @@ def fit_days(machine: Machine, runs: Sequence[Run], days: Sequence[str], rule: D
     widths = find_day_widths(task, first, unit, before)
     now = compute_day_deviations(machine, _take_machine(task, first.z), widths)
     both = fit(task, first.z, _build_day_prior(task, now))
-    own = tuple(_map_fit(both, task.build_day_map(day)) for day in range(len(names)))
+    each_day = tuple(_map_fit(both, task.build_day_map(day)) for day in range(len(names)))
     mean = replace(_map_fit(both, np.eye(len(unit), task.size)), scatter=widths)
-    return task, DayFits(rule, names, logs, own, mean, widths, before)
+    return task, DayFits(rule, names, logs, each_day, mean, widths, before)
 
 
 def _take_machine(task: Problem, z: Array) -> Array:
@@ -160,8 +160,8 @@ def _take_machine(task: Problem, z: Array) -> Array:
 def _build_day_prior(task: Problem, deviations: Array) -> tuple[Array, Array]:
     """Mean and square root of the precision (size, size) of z and of what each day adds."""
     count = len(set(task.days))
-    own = 1.0 / np.tile(deviations[list(task.moved)], count)
-    return np.zeros(task.size), np.diag(np.concatenate([np.ones(task.size - len(own)), own]))
+    weights = 1.0 / np.tile(deviations[list(task.moved)], count)
+    return np.zeros(task.size), np.diag(np.concatenate([np.ones(task.size - len(weights)), weights]))
 
 
 def _map_fit(found: Fit, places: Array) -> Fit:

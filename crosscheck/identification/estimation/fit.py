@@ -274,8 +274,8 @@ def compute_jacobian(task: Problem, z: Array) -> list[Array]:
     number = task.collect_counted_samples(_list_day_numbers(task))
     days = range(len(set(task.days)))
     return [
-        np.hstack([j, *(j[:, list(task.moved)] * (own == day)[:, None] for day in days)])
-        for j, own in zip(whole, number, strict=True)
+        np.hstack([j, *(j[:, list(task.moved)] * (day_number == day)[:, None] for day in days)])
+        for j, day_number in zip(whole, number, strict=True)
     ]
 
 
@@ -350,12 +350,12 @@ def _compute_posterior(task: Problem, mode: _Mode, root: Array) -> Fit:
     ratio = scatter / np.diag(base)
     told_of = np.sqrt(np.diag(base)) < HALF * np.sqrt(np.diag(np.linalg.inv(root.T @ root)))
     kappa = float(max(1.0, np.median(ratio[told_of]))) if told_of.any() and len(left_out) > 2 else 1.0
-    own = [h / w for h, w in zip(held, noise.weight, strict=True)]
+    weighted = [h / w for h, w in zip(held, noise.weight, strict=True)]
     sides = [np.sqrt(kappa * u) / w for u, w in zip(unsure, noise.weight, strict=True)]
-    block = np.array([np.sqrt(np.mean(h**2)) for h in own])
+    block = np.array([np.sqrt(np.mean(h**2)) for h in weighted])
     information = _collect_by_gain(task, [j.T @ j / kappa for j in scaled])
     covariance = _scale_covariance(base, kappa, root)
-    return Fit(z, covariance, noise.spread, noise.agree, kappa, block, tuple(own), tuple(sides), information)
+    return Fit(z, covariance, noise.spread, noise.agree, kappa, block, tuple(weighted), tuple(sides), information)
 
 
 def _collect_by_gain(task: Problem, parts: list[Array]) -> dict[Key | None, Array]:

@@ -45,15 +45,15 @@ def compute_noise(residuals: Sequence[Array], slopes: Sequence[Array], root: Arr
     root : square root of the precision of the priors (parameters, parameters)
     """
     seen = [compute_autocovariance(r) for r in residuals]
-    behind = [_take_positive_lags(own) for own in seen]
+    behind = [_take_positive_lags(lags) for lags in seen]
     lasting = np.array([r.mean() for r in residuals])
     noise = _build_noise(behind, lasting)
     spectra = [_Slopes.build_for(j) for j in slopes]
     for _ in range(ROUNDS):
         before = noise
         behind = [
-            _take_positive_lags(own + more)
-            for own, more in zip(seen, _compute_absorbed_part(behind, noise, spectra, root), strict=True)
+            _take_positive_lags(lags + more)
+            for lags, more in zip(seen, _compute_absorbed_part(behind, noise, spectra, root), strict=True)
         ]
         noise = _build_noise(behind, lasting)
         if np.abs(noise.weight / before.weight - 1.0).max() < STEADY:
@@ -63,8 +63,8 @@ def compute_noise(residuals: Sequence[Array], slopes: Sequence[Array], root: Arr
 
 def compute_autocovariance(residual: Array) -> Array:
     """Return ``sum_t r_t r_(t+l) / N`` of each lag l (samples,) [unit^2], r less its mean: a constant is no noise."""
-    own = (residual - residual.mean())[:, None]
-    return _compute_correlation(own, own) / len(own)
+    centred = (residual - residual.mean())[:, None]
+    return _compute_correlation(centred, centred) / len(centred)
 
 
 def count_agreeing_samples(residual: Array) -> float:
@@ -75,17 +75,17 @@ def count_agreeing_samples(residual: Array) -> float:
 
 def _build_noise(behind: Sequence[Array], lasting: Array) -> Noise:
     """Return the noise of samples and of logs: one that lasts through a log tells nothing of samples that agree."""
-    spread = np.sqrt(np.array([own[0] for own in behind]) + lasting**2)
-    return Noise(spread, np.array([_count(own) if own[0] > 0.0 else 1.0 for own in behind]))
+    spread = np.sqrt(np.array([lags[0] for lags in behind]) + lasting**2)
+    return Noise(spread, np.array([_count(lags) if lags[0] > 0.0 else 1.0 for lags in behind]))
 
 
 def _count(alike: Array) -> float:
     return float(max(1.0, 2.0 * alike.sum() / alike[0] - 1.0))
 
 
-def _take_positive_lags(own: Array) -> Array:
+def _take_positive_lags(lags: Array) -> Array:
     """Lags up to the first that is not positive (lags,) [unit^2]."""
-    return own[: max(1, int(np.argmax(own <= 0.0)) if (own <= 0.0).any() else len(own))]
+    return lags[: max(1, int(np.argmax(lags <= 0.0)) if (lags <= 0.0).any() else len(lags))]
 
 
 @dataclass(frozen=True)
@@ -110,8 +110,8 @@ class _Slopes:
         both[: len(alike)] = alike
         both[self.size - len(alike) + 1 :] = alike[:0:-1]
         real, imaginary = np.split(self.spectrum, 2)
-        own = np.fft.rfft(both).real[:, None]  # symmetric: its imaginary part is nothing
-        all_of = np.fft.irfft(own * real + 1j * (own * imaginary), self.size, axis=0)
+        spectrum = np.fft.rfft(both).real[:, None]  # symmetric: its imaginary part is nothing
+        all_of = np.fft.irfft(spectrum * real + 1j * (spectrum * imaginary), self.size, axis=0)
         return np.asarray(all_of[: len(self.slopes)])
 
 
@@ -120,7 +120,7 @@ def _compute_absorbed_part(
 ) -> list[Array]:
     """Return the part of the autocovariance that the parameters take away, (samples,) per channel [unit^2]."""
     square = noise.weight**2
-    spread = [j.apply_noise_covariance(own) for own, j in zip(behind, slopes, strict=True)]
+    spread = [j.apply_noise_covariance(lags) for lags, j in zip(behind, slopes, strict=True)]
     precision = root.T @ root
     hessian = sum((w * j.slopes.T @ j.slopes for w, j in zip(square, slopes, strict=True)), precision)
     covariance = np.linalg.inv(hessian)
@@ -129,8 +129,8 @@ def _compute_absorbed_part(
     for w, j, s in zip(square, slopes, spread, strict=True):
         # The sums of both orders of a product are each other's complex conjugates: of their spectra only the real part is left.
         both = 2.0 * w * np.einsum("fp,fp->f", j.spectrum @ covariance, _split_spectrum(np.fft.rfft(s, j.size, axis=0)))
-        own = np.einsum("fp,fp->f", j.spectrum @ (covariance @ driven @ covariance), j.spectrum)
-        out.append(np.fft.irfft(np.sum(np.split(both - own, 2), axis=0), j.size)[: len(s)] / len(s))
+        lags = np.einsum("fp,fp->f", j.spectrum @ (covariance @ driven @ covariance), j.spectrum)
+        out.append(np.fft.irfft(np.sum(np.split(both - lags, 2), axis=0), j.size)[: len(s)] / len(s))
     return out
 
 

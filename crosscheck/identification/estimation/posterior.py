@@ -170,10 +170,10 @@ class _Cost:
             for at, block in blocks:
                 slope[:, :, at] = part.mix[:, at] @ block
             if part.gain is not None:
-                own = _apply_gain(self.space, part.gain, self.center, z, plain)
+                gained = _apply_gain(self.space, part.gain, self.center, z, plain)
                 slope *= plain[:, part.gain, None, None]
                 slope[:, :, part.gain] = parameters[part.gain].error * (
-                    own @ part.mix.T
+                    gained @ part.mix.T
                 )  # y is proportional to its gain
             out = slope if not len(out) else np.add(out, slope, out=out)
         every = np.arange(z.shape[1])
@@ -200,8 +200,8 @@ def _build_part(space: ParameterSpace, center: Array, gain: Key | None, informat
     plain = _compute_effects(space, center)
     level = _apply_gain(space, at, center, center, plain)
     slope = np.diag([float(_compute_scalar_slope(one, center[k])) for k, one in enumerate(space.parameters)])
-    for name, own, errors in _list_mass_blocks(space):
-        slope[np.ix_(own, own)] = compute_mass_property_slopes(space.factors[name], errors * center[own]) * errors
+    for name, rows, errors in _list_mass_blocks(space):
+        slope[np.ix_(rows, rows)] = compute_mass_property_slopes(space.factors[name], errors * center[rows]) * errors
     if at is not None:
         slope *= plain[at]
         slope[:, at] = space.parameters[at].error * level

@@ -28,11 +28,11 @@ def take_even_times(signals: Sequence[Signal]) -> tuple[Array, dict[str, Array]]
     spacing = float(np.median(np.diff(quickest)))
     even = quickest[0] + spacing * np.arange(int((quickest[-1] - quickest[0]) / spacing + 1e-6) + 1)
     columns: dict[str, Array] = {}
-    for at, own in signals:
+    for at, samples in signals:
         usual = float(np.median(np.diff(at)))
         k = np.clip(np.searchsorted(at, even), 1, len(at) - 1)
         silent = (at[k] - at[k - 1] > GAP * usual) | (even < at[0] - usual) | (even > at[-1] + usual)
-        columns |= {name: np.where(silent, np.nan, values) for name, values in _list_values(at, own, even)}
+        columns |= {name: np.where(silent, np.nan, values) for name, values in _list_values(at, samples, even)}
     return even, columns
 
 

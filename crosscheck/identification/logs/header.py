@@ -74,9 +74,9 @@ def match_joint_columns(joints: Sequence[Joint], columns: Mapping[str, Array]) -
             kinds[column_sense[0]].append(column_sense[1])
     out: dict[str, dict[str, Column]] = {}
     for kind, every in kinds.items():
-        for joint, own in _split_columns(joints, every, owners).items():
+        for joint, candidates in _split_columns(joints, every, owners).items():
             slides = next(j for j in joints if j.name == joint).kind == "prismatic"
-            fitting = [_resolve_unit(c, kind, slides) for c in own if _has_fitting_unit(c, kind, slides)]
+            fitting = [_resolve_unit(c, kind, slides) for c in candidates if _has_fitting_unit(c, kind, slides)]
             if fitting:
                 out.setdefault(joint, {})[kind] = _choose_column(fitting, kind)
     return out
@@ -166,8 +166,8 @@ def _split_columns(
             out.setdefault(owners[column.name], []).append(column)
     called = {column.name: column for column in left}
     if numbered := match_by_number(joints, list(called)):
-        for joint, own in numbered.items():
-            out.setdefault(joint, [called[name] for name in own])
+        for joint, numbers in numbered.items():
+            out.setdefault(joint, [called[name] for name in numbers])
     elif not out and len(left) == len(joints):
         words = "by its place among the columns"
         out |= {

@@ -96,14 +96,14 @@ def find_meanings(joints: Sequence[Joint], log: Log) -> tuple[dict[str, dict[str
     copies = find_copies(moving)
     live = {name: values for name, values in moving.items() if name not in copies}
     columns = Columns(live, find_rates(live, log.spacing), copies, log.spacing)
-    found = {joint: dict(own) for joint, own in match_joint_columns(joints, log.columns).items()}
-    if not any("angle" in own for own in found.values()):
+    found = {joint: dict(kinds) for joint, kinds in match_joint_columns(joints, log.columns).items()}
+    if not any("angle" in kinds for kinds in found.values()):
         for joint, column in _find_angles(joints, columns).items():
             found.setdefault(joint, {})["angle"] = column
-    for own in found.values():
-        if "angle" in own:
-            own["angle"] = _resolve_by_rate(own["angle"], columns)
-    if not any("effort" in own for own in found.values()):
+    for kinds in found.values():
+        if "angle" in kinds:
+            kinds["angle"] = _resolve_by_rate(kinds["angle"], columns)
+    if not any("effort" in kinds for kinds in found.values()):
         for joint, column in _find_efforts(joints, columns, found).items():
             found[joint]["effort"] = column
     return found, [Meaning(name, _describe_column(name, found, columns)) for name in log.columns]
@@ -173,7 +173,7 @@ def _find_efforts(joints: Sequence[Joint], columns: Columns, found: Found) -> di
     angles = np.array([columns.live.get(one.name, np.zeros(0)) * ANGLES[one.unit] for one in sensors]).T
     terms = MotionTerms.build(angles, columns.spacing)
     told: dict[str, list[tuple[float, str]]] = {}
-    for name in _list_unnamed(columns, [one.name for own in found.values() for one in own.values()]):
+    for name in _list_unnamed(columns, [one.name for kinds in found.values() for one in kinds.values()]):
         share = terms.compute_share(columns.live[name])
         if share > EXPLAINED:
             told.setdefault(moved[terms.find_owner(columns.live[name])].name, []).append((share, name))
@@ -197,10 +197,10 @@ def _resolve_by_rate(column: Column, columns: Columns) -> Column:
         return column
     for rate, (angle, factor) in columns.rates.items():
         if angle == column.name and (unit := RATE_UNIT.search(rate)) is not None:
-            own = "deg" if unit[1].lower() in ("deg", "°") else unit[1].lower()
+            resolved = "deg" if unit[1].lower() in ("deg", "°") else unit[1].lower()
             if factor != 1.0:
-                own = {"deg": "rad", "rad": "deg", "mm": "m", "m": "mm"}[own]
-            return Column(column.name, own, f"in {own}, for {rate} is its rate")
+                resolved = {"deg": "rad", "rad": "deg", "mm": "m", "m": "mm"}[resolved]
+            return Column(column.name, resolved, f"in {resolved}, for {rate} is its rate")
     return column
 
 
@@ -208,8 +208,8 @@ def _resolve_by_rate(column: Column, columns: Columns) -> Column:
 
 
 def _describe_column(name: str, found: Found, columns: Columns) -> str:
-    for joint, own in found.items():
-        for kind, column in own.items():
+    for joint, kinds in found.items():
+        for kind, column in kinds.items():
             if column.name == name:
                 sure = f"doubtful: {column.why}" if column.why else "by its name"
                 return f"{kind.replace('_', ' ')} of {joint} [{column.unit}], {sure}"
@@ -231,9 +231,9 @@ def _describe_rate(name: str, found: Found, columns: Columns) -> str:
     angle, factor = columns.rates[name]
     if angle in columns.rates:
         return f"not used: an acceleration, for it is the rate of {angle}"
-    for joint, own in found.items():
-        if "angle" in own and own["angle"].name == angle:
-            unit = own["angle"].unit
+    for joint, kinds in found.items():
+        if "angle" in kinds and kinds["angle"].name == angle:
+            unit = kinds["angle"].unit
             if factor != 1.0:
                 unit = {"deg": "rad", "rad": "deg", "mm": "m", "m": "mm"}[unit]
             line = f'rate = {{ column = {name!r}, unit = "{unit}/s" }}'

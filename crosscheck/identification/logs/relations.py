@@ -112,16 +112,16 @@ class MotionTerms:
         q = np.array([apply_low_pass(one, spacing) for one in angles.T])
         qd = np.gradient(q, spacing, axis=1)
         size = np.maximum(np.abs(qd).max(axis=1, keepdims=True), np.finfo(float).tiny)
-        own = np.stack([qd, np.tanh(qd / (STILL * size)), np.gradient(qd, spacing, axis=1)], axis=1)
+        terms = np.stack([qd, np.tanh(qd / (STILL * size)), np.gradient(qd, spacing, axis=1)], axis=1)
         turned = np.cumsum(q, axis=0)  # of a chain: gravity acts by sums of its angles
         common = np.vstack([np.ones_like(q[:1]), np.sin(q), np.cos(q), np.sin(turned), np.cos(turned)])
-        return cls(common, own, spacing)
+        return cls(common, terms, spacing)
 
     def compute_share(self, effort: Array, without: int | None = None) -> float:
         """Return the part of an effort (samples,) that the terms explain [-]; without : a joint whose own are left out."""
-        own = self.own if without is None else np.delete(self.own, without, axis=0)
+        terms = self.own if without is None else np.delete(self.own, without, axis=0)
         target = apply_low_pass(effort, self.spacing)
-        rows = np.vstack([self.common, own.reshape(-1, len(target))]).T
+        rows = np.vstack([self.common, terms.reshape(-1, len(target))]).T
         rows = rows / np.maximum(np.linalg.norm(rows, axis=0), np.finfo(float).tiny)
         rest = target - rows @ np.linalg.lstsq(rows, target, rcond=1e-9)[0]
         return float(1.0 - np.var(rest) / max(float(np.var(target)), np.finfo(float).tiny))

@@ -120,9 +120,9 @@ def write_attribute(element: bytes, name: str, value: str) -> bytes:
     assert tag is not None
     key = name.encode("ascii")
     new = key + b'="' + value.encode("ascii") + b'"'
-    head = ATTRIBUTE.sub(lambda own: new if own[1] == key else own[0], tag.group())
-    if not any(own[1] == key for own in ATTRIBUTE.finditer(head)):
-        head = TAG_NAME.sub(lambda own: own[0] + b" " + new, head, count=1)
+    head = ATTRIBUTE.sub(lambda match: new if match[1] == key else match[0], tag.group())
+    if not any(match[1] == key for match in ATTRIBUTE.finditer(head)):
+        head = TAG_NAME.sub(lambda match: match[0] + b" " + new, head, count=1)
     return head + element[tag.end() :]
 
 

@@ -91,7 +91,7 @@ def write_mjcf(identification: Identification, old: Path, new: Path) -> list[str
         )
     file = read_mjcf(old)
     written = _collect_written(identification, file)
-    edits = [_replace_inertial(file, file.bodies[name], own) for name, own in written.bodies.items()]
+    edits = [_replace_inertial(file, file.bodies[name], numbers) for name, numbers in written.bodies.items()]
     edits += [_replace_joint(file, name, written.values) for name in dict.fromkeys(name for name, _ in written.values)]
     write_checked(new, apply_edits(file.text, edits), lambda: _check(file, new, written))
     said = {(quantity, link) for link in written.links for quantity in QUANTITIES}
@@ -108,10 +108,10 @@ def _collect_written(identification: Identification, file: MjcfFile) -> Written:
     lifted = file.description.mechanism
     names = match_joints(file.path, mechanism, lifted)
     rows = [row for row in identification.parameters if row.parameter in LAWS and row.place in names]
-    own = collect_joint_values(rows, LAWS)
+    joint_values = collect_joint_values(rows, LAWS)
     ten = compute_identified_links(identification)
     identified = replace_masses(mechanism, ten)
-    identified = replace(identified, joints=tuple(_replace_numbers(joint, own) for joint in identified.joints))
+    identified = replace(identified, joints=tuple(_replace_numbers(joint, joint_values) for joint in identified.joints))
     bodies: dict[str, Inertia] = {}
     links: list[str] = []
     lifted_groups = list_carried_links(lifted)
@@ -121,13 +121,15 @@ def _collect_written(identification: Identification, file: MjcfFile) -> Written:
             free = {body: parts[body] for body in parts if not ten.keys().isdisjoint(parts[body])}
             bodies |= _move_links(lifted, identified, free)
             links += [name for own_links in free.values() for name in own_links if name in ten]
-    return Written(identified, bodies, {(names[name], key): value for (name, key), value in own.items()}, tuple(links))
+    return Written(
+        identified, bodies, {(names[name], key): value for (name, key), value in joint_values.items()}, tuple(links)
+    )
 
 
 def _replace_numbers(joint: Joint, values: Mapping[tuple[str, str], float]) -> Joint:
     """A joint with what was identified of it, and without the drive that it came from."""
-    own = {FIELDS[attribute]: value for (name, attribute), value in values.items() if name == joint.name}
-    return replace(joint, drive=None, **own)  # type: ignore[arg-type]
+    fields = {FIELDS[attribute]: value for (name, attribute), value in values.items() if name == joint.name}
+    return replace(joint, drive=None, **fields)  # type: ignore[arg-type]
 
 
 def _match_bodies(file: MjcfFile, mechanism: Mechanism, group: list[str], others: list[str]) -> dict[str, list[str]]:
@@ -192,8 +194,8 @@ def _replace_joint(file: MjcfFile, name: str, values: Mapping[tuple[str, str], f
     text = file.text[element.start : element.end]
     before = []
     for attribute, value in ((key, one) for (place, key), one in values.items() if place == name):
-        own = joint.numbers[attribute]
-        added = getattr(file.description.mechanism.joint_of[name], FIELDS[attribute]) - own
+        number = joint.numbers[attribute]
+        added = getattr(file.description.mechanism.joint_of[name], FIELDS[attribute]) - number
         if value < added:
             raise InputError(
                 f"{file.path}: actuators give joint {name} {attribute} {added:g}, more than the {value:g} that was identified; "
@@ -201,7 +203,7 @@ def _replace_joint(file: MjcfFile, name: str, values: Mapping[tuple[str, str], f
             )
         stated = element.attributes.get(attribute, "")
         text = write_attribute(text, attribute, " ".join([repr(value - added), *stated.split()[1:]]))
-        before.append(f"{attribute}={stated or f'{own!r}, not stated here'}")
+        before.append(f"{attribute}={stated or f'{number!r}, not stated here'}")
     return Edit(element.start, element.end, format_comment("; ".join(before)) + text)
 
 
@@ -244,7 +246,7 @@ def _check_known_numbers(old: Path, identified: Mechanism, lifted: Mechanism) ->
 
 def _describe_gravity(file: MjcfFile, mechanism: Mechanism) -> Iterator[str]:
     """Yield in words that the file has another gravity than the mechanism [m/s^2]."""
-    own = file.description.mechanism.gravity
-    if not np.allclose(own, mechanism.gravity, rtol=0.0, atol=1e-12):
-        keeps = f"gravity: the file keeps {_format_numbers(own)} m/s^2"
+    stated = file.description.mechanism.gravity
+    if not np.allclose(stated, mechanism.gravity, rtol=0.0, atol=1e-12):
+        keeps = f"gravity: the file keeps {_format_numbers(stated)} m/s^2"
         yield f"{keeps}, masses were identified with {_format_numbers(mechanism.gravity)} of {mechanism.name}"

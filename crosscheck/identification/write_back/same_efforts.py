@@ -89,8 +89,8 @@ def _remove_ties(mechanism: Mechanism) -> Mechanism:
 
 
 def _list_columns(mechanism: Mechanism, joint: str) -> range:
-    own = mechanism.v_slices[joint]
-    return range(own.start, own.stop)
+    columns = mechanism.v_slices[joint]
+    return range(columns.start, columns.stop)
 
 
 def _convert_configuration(

@@ -63,10 +63,10 @@ def write_urdf(identification: Identification, file: Path) -> list[str]:
     root = parse_elements(mechanism.urdf, text)
     links = _list_places(root, "link", "inertial")
     joints = _list_places(root, "joint", "dynamics")
-    ten = {name: own for name, own in compute_identified_links(identification).items() if name in links}
+    ten = {name: numbers for name, numbers in compute_identified_links(identification).items() if name in links}
     rows = [row for row in identification.parameters if row.parameter in LAWS and row.place in joints]
     values = collect_joint_values(rows, LAWS)
-    edits = [_replace_inertial(links[name], own) for name, own in ten.items()]
+    edits = [_replace_inertial(links[name], numbers) for name, numbers in ten.items()]
     edits += [_replace_dynamics(text, joints[name], name, values) for name in dict.fromkeys(row.place for row in rows)]
     write_checked(file, apply_edits(text, edits), lambda: _check_numbers(file, ten, values))
     said = {(quantity, name) for name in ten for quantity in QUANTITIES} | {(row.parameter, row.place) for row in rows}
@@ -77,9 +77,9 @@ def _list_places(root: XmlElement, owner: str, tag: str) -> dict[str, XmlElement
     """By name of each link or joint its element of that tag, or the owner itself, where there is room for one."""
     out: dict[str, XmlElement] = {}
     for element in root.children:
-        own = element.find_child(tag)
-        if element.tag == owner and (own is not None or element.opened):
-            out.setdefault(element.name, own or element)
+        child = element.find_child(tag)
+        if element.tag == owner and (child is not None or element.opened):
+            out.setdefault(element.name, child or element)
     return out
 
 

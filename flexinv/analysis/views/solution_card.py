@@ -63,7 +63,9 @@ def _describe_result(solution: Solution) -> Iterator[str]:
     if solution.torque_error is not None and solution.torque_error.size:
         worst = int(solution.torque_error.max(axis=0).argmax())
         driven = solution.mechanism.actuated.tolist()
-        units = [unit for unit, own in zip(list_effort_units(solution.mechanism), driven, strict=True) if own]
+        units = [
+            unit for unit, is_driven in zip(list_effort_units(solution.mechanism), driven, strict=True) if is_driven
+        ]
         largest = format_number(solution.torque_error.max())
         yield f"error bar of an effort: {largest} {units[worst]} at most ({solution.torque_names[worst]})"
     if solution.stable is not None:
@@ -91,7 +93,7 @@ def _draw_solution(solution: Solution) -> tuple[Picture, ...]:
         return tuple(pictures)
     shown = list_shown_coordinates(m)
     for unit in ("N m", "N"):
-        mine = [k for k, own in enumerate(list_effort_units(m)) if own == unit and shown[k]]
+        mine = [k for k, effort_unit in enumerate(list_effort_units(m)) if effort_unit == unit and shown[k]]
         curves = [(m.velocity_names[k], solution.time, solution.torque_all[:, k]) for k in mine]
         if curves:
             first = "" if len(curves) < 7 else f", the first 6 of {len(curves)}"

@@ -55,8 +55,8 @@ class Tree:
         """Return q after a step (nv,) [rad], [m]."""
         out = q.copy()
         for joint in self.mechanism.joints:
-            own = self.mechanism.q_slices[joint.name]
-            out[own] = _integrate_joint_step(joint, q[own], step[self.mechanism.v_slices[joint.name]])
+            columns = self.mechanism.q_slices[joint.name]
+            out[columns] = _integrate_joint_step(joint, q[columns], step[self.mechanism.v_slices[joint.name]])
         return out
 
     def compute_frame_pairs(self, q: Array, v: Array) -> list[tuple[FrameMotion, FrameMotion]]:
@@ -93,12 +93,12 @@ def compute_link_frames(mechanism: Mechanism, q: Array, v: Array) -> dict[str, F
     still = np.zeros(3)
     links = {WORLD: FrameMotion(still, np.eye(3), none, none, still, still, still, still)}
     for joint in mechanism.joints:
-        own = q[mechanism.q_slices[joint.name]]
+        coordinates = q[mechanism.q_slices[joint.name]]
         rates = mechanism.v_slices[joint.name]
         offset_frame = compute_offset_frame(
             _compute_section_frame(mechanism, links, joint.parent, joint.station), joint.placement
         )
-        links[joint.child] = _compute_child_frame(offset_frame, joint, own, v[rates], rates)
+        links[joint.child] = _compute_child_frame(offset_frame, joint, coordinates, v[rates], rates)
     return links
 
 

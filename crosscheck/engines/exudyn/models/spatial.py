@@ -234,9 +234,9 @@ def _add_closure(drawing: Drawing, closure: Closure) -> None:
 def _compute_relative_pose(drawing: Drawing, frame: Frame, child: int) -> Placement:
     """Return the child's pose in its parent group's frame at the start."""
     parent = drawing.layout.groups[frame.group].start
-    own = drawing.layout.groups[child].start
+    start = drawing.layout.groups[child].start
     turned = parent.rotation.T
-    return Placement(turned @ (own.position - parent.position), turned @ own.rotation)
+    return Placement(turned @ (start.position - parent.position), turned @ start.rotation)
 
 
 def _add_beam(drawing: Drawing, name: str, beam: Beam) -> None:
@@ -404,5 +404,5 @@ def _compute_reaction(
     wrench = exudyn_closing.compute_connector_wrench(
         held, sensor_values["force", one.name, 0], sensor_values["moment", one.name], first, second
     )
-    own = second @ exudyn_closing.compute_marker_axes(one)[1].T
-    return np.hstack([np.einsum("sji,sj->si", own, part) for part in (wrench[:, :3], wrench[:, 3:])])
+    axes = second @ exudyn_closing.compute_marker_axes(one)[1].T
+    return np.hstack([np.einsum("sji,sj->si", axes, part) for part in (wrench[:, :3], wrench[:, 3:])])

@@ -87,17 +87,17 @@ def read_tendon_damper(model: Any, index: int) -> dict[str, Parameter]:
     """Return damping of a tendon with that of actuators on it [N s/m]."""
     whole = np.array([model.tendon_damping[index], *np.ravel(model.tendon_dampingpoly[index])], dtype=float)
     for k in find_actuators(model, index, ON_TENDON):
-        own = [model.actuator_damping[k], *np.ravel(model.actuator_dampingpoly[k])]
-        whole = whole + read_gear(model, k) ** 2 * np.array(own, dtype=float)
+        actuator = [model.actuator_damping[k], *np.ravel(model.actuator_dampingpoly[k])]
+        whole = whole + read_gear(model, k) ** 2 * np.array(actuator, dtype=float)
     return {"damping": convert_to_tuple(whole)}
 
 
 def read_tendon_armature(model: Any, index: int) -> dict[str, Parameter]:
     """Return armature of a tendon with that of actuators on it [kg]."""
-    own = sum(
+    actuators = sum(
         read_gear(model, k) ** 2 * float(model.actuator_armature[k]) for k in find_actuators(model, index, ON_TENDON)
     )
-    return {"armature": float(model.tendon_armature[index]) + own}
+    return {"armature": float(model.tendon_armature[index]) + actuators}
 
 
 def read_tendon_friction(model: Any, index: int) -> dict[str, Parameter]:
