@@ -229,7 +229,7 @@ class Solution(Shown, ByValue):
         m = self.mesh.mechanism
         undriven = tuple(joint.name for joint in m.joints if joint.nv and not joint.actuated)
         moving = undriven if free is None else check_names("free", free, "joints")
-        return compute_residual_vibration(self.mesh, self.q[-1], self.qd, tuple(moving), self.nodes)
+        return compute_residual_vibration(self.mesh, (self.q, self.qd, self.qdd), tuple(moving), self.nodes, self.tip)
 
     def factors(self, sample: int) -> Factors:
         """Return L [m], T [-], P [N] of one sample; ``L @ T @ P`` is the torque before rotor inertia, damping, friction.

@@ -1,14 +1,16 @@
 """Residual vibration: what a mechanism goes on swinging by after its joints have stopped, in closed form of its modes.
 
 With the joints held at their last places, small motions about the rest position there are sums of modes phi_i of modal mass 1
-(`linearized.modes`).  From the state at the end, displacements d and velocities v of the nodes against the rest position,
+(`linearized.modes`), d_i = phi_i . D phi_i their damping.  From velocities v and accelerations a of the nodes at the end,
 
-    y(t) = sum_i phi_i (a_i cos(w_i t) + b_i sin(w_i t)),     a_i = sum_n phi_i . M_n d,     b_i = sum_n phi_i . M_n v / w_i
+    y(t) = sum_i phi_i (a_i cos(w_i t) + b_i sin(w_i t)),     w_i b_i = sum_n phi_i . M_n v,
+    w_i^2 a_i = - sum_n phi_i . M_n a - d_i w_i b_i
 
     E = sum_i w_i^2 (a_i^2 + b_i^2) / 2,     reach of a tip = max over unit vectors u of sum_i |(u . phi_i a_i, u . phi_i b_i)|
 
-Frequencies without a common measure bring all modes to their largest in one direction at some time; damping makes them less from
-the end on, and the reach a bound.  Large residual motions are no sums of modes: ``left_out`` says how much of the state is none.
+Displacements would give a_i, too, but a beam that bends far comes nearer to its root without strain, which its axial modes would
+take for one.  Frequencies without a common measure bring all modes to their largest in one direction at some time; damping makes
+them less from the end on, and the reach a bound.
 """
 
 from __future__ import annotations
@@ -20,14 +22,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from flexinv.errors import InputError
-from flexinv.kernels.so3 import log_so3
 from flexinv.kinematics.mesh import Mesh
 from flexinv.kinematics.nodal_motion import NodalMotion
 from flexinv.linearized.modes import Modes, compute_modes
 from flexinv.linearized.rest_position import compute_tip_displacements
 from flexinv.model.by_value import ByValue
 from flexinv.model.mechanism import Mechanism
-from flexinv.typing import Array
+from flexinv.typing import Array, Triple
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -42,14 +43,15 @@ class ResidualVibration(ByValue):
     """Vibration after the end of a motion, about the rest position with the joints held at their last places.
 
     modes : of that position; cosine, sine : (modes,) a_i, b_i [m kg^0.5]; reach : link -> largest distance of its tip from its
-    rest place from then on [m]; left_out : part of the state at the end that is no small motion [-]
+    rest place from then on [m]; missed : by how much the sum of modes misses the tips at the end, of their reach [-]: of the
+    order of the angles by which beams bend, and a measure of what is no small motion
     """
 
     modes: Modes
     cosine: Array
     sine: Array
     reach: dict[str, float]
-    left_out: float
+    missed: float
 
     @property
     def energy_by_mode(self) -> Array:
@@ -79,41 +81,45 @@ class ResidualVibration(ByValue):
 
 
 def compute_residual_vibration(
-    mesh: Mesh, q: Array, qd: Array, free: tuple[str, ...], motion: NodalMotion
+    mesh: Mesh, joints: Triple, free: tuple[str, ...], motion: NodalMotion, tips: dict[str, Array]
 ) -> ResidualVibration:
-    """Return the vibration from the last sample of a nodal motion on [m], [J], joints held at q (nq,) but for the free ones.
+    """Return the vibration from the last sample of a nodal motion on [m], [J], joints held but for the free ones.
 
-    qd : (samples, nv) rates of the joints [rad/s], [m/s], of which the last have to be at rest
+    joints : q (samples, nq), qd, qdd (samples, nv) [rad or m, s], at rest in the last sample; tips : link -> (samples, 3) [m]
     Raises InputError where no link bends, a joint that is held still moves, closures switch, a mode is unstable, or a free joint
     carries a rotor, whose part no node has; ConvergenceError where there is no rest position.
     """
-    _check_end_of_motion(mesh.mechanism, free, qd)
+    q, qd, qdd = joints
+    _check_end_of_motion(mesh.mechanism, free, qd, qdd)
     name = mesh.mechanism.name
     turning = next((joint for joint in free if mesh.mechanism.joint_of[joint].rotor_inertia), None)
     if turning is not None:
         raise InputError(
             f"residual vibration of '{name}': joint '{turning}' is free and has a rotor; expected rotors on joints with a drive"
         )
-    modes = compute_modes(mesh, q, free, None)
+    modes = compute_modes(mesh, q[-1], free, None)
     unstable = next((word for word in modes.stability if word != "stable"), None)
     if unstable is not None:
         raise InputError(
             f"residual vibration of '{name}': {unstable} at the end of the motion; expected a rest position that is stable with "
             "all other joints held"
         )
-    displacement = motion.x[-1] - modes.position
-    turn = log_so3(np.swapaxes(modes.orientation, 1, 2) @ motion.rotation[-1])
-    cosine = _compute_projection(modes, displacement, turn)
-    sine = _compute_projection(modes, motion.v[-1], motion.omega[-1]) / np.sqrt(modes.squared.real)
-    left = displacement - np.tensordot(cosine, modes.displacement.real, 1)
-    size, left_size = (float(np.sqrt(np.sum(mesh.mass[:, None] * part**2))) for part in (displacement, left))
-    moves = np.concatenate([modes.displacement, modes.rotation], axis=-1).real
-    shapes = compute_tip_displacements(mesh, moves, modes.orientation)
+    squared = modes.squared.real
+    rate = _compute_projection(modes, motion.v[-1], motion.omega[-1])
+    acceleration = _compute_projection(modes, motion.a[-1], motion.alpha[-1])
+    cosine = -(acceleration + modes.friction * rate) / squared
+    sine = rate / np.sqrt(squared)
+    shapes = compute_tip_displacements(
+        mesh, np.concatenate([modes.displacement, modes.rotation], axis=-1).real, modes.orientation
+    )
     reach = {link: _find_reach(shape, cosine, sine) for link, shape in shapes.items()}
-    return ResidualVibration(modes, cosine, sine, reach, left_size / size if size else 0.0)
+    rest = _compute_tip_places(modes)
+    missed = max(float(np.linalg.norm(tips[link][-1] - rest[link] - cosine @ shape)) for link, shape in shapes.items())
+    largest = max(reach.values())
+    return ResidualVibration(modes, cosine, sine, reach, missed / largest if largest else 0.0)
 
 
-def _check_end_of_motion(mechanism: Mechanism, free: Collection[str], qd: Array) -> None:
+def _check_end_of_motion(mechanism: Mechanism, free: Collection[str], qd: Array, qdd: Array) -> None:
     """Raise InputError unless beams can swing at the end of rates qd (samples, nv) [rad/s], [m/s], with other joints at rest."""
     what = f"residual vibration of '{mechanism.name}'"
     if mechanism.is_rigid:
@@ -125,21 +131,34 @@ def _check_end_of_motion(mechanism: Mechanism, free: Collection[str], qd: Array)
             raise InputError(f"{what}: free joint {name!r}; expected names of {', '.join(mechanism.joint_of)}")
     for joint in mechanism.joints:
         columns = mechanism.v_slices[joint.name]
-        rate = np.abs(qd[:, columns]).max(axis=1, initial=0.0)
-        if joint.name not in free and rate[-1] > STOPPED * rate.max(initial=0.0):
-            raise InputError(
-                f"{what}: joint '{joint.name}' still moves by {rate[-1]:.3g} rad/s or m/s at the last sample; expected a motion "
-                "that has come to rest there; solve to its end, and write hold = one step where it ends between two samples"
-            )
+        for word, values in (("moves", qd[:, columns]), ("accelerates", qdd[:, columns])):
+            size = np.abs(values).max(axis=1, initial=0.0)
+            if joint.name not in free and size[-1] > STOPPED * size.max(initial=0.0):
+                raise InputError(
+                    f"{what}: joint '{joint.name}' still {word} by {size[-1]:.3g} rad or m at the last sample; expected one that "
+                    "has come to rest there; solve to its end, and write hold = one step for a last sample behind it"
+                )
 
 
-def _compute_projection(modes: Modes, displacement: Array, turn: Array) -> Array:
-    """(modes,) sum_n phi . M_n of a field: displacement (nodes, 3) [m] world, turn (nodes, 3) [rad] own frame, or rates."""
+def _compute_projection(modes: Modes, velocity: Array, spin: Array) -> Array:
+    """(modes,) sum_n phi . M_n of rates or accelerations: velocity (nodes, 3) [m/s] world, spin (nodes, 3) [rad/s] own frame."""
     mesh = modes.mesh
-    momentum = mesh.mass[:, None] * displacement
-    spin = np.einsum("nij,nj->ni", mesh.inertia, turn)
+    momentum = mesh.mass[:, None] * velocity
+    turning = np.einsum("nij,nj->ni", mesh.inertia, spin)
     pushed = np.einsum("mni,ni->m", modes.displacement.real, momentum)
-    return np.asarray(pushed + np.einsum("mni,ni->m", modes.rotation.real, spin))
+    return np.asarray(pushed + np.einsum("mni,ni->m", modes.rotation.real, turning))
+
+
+def _compute_tip_places(modes: Modes) -> dict[str, Array]:
+    """Link -> the place of its tip (3,) [m] at rest, as solutions have it."""
+    mesh = modes.mesh
+    out = {}
+    for joint in mesh.mechanism.joints:
+        link = mesh.mechanism.link_of[joint.child]
+        node = mesh.tip_node.get(link.name, mesh.joint_node[joint.name])
+        arm = np.zeros(3) if link.beam is not None else link.tip
+        out[link.name] = modes.position[node] + modes.orientation[node] @ arm
+    return out
 
 
 def _find_reach(shape: Array, cosine: Array, sine: Array) -> float:

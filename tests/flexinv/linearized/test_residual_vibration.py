@@ -39,7 +39,7 @@ def test_the_tip_goes_as_far_as_it_says_and_no_further(arm: Mechanism) -> None:
     assert distance.max() <= found.reach["link"] * 1.01
     energy = (rings.balance.kinetic + rings.balance.elastic + rings.balance.potential)[after]
     assert energy.mean() == pytest.approx(found.energy, rel=0.01)
-    assert found.left_out < 1e-3  # a small motion
+    assert found.missed < 0.02  # a small motion: the tip bends by 3 mm in 0.4 m
     assert "ResidualVibration" in repr(found)
     assert found.frame()["energy [J]"].sum() == pytest.approx(found.energy)
 
