@@ -13,6 +13,8 @@ BIN    := $(VENV)/bin
 STAMP  := $(VENV)/installed
 OUT    ?= reports/latest
 JOBS   ?= 2
+# One more than cores: browsers and limits of time let a tester wait.
+TESTERS ?= 3
 # Levels of processor that a wheel has machine code for; on aarch64: make wheel LEVELS=generic
 LEVELS ?= x86-64-v3 x86-64-v4
 
@@ -30,10 +32,10 @@ outside:
 test: $(STAMP)
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
-	$(BIN)/pytest -n $(JOBS) --dist worksteal
+	$(BIN)/pytest -n $(TESTERS) --dist worksteal
 
 check: $(STAMP)
-	$(BIN)/pytest -n $(JOBS) --dist worksteal -m "not slow and not browser"
+	$(BIN)/pytest -n $(TESTERS) --dist worksteal -m "not slow and not browser"
 
 # A warning is an error; links to files and within the site are checked, too.
 docs: $(STAMP)

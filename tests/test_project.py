@@ -113,7 +113,7 @@ def test_continuous_integration_is_make_test(root: Path) -> None:
     assert recipe[1].split("\n")[:-1] == [
         "\t$(BIN)/ruff check .",
         "\t$(BIN)/ruff format --check .",
-        "\t$(BIN)/pytest -n $(JOBS) --dist worksteal",  # all tests; types are checked by tests/test_types.py
+        "\t$(BIN)/pytest -n $(TESTERS) --dist worksteal",  # all tests; types are checked by tests/test_types.py
     ]
 
 

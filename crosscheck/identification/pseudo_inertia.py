@@ -9,6 +9,8 @@ Source: C. Rucker, P. Wensing, "Smooth parameterization of rigid-body inertia", 
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from flexinv.typing import Array
@@ -20,6 +22,9 @@ COLUMNS = [0, 1, 1, 2, 2, 2]
 # Rows and columns of U at which the numbers behind a stand.
 ENTRY_ROWS = [0, 1, 2, 0, 1, 0, 0, 1, 2]
 ENTRY_COLUMNS = [0, 1, 2, 1, 2, 2, 3, 3, 3]
+# The same with the 1 in its corner.
+UPPER_ROWS = [*ENTRY_ROWS, 3]
+UPPER_COLUMNS = [*ENTRY_COLUMNS, 3]
 QUANTITIES = ("mass", "com x", "com y", "com z", "Ixx", "Ixy", "Iyy", "Ixz", "Iyz", "Izz")
 SHAPE = 0.5  # largest relative error of radii of gyration, and of the tangents of their axes' directions
 UNITS = ("kg", "m", "m", "m", *("kg m^2",) * 6)
@@ -64,38 +69,57 @@ def make_plausible(ten: Array, radius: float) -> Array:
     return compute_ten_parameters(pseudo)
 
 
-def move_mass_properties(factor: Array, x: Array) -> Array:
-    """Return mass properties (..., 10) [kg], [kg m], [kg m^2] for x (..., 10) [-] as ``NAMES``; factor : L (4, 4)."""
-    half = factor @ _compute_upper_factors(x) * np.exp(x[..., 0])[..., None, None]
-    return compute_ten_parameters(half @ np.swapaxes(half, -1, -2))
+@dataclass(frozen=True)
+class MassPropertyMap:
+    """The mass properties of some links as functions of their ten numbers, for many values of them at once.
 
+    They are quadratic in the entries u of U (those of ``NAMES``, and the 1 in its corner), with J_pk = sum_e u_e G_epk:
 
-def _compute_upper_factors(x: Array) -> Array:
-    """U (..., 4, 4) without e^a [-]."""
-    u = np.zeros((*x.shape[:-1], 4, 4))
-    u[..., ENTRY_ROWS, ENTRY_COLUMNS] = x[..., 1:]
-    u[..., [0, 1, 2], [0, 1, 2]] = np.exp(x[..., 1:4])
-    u[..., 3, 3] = 1.0
-    return u
+        (m, h, I)_p = e^(2a) / 2 sum_k J_pk u_k,     d(m, h, I)_p / du_k = e^(2a) J_pk
 
-
-def compute_mass_property_slopes(factor: Array, x: Array) -> Array:
-    """Return the slopes (..., 10, 10) of `move_mass_properties` by x (..., 10) [-]; factor : L (4, 4).
-
-    ``dP / dx = L (dU U^T + U dU^T) L^T``, each dU an entry of U; ``dP / da = 2 P``.
+    products : G (links, entries, properties, entries) [kg], [kg m], [kg m^2]
     """
-    u = _compute_upper_factors(x)
-    out = np.zeros((*x.shape, len(NAMES)))
-    out[..., :, 0] = 2.0 * move_mass_properties(factor, x)
-    scale = np.exp(2.0 * x[..., :1, None])
-    for k, (row, column) in enumerate(zip(ENTRY_ROWS, ENTRY_COLUMNS, strict=True), start=1):
-        turned = np.zeros_like(u)
-        turned[..., row, :] = u[..., :, column]  # dU U^T, of an entry of 1
-        if row == column:
-            turned[..., row, :] *= u[..., row, row, None]  # which is e^d
-        half = factor @ turned @ factor.T
-        out[..., :, k] = compute_ten_parameters(scale * (half + np.swapaxes(half, -1, -2)))
-    return out
+
+    products: Array
+
+    @classmethod
+    def build_for(cls, factors: Array) -> MassPropertyMap:
+        """Return the map of links whose known mass properties have the factors L (links, 4, 4)."""
+        single = np.zeros((len(UPPER_ROWS), 4, 4))
+        single[np.arange(len(UPPER_ROWS)), UPPER_ROWS, UPPER_COLUMNS] = 1.0
+        one_sided = np.einsum("eij,klj->ekil", single, single)
+        both = one_sided + np.swapaxes(one_sided, -1, -2)  # E_e E_k^T + E_k E_e^T
+        turned = factors[:, None, None] @ both @ np.swapaxes(factors, -1, -2)[:, None, None]
+        return cls(np.ascontiguousarray(np.swapaxes(compute_ten_parameters(turned), -1, -2)))
+
+    def move(self, x: Array) -> Array:
+        """Return mass properties (samples, links, 10) [kg], [kg m], [kg m^2] for x (samples, links, 10) [-] as ``NAMES``."""
+        entries, slopes = self._evaluate(x)
+        return np.asarray(0.5 * np.einsum("slpk,slk->slp", slopes, entries))
+
+    def compute_slopes(self, x: Array) -> Array:
+        """Return the slopes (samples, links, 10, 10) of `move` by x (samples, links, 10) [-]."""
+        entries, slopes = self._evaluate(x)
+        out = np.empty_like(slopes)
+        out[..., 0] = np.einsum("slpk,slk->slp", slopes, entries)  # twice the value, by a
+        out[..., 1:] = slopes[..., :-1]
+        out[..., 1:4] *= entries[..., None, :3]  # e^d, of the logarithms d
+        return out
+
+    def _evaluate(self, x: Array) -> tuple[Array, Array]:
+        """Entries u (samples, links, 10), and e^(2a) J (samples, links, 10, 10)."""
+        entries = np.concatenate([np.exp(x[..., 1:4]), x[..., 4:], np.ones_like(x[..., :1])], axis=-1)
+        scaled = np.exp(2.0 * x[..., :1]) * entries
+        count = len(UPPER_ROWS)
+        products = self.products.reshape(len(self.products), count, count * count)
+        slopes = np.swapaxes(scaled, 0, 1) @ products  # (links, samples, properties times entries)
+        return entries, np.swapaxes(slopes, 0, 1).reshape(*x.shape[:-1], count, count)
+
+
+def move_mass_properties(factor: Array, x: Array) -> Array:
+    """Return mass properties (..., 10) [kg], [kg m], [kg m^2] of one link for x (..., 10) [-] as ``NAMES``; factor : L (4, 4)."""
+    moved = MassPropertyMap.build_for(factor[None]).move(x.reshape(-1, 1, len(NAMES)))
+    return moved.reshape(x.shape)
 
 
 def compute_prior_errors(factor: Array, relative: float, shape: float = SHAPE) -> Array:

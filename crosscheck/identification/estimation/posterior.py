@@ -27,12 +27,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from crosscheck.identification.estimation.fit import Fit
-from crosscheck.identification.parameters import KINDS, MASS, Key, Parameter, ParameterSpace
+from crosscheck.identification.parameters import KINDS, MASS, Key, ParameterSpace
 from crosscheck.identification.pseudo_inertia import (
     NAMES,
     QUANTITIES,
     UNITS,
-    compute_mass_property_slopes,
+    MassPropertyMap,
     convert_to_com,
     move_mass_properties,
 )
@@ -89,9 +89,13 @@ class _Part:
 
 @dataclass(frozen=True)
 class _Cost:
-    """The cost in effects: its parts, their pulls b (parts, parameters), center z^, half C^(1/2), back C^(-1/2) [-]."""
+    """The cost in effects: its parts, their pulls b (parts, parameters), center z^, half C^(1/2), back C^(-1/2) [-].
 
-    space: ParameterSpace
+    gain_errors : of the prior of each part's gain, nothing where it has none [-]
+    """
+
+    effects: _Effects
+    gain_errors: tuple[float, ...]
     parts: tuple[_Part, ...]
     pulls: Array
     center: Array
@@ -109,10 +113,10 @@ class _Cost:
             uphill = np.linalg.solve(self._compute_slopes(z[active]), (left @ self.back)[..., None])
             step = -np.asarray(uphill[..., 0])
             step = step * np.minimum(1.0, FARTHEST / np.maximum(np.abs(step).max(axis=1, keepdims=True), FARTHEST))
-            error[active], z[active] = self._take_halved_step(
-                z[active], step, u[active], np.sqrt(np.sum(left**2, axis=1))
-            )
-            active = active[error[active] > CLOSE]
+            before = np.sqrt(np.sum(left**2, axis=1))
+            error[active], z[active] = self._take_halved_step(z[active], step, u[active], before)
+            helped = error[active] < before  # where no part of a step helps, the next one is the same
+            active = active[helped & (error[active] > CLOSE)]
             if not len(active):
                 break
         return z, error <= CLOSE
@@ -142,9 +146,9 @@ class _Cost:
 
     def _list_left(self, z: Array) -> list[Array]:
         """r (chains, parameters) of each part."""
-        plain = _compute_effects(self.space, z)
+        plain = self.effects.evaluate(z)
         return [
-            (_apply_gain(self.space, part.gain, self.center, z, plain) - part.level) @ part.data.T - pull
+            (self.effects.apply_gain(part.gain, self.center, z, plain) - part.level) @ part.data.T - pull
             for part, pull in zip(self.parts, self.pulls, strict=True)
         ]
 
@@ -157,25 +161,18 @@ class _Cost:
 
     def _compute_slopes(self, z: Array) -> Array:
         """Slopes 1 + sum R^T A dy/dz (chains, parameters, parameters); dy/dz has blocks, a diagonal, a gain."""
-        parameters = self.space.parameters
-        diagonal = np.array([_compute_scalar_slope(one, z[:, k]) for k, one in enumerate(parameters)]).T
-        blocks = [
-            (at, compute_mass_property_slopes(self.space.factors[name], errors * z[:, at]) * errors)
-            for name, at, errors in _list_mass_blocks(self.space)
-        ]
-        plain = _compute_effects(self.space, z)
-        out: Array = np.zeros(0)
-        for part in self.parts:
-            slope = part.mix * diagonal[:, None, :]
-            for at, block in blocks:
-                slope[:, :, at] = part.mix[:, at] @ block
+        slopes, blocks = self.effects.compute_slopes(z)
+        plain = self.effects.evaluate(z)
+        out = np.zeros((*z.shape, z.shape[1]))
+        for part, error in zip(self.parts, self.gain_errors, strict=True):
+            slope = part.mix * slopes[:, None, :]
+            for link, rows in enumerate(self.effects.rows):
+                slope[:, :, rows] = part.mix[:, rows] @ blocks[:, link]
             if part.gain is not None:
-                gained = _apply_gain(self.space, part.gain, self.center, z, plain)
+                gained = self.effects.apply_gain(part.gain, self.center, z, plain)
                 slope *= plain[:, part.gain, None, None]
-                slope[:, :, part.gain] = parameters[part.gain].error * (
-                    gained @ part.mix.T
-                )  # y is proportional to its gain
-            out = slope if not len(out) else np.add(out, slope, out=out)
+                slope[:, :, part.gain] = error * (gained @ part.mix.T)  # y is proportional to its gain
+            out += slope
         every = np.arange(z.shape[1])
         out[:, every, every] += 1.0
         return out
@@ -187,58 +184,84 @@ def _build_cost(space: ParameterSpace, fit: Fit) -> _Cost:
     half = np.asarray((vectors * np.sqrt(values)) @ vectors.T)
     back = np.asarray((vectors / np.sqrt(values)) @ vectors.T)
     whole: Mapping[Key | None, Array] = {None: (vectors * (1.0 / values - 1.0)) @ vectors.T}
-    parts = tuple(_build_part(space, fit.z, *one) for one in (fit.information or whole).items())
+    effects = _Effects.build_for(space)
+    parts = tuple(_build_part(space, effects, fit.z, *one) for one in (fit.information or whole).items())
+    errors = tuple(0.0 if part.gain is None else space.parameters[part.gain].error for part in parts)
     # sum R^T b = z^ where the logs tell anything; elsewhere z^ is 0 but for the end of the search.
     pull = np.linalg.lstsq(np.vstack([part.root for part in parts]).T, fit.z, rcond=1e-9)[0]
-    return _Cost(space, parts, np.asarray(pull).reshape(len(parts), -1), fit.z, half, back)
+    return _Cost(effects, errors, parts, np.asarray(pull).reshape(len(parts), -1), fit.z, half, back)
 
 
-def _build_part(space: ParameterSpace, center: Array, gain: Key | None, information: Array) -> _Part:
+def _build_part(space: ParameterSpace, effects: _Effects, center: Array, gain: Key | None, information: Array) -> _Part:
     values, vectors = np.linalg.eigh(information)
     root = np.sqrt(np.maximum(values, 0.0))[:, None] * vectors.T
     at = None if gain is None else [one.key for one in space.parameters].index(gain)
-    plain = _compute_effects(space, center)
-    level = _apply_gain(space, at, center, center, plain)
-    slope = np.diag([float(_compute_scalar_slope(one, center[k])) for k, one in enumerate(space.parameters)])
-    for name, rows, errors in _list_mass_blocks(space):
-        slope[np.ix_(rows, rows)] = compute_mass_property_slopes(space.factors[name], errors * center[rows]) * errors
+    plain = effects.evaluate(center[None])
+    level = effects.apply_gain(at, center, center[None], plain)[0]
+    slopes, blocks = effects.compute_slopes(center[None])
+    slope = np.diag(slopes[0])
+    for rows, block in zip(effects.rows, blocks[0], strict=True):
+        slope[np.ix_(rows, rows)] = block
     if at is not None:
-        slope *= plain[at]
+        slope *= plain[0, at]
         slope[:, at] = space.parameters[at].error * level
     data = np.linalg.solve(slope.T, root.T).T
     return _Part(at, level, data, root, root.T @ data)
 
 
-def _compute_effects(space: ParameterSpace, z: Array) -> Array:
-    """Effects y (..., parameters), in which readings are linear: values of what is positive, mass properties as m, h, I."""
-    effect = z.copy()
-    for k, one in enumerate(space.parameters):
-        if _is_linear(one):
-            effect[..., k] = one.known * np.exp(one.error * z[..., k])
-    for name, at, errors in _list_mass_blocks(space):
-        effect[..., at] = move_mass_properties(space.factors[name], errors * z[..., at])
-    return effect
+@dataclass(frozen=True)
+class _Effects:
+    """Effects y in which readings are linear, of coordinates z: mass properties, values of what is positive, and the rest.
 
+    masses : of the links whose mass properties are free; rows : (links, 10) their coordinates; errors : (links, 10) of the priors
+    values : numbers of the parameters with a value v = known e^(error z); known [unit of each], spread : known and error of these
+    others : numbers of the parameters that are linear in z
+    """
 
-def _apply_gain(space: ParameterSpace, gain: int | None, center: Array, z: Array, plain: Array) -> Array:
-    """Effects (..., parameters) times the gain of number ``gain``; of what is no value only what is beyond z^."""
-    if gain is None:
-        return plain
-    free = [k for k, one in enumerate(space.parameters) if one.kind != MASS and not _is_linear(one)]
-    out = plain.copy()
-    out[..., free] = z[..., free] - center[free]
-    out[..., gain] = 1.0
-    return np.asarray(out * plain[..., gain, None])
+    masses: MassPropertyMap
+    rows: NDArray[np.int64]
+    errors: Array
+    values: NDArray[np.int64]
+    known: Array
+    spread: Array
+    others: NDArray[np.int64]
 
+    @classmethod
+    def build_for(cls, space: ParameterSpace) -> _Effects:
+        """Return the effects of the free parameters."""
+        blocks = _list_mass_blocks(space)
+        factors = np.array([space.factors[name] for name, _, _ in blocks]).reshape(-1, 4, 4)
+        rows = np.array([at for _, at, _ in blocks], dtype=np.int64).reshape(-1, len(NAMES))
+        errors = np.array([error for _, _, error in blocks]).reshape(-1, len(NAMES))
+        values = [k for k, one in enumerate(space.parameters) if one.positive and not KINDS[one.kind].solved]
+        others = sorted({*range(len(space.parameters))} - {*rows.ravel().tolist(), *values})
+        known, spread = (np.array([getattr(space.parameters[k], name) for k in values]) for name in ("known", "error"))
+        numbers = (np.array(one, dtype=np.int64) for one in (values, others))
+        first, last = numbers
+        return cls(MassPropertyMap.build_for(factors), rows, errors, first, known, spread, last)
 
-def _compute_scalar_slope(one: Parameter, z: Array) -> Array:
-    """Slope of the effect of a parameter that is no mass property by its own z (...,)."""
-    return one.error * one.known * np.exp(one.error * z) if _is_linear(one) else np.ones_like(z)
+    def evaluate(self, z: Array) -> Array:
+        """Return y (samples, parameters) [unit of each] of z (samples, parameters) [-]."""
+        effect = z.copy()
+        effect[:, self.values] = self.known * np.exp(self.spread * z[:, self.values])
+        effect[:, self.rows] = self.masses.move(self.errors * z[:, self.rows])
+        return effect
 
+    def compute_slopes(self, z: Array) -> tuple[Array, Array]:
+        """Return the slopes of y by z: each by its own (samples, parameters), and of mass properties (samples, links, 10, 10)."""
+        own = np.ones_like(z)
+        own[:, self.values] = self.spread * self.known * np.exp(self.spread * z[:, self.values])
+        blocks = self.masses.compute_slopes(self.errors * z[:, self.rows]) * self.errors[:, None, :]
+        return own, blocks
 
-def _is_linear(one: Parameter) -> bool:
-    """Return true where readings are linear in the value of a parameter, which is no line in z."""
-    return one.positive and not KINDS[one.kind].solved
+    def apply_gain(self, gain: int | None, center: Array, z: Array, plain: Array) -> Array:
+        """Return effects (samples, parameters) times the gain of number ``gain``; of what is no value only what is beyond z^."""
+        if gain is None:
+            return plain
+        out = plain.copy()
+        out[:, self.others] = z[:, self.others] - center[self.others]
+        out[:, gain] = 1.0
+        return np.asarray(out * plain[:, gain, None])
 
 
 def _list_mass_blocks(space: ParameterSpace) -> list[tuple[str, list[int], Array]]:

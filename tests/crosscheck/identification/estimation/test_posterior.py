@@ -15,8 +15,9 @@ from crosscheck.identification.identify import Identification
 from crosscheck.identification.logs.log import Log
 from crosscheck.identification.parameters import Parameter, ParameterSpace
 from crosscheck.identification.pseudo_inertia import (
-    compute_mass_property_slopes,
+    MassPropertyMap,
     compute_pseudo_inertia,
+    compute_ten_parameters,
     compute_upper_factor,
     move_mass_properties,
 )
@@ -81,7 +82,28 @@ def test_slopes_of_mass_properties_are_difference_quotients() -> None:
         ],
         axis=-1,
     )
-    assert np.allclose(compute_mass_property_slopes(factor, x), quotient, atol=1e-8)  # rounding over the step
+    slopes = MassPropertyMap.build_for(factor[None]).compute_slopes(x[:, None])[:, 0]
+    assert np.allclose(slopes, quotient, atol=1e-8)  # rounding over the step
+
+
+def test_mass_properties_are_those_of_the_product_of_factors() -> None:
+    """P = (L U) (L U)^T entry by entry, of two links at once; 1e-14 is rounding."""
+    random = np.random.default_rng(1)
+    roots = random.normal(size=(2, 4, 4))
+    factors = np.array([compute_upper_factor(one @ one.T + np.eye(4)) for one in roots])
+    x = 0.3 * random.normal(size=(3, 2, 10))
+    moved = MassPropertyMap.build_for(factors).move(x)
+    for sample, link in np.ndindex(3, 2):
+        a, d1, d2, d3, s12, s23, s13, *t = x[sample, link]
+        rows = [
+            [np.exp(d1), s12, s13, t[0]],
+            [0.0, np.exp(d2), s23, t[1]],
+            [0.0, 0.0, np.exp(d3), t[2]],
+            [0.0, 0.0, 0.0, 1.0],
+        ]
+        half = factors[link] @ np.array(rows) * np.exp(a)
+        expected = compute_ten_parameters(half @ half.T)
+        assert np.abs(moved[sample, link] - expected).max() < 1e-14 * np.abs(expected).max()
 
 
 def sum_is_told(width: float) -> tuple[ParameterSpace, Fit, Array]:
