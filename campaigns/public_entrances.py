@@ -296,6 +296,19 @@ def verbs() -> Iterator[Entrance]:
     yield Entrance("linear_model", flexinv.linear_model, {
         "mechanism": thing, "q": place, "rates": rates, "free": optional("names", ["hub"]), "modes": count,
     }, 2.0)  # fmt: skip
+    shaping = {"kind": slot("choice", "ZVD"), "vibration": slot("number", 0.25)}
+    frequency = slot("numbers", [2.0, 5.0])
+    yield Entrance(
+        "make_shaper", flexinv.make_shaper, {**shaping, "frequency": frequency, "ratio": slot("number", 0.125)}
+    )
+    yield Entrance(
+        "InputShaper",
+        flexinv.InputShaper,
+        {"times": slot("numbers", [0.0, 0.5]), "parts": slot("numbers", [0.25, 0.75])},
+    )
+    yield Entrance("make_shaped_motion", flexinv.make_shaped_motion, {
+        "mechanism": thing, "motion": slot("thing", turn), "modes": slot("whole", 1), **shaping,
+    })  # fmt: skip
     up = flexinv.Path.line([0.3, 0.1, 0], [0.3, 0.15, 0], 0.2)
     yield Entrance("follow", flexinv.follow, {
         "mechanism": slot("thing", two), "path": slot("thing", up), "frame": slot("choice", "link2"),

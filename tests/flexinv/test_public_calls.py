@@ -17,7 +17,8 @@ from flexinv.errors import InputError
 SHARE, SEED = 250, 1
 # Names that are no calls of their own: results, which verbs make, and errors.
 RESULTS = {
-    "BaseParameters", "Batch", "Following", "LimitUse", "LinearModel", "Modes", "Regressor", "SteadyModes", "TorqueDerivatives",
+    "BaseParameters", "Batch", "Following", "LimitUse", "LinearModel", "Modes", "Regressor", "ResidualVibration",
+    "ShapedMotion", "SteadyModes", "TorqueDerivatives",
     "ConvergenceError", "FlexinvError", "InputError", "ModelWarning", "Case", "Load", "TorqueSummary", "__version__",
 }  # fmt: skip
 # A call of this compiles a library; its arguments have tests of their own (tests/flexinv/export).

@@ -46,6 +46,7 @@ WELL = 0.35  # part of the moves that is accepted where their size is right
 ROUNDS = 15  # of Newton's method, at most: where there is no z(u) the move is not made
 FARTHEST = 2.0  # widths of the priors that one step goes at most
 HALVINGS = 8  # of a step, at most
+SHORTER = 0.25  # by so much of the part that is taken the next step has to be shorter; a quarter is Deuflhard's
 CLOSE = 1e-6  # error of u at which z is found
 OWN = 3.0  # information in widths of the prior by which one that is known but for this is narrowed to half: 1 / (1 + 3)^0.5
 LEAST = 1e-6  # part of the prior's variance that logs take away: below, what they say is rounding
@@ -104,38 +105,43 @@ class _Cost:
 
     @np.errstate(over="ignore", invalid="ignore")  # a step that goes too far ends at no number, and is halved
     def solve(self, u: Array, start: Array) -> tuple[Array, NDArray[np.bool_]]:
-        """Return z(u) (chains, parameters) [-] by Newton's method from a start, and where it is found (chains,)."""
+        """Return z(u) (chains, parameters) [-] by Newton's method from a start, and where it is found (chains,).
+
+        A step is halved until the next one, with the slopes of this one, would be smaller.  The error in u itself grows at every
+        step along the curved sets that the logs leave, and is no measure of a way (P. Deuflhard, "Newton Methods for Nonlinear
+        Problems", Springer 2004, 3.2).
+        """
         z = start.copy()
         error = np.full(len(z), np.inf)
         active = np.arange(len(z))
         for _ in range(ROUNDS):
             left = self._map(z[active]) - u[active]
-            uphill = np.linalg.solve(self._compute_slopes(z[active]), (left @ self.back)[..., None])
-            step = -np.asarray(uphill[..., 0])
-            step = step * np.minimum(1.0, FARTHEST / np.maximum(np.abs(step).max(axis=1, keepdims=True), FARTHEST))
-            before = np.sqrt(np.sum(left**2, axis=1))
-            error[active], z[active] = self._take_halved_step(z[active], step, u[active], before)
-            helped = error[active] < before  # where no part of a step helps, the next one is the same
+            inverse = np.linalg.inv(self._compute_slopes(z[active]))
+            step = -_apply_each(inverse, left @ self.back)
+            helped, z[active] = self._take_halved_step(z[active], step, u[active], inverse)
+            error[active] = np.where(helped, np.sqrt(np.sum((self._map(z[active]) - u[active]) ** 2, axis=1)), np.inf)
             active = active[helped & (error[active] > CLOSE)]
             if not len(active):
                 break
         return z, error <= CLOSE
 
-    def _take_halved_step(self, z: Array, step: Array, u: Array, before: Array) -> tuple[Array, Array]:
-        """The error after a step (chains, parameters) that is halved until it helps, and the z there."""
-        best = before.copy()
+    def _take_halved_step(self, z: Array, step: Array, u: Array, inverse: Array) -> tuple[NDArray[np.bool_], Array]:
+        """Whether a step (chains, parameters), halved, leads to where the next one is smaller, and the z there."""
+        length = np.linalg.norm(step, axis=1)
+        taken = step * np.minimum(1.0, FARTHEST / np.maximum(np.abs(step).max(axis=1, keepdims=True), FARTHEST))
         out = z.copy()
         open_ = np.arange(len(z))
         for k in range(HALVINGS):
-            tried = z[open_] + 0.5**k * step[open_]
-            error = np.sqrt(np.sum((self._map(tried) - u[open_]) ** 2, axis=1))
-            helped = error < before[open_]  # nan is no help
-            best[open_[helped]] = error[helped]
+            part = 0.5**k
+            tried = z[open_] + part * taken[open_]
+            following = _apply_each(inverse[open_], (self._map(tried) - u[open_]) @ self.back)
+            helped = np.linalg.norm(following, axis=1) < (1.0 - SHORTER * part) * length[open_]  # nan is no help
             out[open_[helped]] = tried[helped]
             open_ = open_[~helped]
             if not len(open_):
                 break
-        return best, out
+        left_out = np.isin(np.arange(len(z)), open_)
+        return ~left_out, out
 
     def compute_weight(self, z: Array, u: Array) -> Array:
         """Return log w (chains,) [-], but for a constant."""
@@ -176,6 +182,11 @@ class _Cost:
         every = np.arange(z.shape[1])
         out[:, every, every] += 1.0
         return out
+
+
+def _apply_each(matrices: Array, vectors: Array) -> Array:
+    """The product of each matrix (samples, n, n) with its vector (samples, n)."""
+    return np.asarray((matrices @ vectors[..., None])[..., 0])
 
 
 def _build_cost(space: ParameterSpace, fit: Fit) -> _Cost:
