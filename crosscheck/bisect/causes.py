@@ -1,0 +1,66 @@
+"""Causes of a change in a case of ours: what the certificate of the model and the cause of a deviation say of both releases."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+from crosscheck.bisect.answer import ChangeReport
+from crosscheck.bisect.bisection import Bisection
+from crosscheck.bisect.cases import TIME
+from crosscheck.bisect.observations import Observation
+from crosscheck.engines import ENGINES
+from crosscheck.engines.job_files import CaseRequest
+from crosscheck.measures.limits import REFERENCE
+from crosscheck.measures.record import Record, save, torque_series
+from crosscheck.run.isolation import ChildProcesses, ask, open_scratch_folder, run_engine
+from crosscheck.verdicts.plan import Task
+
+LONGEST_DIAGNOSIS = 900.0  # [s]
+
+
+def describe_case_change(task: Task, engine: str, bisection: Bisection, change: ChangeReport) -> str:
+    """Return what the causes say of the release that is farther from flexinv, "" where both are as far."""
+    sides = {}
+    for release in (change.before, change.after):
+        trial = bisection.trials.trials[release]
+        sides[release] = trial.observations[0]
+    with open_scratch_folder() as place:
+        request: CaseRequest = {"mechanism": str(task.folder.resolve()), "case": task.case.name, "options": {}}
+        reference = run_engine(ENGINES[REFERENCE], request, task.time, LONGEST_DIAGNOSIS, ChildProcesses()).record
+        if reference.status != "ok":
+            return ""
+        save(reference, place / "reference")
+        told = []
+        for release, observation in sides.items():
+            words = _ask_cause(task, engine, release, observation, reference, place)
+            told.append(f"{engine} {release} beside {REFERENCE}: {words}")
+    return "\n".join(told)
+
+
+def _ask_cause(task: Task, engine: str, release: str, observation: Observation, reference: Record, place: Path) -> str:
+    """Return the diagnosis of the efforts of one release, in words."""
+    columns = [k for k, name in enumerate(observation.names) if name != TIME]
+    effort = observation.table[:, columns]  # (sample, coordinate)
+    if effort.shape != (len(reference.time), len(task.mechanism.velocity_names)):
+        return "its efforts have another form than those of the case"
+    record = replace(
+        reference,
+        engine=engine,
+        version=release,
+        series=torque_series(task.mechanism, effort),
+        certificate={},
+        budget={},
+    )
+    stem = place / "release"
+    save(record, stem)
+    options = {
+        "folder": str(task.folder.resolve()),
+        "case": task.case.name,
+        "engine": engine,
+        "ours": str(stem),
+        "theirs": str(place / "reference"),
+    }
+    job = {"kind": "study", "module": "crosscheck.causes.diagnosis", "function": "diagnose", "options": options}
+    answer, ending = ask(job, LONGEST_DIAGNOSIS, ChildProcesses())
+    return str(answer["words"]) if isinstance(answer, dict) else f"not diagnosed: {ending.message}"
