@@ -32,20 +32,35 @@ class Known:
     code: int = FOUND
 
 
+MUJOCO = ("--package", "mujoco", "3.3.7..4.0.0")
+NUMBER = ("--number", "height")
+
 KNOWN = (
-    Known("mujoco#2982, a fused link", ("--package", "mujoco", "3.3.7..4.0.0", "--", "fuse_static.py"), (("3.11.0", "3.12.0"),)),
-    Known("mujoco#3559, a turned tensor", ("--package", "mujoco", "3.3.7..4.0.0", "--", "urdf_inertia.py"), (("3.16.0", "3.17.0"),)),
+    Known("mujoco#2982, a fused link", (*MUJOCO, "--", "fuse_static.py"), (("3.10.0", "3.11.0"),)),
     Known(
-        "`<composite>`",
-        ("--package", "mujoco", "3.3.7..4.0.0", "--", "cable.py"),
-        says="cannot run from 4.0.0 on",
+        "the same by its distance, every change",
+        (*MUJOCO, "--number", "distance", "--absolute", "1e-12", "--all", "--", "fuse_static.py"),
+        (("3.5.0", "3.6.0"), ("3.10.0", "3.11.0")),
     ),
+    Known("mujoco#3559, a turned tensor", (*MUJOCO, "--", "urdf_inertia.py"), (("3.13.0", "3.14.0"),)),
+    Known("`<composite>`", (*MUJOCO, *NUMBER, "--", "cable.py"), says="cannot run from 4.0.0 on"),
     Known(
         "integrator `discrete`",
-        ("--package", "mujoco", "3.3.7..4.0.0", "--", "discrete.py"),
+        (*MUJOCO, "--number", "angle", "--", "discrete.py"),
         says="cannot run up to 3.12.0 (3.13.0 is the first that runs)",
     ),
-    Known("a script without a seed", ("--package", "mujoco", "3.3.7..4.0.0", "--number", "height", "--", "flaky.py"), says="scatters by", code=REFUSED),
+    Known("a script without a seed", (*MUJOCO, *NUMBER, "--", "flaky.py"), says="scatters by", code=REFUSED),
+    Known(
+        "click, a pure Python package",
+        ("--package", "click", "8.0.0..", "--number", "exit", "--", "no_arguments.py"),
+        (("8.1.8", "8.2.0"),),
+    ),
+    Known("pin, a rotor's inertia", ("--package", "pin", "..", "--number", "torque", "--", "armature.py")),
+    Known("MjSpec, with holes", ("--package", "mujoco", "..", "--number", "mass", "--", "spec.py")),
+    Known(
+        "a fall upon a box, twenty releases",
+        ("--package", "mujoco", "3.3.4..4.0.0", *NUMBER, "--tolerance", "1e-3", "--", "fall.py"),
+    ),
 )  # fmt: skip
 
 

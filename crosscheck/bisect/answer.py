@@ -8,7 +8,7 @@ from dataclasses import asdict, dataclass, field
 from crosscheck.bisect.bisection import Bisection, describe_holes
 from crosscheck.bisect.criteria import BAD, GOOD
 from crosscheck.bisect.defaults import list_differences, read_defaults
-from crosscheck.bisect.dependencies import try_dependencies
+from crosscheck.bisect.dependencies import judge_dependencies
 from crosscheck.bisect.environments import EnvironmentStore
 from crosscheck.bisect.search import Change, Search, count_halvings
 
@@ -49,7 +49,7 @@ class ReleaseRow:
 
 @dataclass(frozen=True)
 class Costs:
-    """What a search took: releases of the range, environments, the bound on them, processor time [s], disk [GB].
+    """Costs of a search: releases of the range, environments, the bound on them, processor time [s], disk [GB].
 
     made, reused : environments that were made and taken in this run
     """
@@ -99,7 +99,7 @@ def make_answer(bisection: Bisection, search: Search, question: str, processor: 
 
 
 def count_costs(bisection: Bisection, search: Search, processor: float) -> Costs:
-    """Return what a search took; processor : [s].
+    """Return the costs of a search; processor : [s].
 
     bound : ceil(log2 N) + 2 for one change, holes met added, ceil(log2 N) more for each further change [-]
     """
@@ -110,23 +110,23 @@ def count_costs(bisection: Bisection, search: Search, processor: float) -> Costs
     environments = sum(bool(trials.trials[name].pins) for name in needed)
     holes = sum(bool(trials.trials[str(bisection.releases[element])].pins) for element in search.holes)
     bound = max(len(search.changes), 1) * count_halvings(count) + 2 + holes
-    disk = store.measure() / 1e9
+    disk = store.compute_size() / 1e9
     return Costs(count, environments, bound, store.made, store.reused, processor, disk)
 
 
 def describe_change(bisection: Bisection, search: Search, change: Change) -> ChangeReport:
-    """Return what is known of a change; where other packages differ as well, one more environment tells them apart."""
+    """Return the report of a change; where other packages differ as well, one more environment tells them apart."""
     before = bisection.releases[change.before]
     after = bisection.releases[change.after]
-    others = try_dependencies(bisection, change)
+    others = judge_dependencies(bisection, change)
     criterion = bisection.criterion
     return ChangeReport(
         before=str(before),
         after=str(after),
         old_label=str(search.labels[change.before]),
         new_label=str(search.labels[change.after]),
-        old_value=criterion.describe_value(bisection.observe(change.before)),
-        new_value=criterion.describe_value(bisection.observe(change.after)),
+        old_value=criterion.describe_value(bisection.find_observation(change.before)),
+        new_value=criterion.describe_value(bisection.find_observation(change.after)),
         holes=tuple(describe_holes(change, bisection.releases)),
         packages=others.differences,
         origin=others.words,
@@ -135,7 +135,7 @@ def describe_change(bisection: Bisection, search: Search, change: Change) -> Cha
 
 
 def _compare_defaults(bisection: Bisection, change: Change) -> list[tuple[str, str, str]] | None:
-    """Return which default options are others, None where the engine cannot be asked for them."""
+    """Return the default options that are others, None where the engine cannot be asked for them."""
     trials = bisection.trials
     told = []
     for element in (change.before, change.after):
@@ -146,10 +146,12 @@ def _compare_defaults(bisection: Bisection, change: Change) -> list[tuple[str, s
 
 
 def _make_row(bisection: Bisection, search: Search, element: int) -> ReleaseRow:
-    observation = bisection.observe(element)
+    observation = bisection.find_observation(element)
     label = search.labels[element]
     value = bisection.criterion.describe_value(observation)
-    return ReleaseRow(str(bisection.releases[element]), str(label or "cannot run"), value, observation.wall)
+    return ReleaseRow(
+        str(bisection.releases[element]), bisection.criterion.describe_label(label), value, observation.wall
+    )
 
 
 def _describe_result(package: str, change: ChangeReport) -> str:
@@ -171,13 +173,13 @@ def _describe_borders(bisection: Bisection, search: Search, package: str) -> lis
     releases = bisection.releases
     words = []
     if search.stops is not None:
-        reason = bisection.observe(search.stops.after).reason
+        reason = bisection.find_observation(search.stops.after).reason
         last = releases[search.stops.before]
         words.append(
             f"{package}: cannot run from {releases[search.stops.after]} on ({last} is the last that runs): {reason}"
         )
     if search.begins is not None:
-        reason = bisection.observe(search.begins.before).reason
+        reason = bisection.find_observation(search.begins.before).reason
         first = releases[search.begins.after]
         words.append(
             f"{package}: cannot run up to {releases[search.begins.before]} ({first} is the first that runs): {reason}"
@@ -190,7 +192,7 @@ def _describe_alike(bisection: Bisection, search: Search) -> str:
     assert search.ends is not None
     first, last = (bisection.releases[element] for element in search.ends)
     label = search.labels[search.ends[0]]
-    value = bisection.criterion.describe_value(bisection.observe(search.ends[1]))
+    value = bisection.criterion.describe_value(bisection.find_observation(search.ends[1]))
     alike = f"both {label}" if label in (GOOD, BAD) else "alike"
     if bisection.plan.each:
         return (
@@ -200,7 +202,7 @@ def _describe_alike(bisection: Bisection, search: Search) -> str:
 
 
 def _list_notes(bisection: Bisection, search: Search) -> list[str]:
-    """Return what a reader should know beside the answer."""
+    """Return the notes that a reader should have beside the answer."""
     notes = []
     if search.ends is not None:
         first, last = (search.labels[element] for element in search.ends)

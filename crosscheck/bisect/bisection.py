@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from crosscheck.bisect.criteria import Criterion, measure_scatter
+from crosscheck.bisect.criteria import Criterion, compute_scatter
 from crosscheck.bisect.observations import Observation
 from crosscheck.bisect.releases import Release
 from crosscheck.bisect.search import Change, Search, find_changes, list_all_changes
@@ -22,7 +22,7 @@ class NotRepeatable(InputError):
 
 @dataclass(frozen=True)
 class Plan:
-    """How is searched: every change or the first; each release or those that are needed; runs of what has to be sure."""
+    """Ways of a search: every change or the first; each release or those that are needed; runs of what has to be sure."""
 
     every: bool = False
     each: bool = False
@@ -53,9 +53,9 @@ class Bisection:
             self._check_side(change.after)
         return search
 
-    def observe(self, element: int) -> Observation:
+    def find_observation(self, element: int) -> Observation:
         """Return the first run of a release."""
-        return self.trials.observe_release(self.releases[element], 1)[0]
+        return self.trials.run_release(self.releases[element], 1)[0]
 
     def _find_label(self, element: int) -> str | None:
         """Return the label of a release, by its place in the range; the ends are run several times."""
@@ -63,16 +63,16 @@ class Bisection:
         if is_end:
             self._check_side(element)
         release = self.releases[element]
-        label = self.criterion.find_label(str(release), self.observe(element))
-        self.trials.notify(
-            str(release), f"= {label or 'cannot run'}: {self.criterion.describe_value(self.observe(element))}"
-        )
+        label = self.criterion.find_label(str(release), self.find_observation(element))
+        value = self.criterion.describe_value(self.find_observation(element))
+        told = value if label is None else f"{self.criterion.describe_label(label)}: {value}"
+        self.trials.notify(str(release), f"= {told}")
         return label
 
     def _check_side(self, element: int) -> None:
         """Run a release several times.  Raises NotRepeatable where it has several labels, or scatters too much."""
         release = self.releases[element]
-        observations = self.trials.observe_release(release, self.plan.repeats)
+        observations = self.trials.run_release(release, self.plan.repeats)
         reasons = {bool(one.reason) for one in observations}
         if len(reasons) > 1:
             failed = next(one.reason for one in observations if one.reason)
@@ -97,7 +97,7 @@ class Bisection:
                     "print no times and no addresses, or compare with --number or --csv and a --tolerance"
                 )
             return
-        scatter = measure_scatter(criterion, observations)
+        scatter = compute_scatter(criterion, observations)
         if scatter > criterion.tolerance:
             values = _describe_values(observations)
             raise NotRepeatable(
@@ -107,8 +107,9 @@ class Bisection:
 
     def _describe_dead_ends(self) -> str:
         """Return the message where neither end of the range can run."""
-        first, last = self.releases[0], self.releases[-1]
-        reasons = [self.observe(0).reason, self.observe(len(self.releases) - 1).reason]
+        first = self.releases[0]
+        last = self.releases[-1]
+        reasons = [self.find_observation(0).reason, self.find_observation(len(self.releases) - 1).reason]
         return (
             f"neither {first} nor {last} can run it: write a range with an end that can ({first}: {reasons[0]}; "
             f"{last}: {reasons[1]}); files beside the script are copied by --with, packages beside by --beside"

@@ -56,7 +56,7 @@ def write_case_script(task: Task, engine: Engine, folder: Path, timeout: float) 
 
 
 def make_case_reading() -> Reading:
-    """Return what is read of a case: the efforts that it has computed."""
+    """Return the reading of a case: the efforts that it has computed."""
     return Reading(table=COMPUTED)
 
 

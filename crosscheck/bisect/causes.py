@@ -20,7 +20,7 @@ LONGEST_DIAGNOSIS = 900.0  # [s]
 
 
 def describe_case_change(task: Task, engine: str, bisection: Bisection, change: ChangeReport) -> str:
-    """Return what the causes say of the release that is farther from flexinv, "" where both are as far."""
+    """Return the words of the causes about both releases, each beside flexinv."""
     sides = {}
     for release in (change.before, change.after):
         trial = bisection.trials.trials[release]
@@ -40,10 +40,10 @@ def describe_case_change(task: Task, engine: str, bisection: Bisection, change: 
 
 def _ask_cause(task: Task, engine: str, release: str, observation: Observation, reference: Record, place: Path) -> str:
     """Return the diagnosis of the efforts of one release, in words."""
-    columns = [k for k, name in enumerate(observation.names) if name != TIME]
-    effort = observation.table[:, columns]  # (sample, coordinate)
-    if effort.shape != (len(reference.time), len(task.mechanism.velocity_names)):
-        return "its efforts have another form than those of the case"
+    names = task.mechanism.velocity_names
+    if {*observation.names} != {TIME, *names} or len(observation.table) != len(reference.time):
+        return "its efforts stand in coordinates of its own, which the causes do not read"
+    effort = observation.table[:, [observation.names.index(name) for name in names]]  # (sample, coordinate)
     record = replace(
         reference,
         engine=engine,

@@ -2,7 +2,7 @@
 
 exit        good with exit code 0, bad with any other
 bounds      good where the number, or every value of the table, lies within them
-same        like the first release that was asked for, or like another one: within a tolerance of its value, and of its scatter
+same        like the first release that was asked for, or like another one: within a tolerance of its value
 changed     like it to the last byte that is printed and written
 verdict     good where the table is within the tolerance of one that is expected
 """
@@ -24,7 +24,6 @@ GOOD = "good"
 BAD = "bad"
 # Of its scale: rounding of a compiler or a library is smaller, unless the motion makes it grow.
 TOLERANCE = 1e-6
-SCATTER = 3.0  # times the scatter that repeated runs have: what lies inside says nothing
 SMALLEST_SCALE = 1e-12  # of the largest column: a smaller one holds rounding
 
 
@@ -33,16 +32,17 @@ class Criterion:
     """A criterion with the values that it has met.
 
     bounds : lowest and highest value that are good; tolerance : of the scale of the first release's values [-]
-    columns : of the table that are compared, all without any; scatter : of repeated runs, of the scale [-]
+    absolute : difference that never counts [any unit]
+    columns : of the table that are compared, all without any
     references : name and observation of the first release of each label; expected : the table that a verdict holds others against
     """
 
     kind: Kind
     bounds: tuple[float, float] = (-np.inf, np.inf)
     tolerance: float = TOLERANCE
+    absolute: float = 0.0
     columns: tuple[str, ...] = ()
     one_scale: bool = False
-    scatter: float = 0.0
     references: list[tuple[str, Observation]] = field(default_factory=list)
     expected: Observation | None = None
 
@@ -66,17 +66,17 @@ class Criterion:
         """Return True if an observation is like a reference."""
         if self.kind == "changed":
             return one.digest == reference.digest
-        return self.compute_distance(one, reference) <= max(self.tolerance, SCATTER * self.scatter)
+        return self.compute_distance(one, reference) <= self.tolerance
 
     def compute_distance(self, one: Observation, reference: Observation) -> float:
         """Return the largest difference over the scale of the reference [-]; infinite where the tables have other forms."""
         if reference.number is not None:
-            return _compute_number_distance(one.number, reference.number)
+            return _compute_number_distance(one.number, reference.number, self.absolute)
         names = list(self.columns or reference.names)
         if one.names != reference.names or one.table.shape != reference.table.shape:
             return float("inf")
         chosen = [reference.names.index(name) for name in names]
-        return compute_table_distance(one.table[:, chosen], reference.table[:, chosen], self.one_scale)
+        return compute_table_distance(one.table[:, chosen], reference.table[:, chosen], self.one_scale, self.absolute)
 
     def _is_within_bounds(self, observation: Observation) -> bool:
         """Return True if the number, or every value of the chosen columns, lies within the bounds."""
@@ -88,8 +88,14 @@ class Criterion:
             values = observation.table[:, chosen]
         return bool(((values >= low) & (values <= high)).all())
 
+    def describe_label(self, label: str | None) -> str:
+        """Return a label in words: a release is the first of those that are like it."""
+        if label is None:
+            return "cannot run"
+        return label if label in (GOOD, BAD) else f"as {label}"
+
     def describe_value(self, observation: Observation) -> str:
-        """Return what an observation shows, in a word or two."""
+        """Return the value of an observation, in a word or two."""
         if observation.reason:
             return f"cannot run: {observation.reason}"
         if observation.number is not None:
@@ -106,28 +112,28 @@ class Criterion:
                 if np.isfinite(distance)
                 else f"another table than {name}"
             )
-        return f"exit code {observation.code}"
+        return observation.last_line if observation.code and observation.last_line else f"exit code {observation.code}"
 
 
-def _compute_number_distance(one: float | None, reference: float) -> float:
+def _compute_number_distance(one: float | None, reference: float, absolute: float) -> float:
     """Return the difference of two numbers over the size of the reference [-]; two that are no numbers are alike."""
     if one is None:
         return float("inf")
-    if one == reference or (np.isnan(one) and np.isnan(reference)):
+    if one == reference or abs(one - reference) <= absolute or (np.isnan(one) and np.isnan(reference)):
         return 0.0
     scale = abs(reference) or abs(one)
     distance = abs(one - reference) / scale
     return float(distance) if np.isfinite(distance) else float("inf")
 
 
-def compute_table_distance(one: Array, reference: Array, one_scale: bool = False) -> float:
+def compute_table_distance(one: Array, reference: Array, one_scale: bool = False, absolute: float = 0.0) -> float:
     """Return the largest difference of two tables (rows, columns) over the range of its column of the reference [-].
 
-    one_scale : all columns have one unit, and the largest range counts for each
+    one_scale : all columns have one unit, and the largest range counts for each; absolute : what never counts [any unit]
     """
     with np.errstate(invalid="ignore"):
         difference = np.abs(one - reference)
-    alike = (one == reference) | (np.isnan(one) & np.isnan(reference))
+    alike = (one == reference) | (difference <= absolute) | (np.isnan(one) & np.isnan(reference))
     difference[alike] = 0.0
     difference[np.isnan(difference)] = np.inf
     finite = np.where(np.isfinite(reference), reference, 0.0)
@@ -139,7 +145,7 @@ def compute_table_distance(one: Array, reference: Array, one_scale: bool = False
     return float(shares.max(initial=0.0))
 
 
-def measure_scatter(criterion: Criterion, observations: Sequence[Observation]) -> float:
+def compute_scatter(criterion: Criterion, observations: Sequence[Observation]) -> float:
     """Return the largest distance of repeated runs from the first of them [-]."""
     first, *others = observations
     return max((criterion.compute_distance(one, first) for one in others), default=0.0)

@@ -32,6 +32,6 @@ def read_defaults(package: str, environment: Environment) -> dict[str, str] | No
 
 
 def list_differences(before: dict[str, str], after: dict[str, str]) -> list[tuple[str, str, str]]:
-    """Return what is another: name, old and new value; "" for what one of them does not have."""
+    """Return name, old and new value of all that differs; "" for what one of them does not have."""
     names = sorted({*before, *after})
     return [(n, before.get(n, ""), after.get(n, "")) for n in names if before.get(n, "") != after.get(n, "")]

@@ -14,14 +14,14 @@ from crosscheck.bisect.search import Change
 
 @dataclass(frozen=True)
 class DependencyTrial:
-    """What beside the package is another, and the words of the trial with the new release beside the old of these."""
+    """Packages beside that differ, and the words of the trial with the new release beside the old of these."""
 
     differences: list[tuple[str, str, str]]
     words: str
 
 
-def try_dependencies(bisection: Bisection, change: Change) -> DependencyTrial:
-    """Return what else differs between both sides of a change; where something does, the new release is run beside the old.
+def judge_dependencies(bisection: Bisection, change: Change) -> DependencyTrial:
+    """Return the packages beside that differ between both sides; where some do, the new release is run beside the old ones.
 
     That needs one more environment: ``after``, with the other packages held at what they are in that of ``before``.
     """
@@ -32,9 +32,10 @@ def try_dependencies(bisection: Bisection, change: Change) -> DependencyTrial:
     old = _read_others(trials.trials[str(before)].pins, package)
     new = _read_others(trials.trials[str(after)].pins, package)
     differences = list_differences(old, new)
-    if not differences:
-        return DependencyTrial([], "")
-    names = ", ".join(name for name, _, _ in differences)
+    others = [name for name, one, other in differences if one and other]
+    if not others:
+        return DependencyTrial(differences, "")
+    names = ", ".join(others)
     held = tuple(f"{name}=={version}" for name, version in old.items() if name in new)
     try:
         with trials.store.open_environment(trials.make_wish(after, held)) as environment:
@@ -46,7 +47,7 @@ def try_dependencies(bisection: Bisection, change: Change) -> DependencyTrial:
     label = bisection.criterion.find_label(f"{after} beside the old {names}", observation)
     value = bisection.criterion.describe_value(observation)
     sides = {
-        element: bisection.criterion.find_label("", bisection.observe(element))
+        element: bisection.criterion.find_label("", bisection.find_observation(element))
         for element in (change.before, change.after)
     }
     if label is None:

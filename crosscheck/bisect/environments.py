@@ -30,7 +30,7 @@ WHOLE = "made.json"
 
 @dataclass(frozen=True)
 class EnvironmentWish:
-    """What an environment shall have: a Python, requirements such as mujoco==3.3.7, and constraints on what they bring."""
+    """Contents that an environment shall have: a Python, requirements such as mujoco==3.3.7, constraints on what they bring."""
 
     python: Python
     requirements: tuple[str, ...]
@@ -112,8 +112,8 @@ class EnvironmentStore:
             python = self.installer.build_environment(wish.python.executable, folder / "venv")
             pins = self.installer.resolve_pins(python, wish.requirements, wish.constraints)
             (folder / "pins.txt").write_text(pins, encoding="utf-8")
-            self.installer.install_pins(python, folder / "pins.txt")
-            data = {"python": python, "size": measure_folder(folder), "requirements": list(wish.requirements)}
+            self.installer.fill_environment(python, folder / "pins.txt")
+            data = {"python": python, "size": compute_folder_size(folder), "requirements": list(wish.requirements)}
             owned.replace(folder / WHOLE, json.dumps(data))
         except OSError as error:
             owned.remove_tree(folder)
@@ -135,7 +135,7 @@ class EnvironmentStore:
             )
 
     def list_environments(self) -> list[tuple[float, float, Path]]:
-        """Return when each was used last [s], what it takes [bytes] and its folder, the oldest first."""
+        """Return the time of the last use [s], the room [bytes] and the folder of each, the oldest first."""
         found = []
         for file in self.folder.glob(f"*/{WHOLE}"):
             with contextlib.suppress(OSError, ValueError, LookupError):
@@ -156,8 +156,8 @@ class EnvironmentStore:
                 self.removed.append(folder.name)
                 total -= size
 
-    def measure(self) -> float:
-        """Return what all environments take [bytes]."""
+    def compute_size(self) -> float:
+        """Return the room that all environments take [bytes]."""
         return sum(size for _, size, _ in self.list_environments())
 
 
@@ -169,8 +169,8 @@ def find_store_folder() -> Path:
     return (Path(base) if base else Path.home() / ".cache") / "crosscheck" / "environments"
 
 
-def measure_folder(folder: Path) -> int:
-    """Return what a folder takes on the disk [bytes]; of a file with several names (uv links to its cache) its share."""
+def compute_folder_size(folder: Path) -> int:
+    """Return the room that a folder takes on the disk [bytes]; of a file with several names (uv links to its cache) its share."""
     total = 0.0
     for top, _, names in os.walk(folder):
         for name in names:

@@ -53,7 +53,7 @@ class CannotInstall(Exception):
 
 @dataclass(frozen=True)
 class Index:
-    """Where releases come from: addresses and folders that the user states; without any what pip is configured for."""
+    """Source of releases: addresses and folders that the user states; without any those that pip is configured for."""
 
     url: str = ""
     extra: tuple[str, ...] = ()
@@ -110,7 +110,8 @@ def run_pip(python: str, words: Sequence[str], index: Index) -> ProgramAnswer:
         raise InstallerError("pip is not installed beside crosscheck: write python -m ensurepip")
     verb, *rest = words
     verbs = [verb, rest.pop(0)] if verb == "index" else [verb]
-    command = [sys.executable, "-m", "pip", "--python", python, *verbs, *index.options, *rest]
+    other = ["--python", python] if python != sys.executable else []
+    command = [sys.executable, "-m", "pip", *other, *verbs, *index.options, *rest]
     return run_program(command, make_installer_environment())
 
 
@@ -169,7 +170,7 @@ class Installer:
                 return self._resolve_by_uv(python, requirements, limits)
             return self._resolve_by_pip(python, requirements, limits)
 
-    def install_pins(self, python: str, pins: Path) -> None:
+    def fill_environment(self, python: str, pins: Path) -> None:
         """Install the files of the pins, and nothing else.  Raises CannotInstall, InstallerError."""
         if self.uv:
             command = [
@@ -261,7 +262,10 @@ def make_uv_settings(index: Index) -> dict[str, str]:
     Variables, since an address may hold a password, and a command line can be read by others.
     """
     if index.options:
-        url, extra, links, certificate = index.url, " ".join(index.extra), " ".join(index.links), ""
+        url = index.url
+        extra = " ".join(index.extra)
+        links = " ".join(index.links)
+        certificate = ""
     else:
         settings = read_pip_settings()
         url, extra, links, certificate = (
@@ -278,7 +282,7 @@ def make_uv_settings(index: Index) -> dict[str, str]:
 
 
 def read_pip_settings() -> dict[str, str]:
-    """Return what pip is configured with, by key; of a key that is stated twice the environment's, then the file's value."""
+    """Return the settings of pip by key; of a key that is stated twice that of the environment."""
     answer = run_program([sys.executable, "-m", "pip", "config", "list"], make_installer_environment())
     settings: dict[str, str] = {}
     for line in answer.out.splitlines():

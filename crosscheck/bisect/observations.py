@@ -18,11 +18,12 @@ from flexinv.typing import Array
 NUMBER = r"[-+]?(?:\d+\.?\d*(?:[eE][-+]?\d+)?|\.\d+(?:[eE][-+]?\d+)?|nan|inf)"
 LAST = "last"  # word of --number for the last number that is printed
 LARGEST_TABLE = 1 << 26  # [bytes]
+LONGEST_LINE = 200  # [characters] of what a script printed that an answer repeats
 
 
 @dataclass(frozen=True)
 class Reading:
-    """What of a script is read: a number behind a word that it prints, or a CSV that it writes; neither: its exit code."""
+    """Reading of a script: a number behind a word that it prints, or a CSV that it writes; neither: its exit code."""
 
     number: str = ""
     table: str = ""
@@ -60,6 +61,12 @@ class Observation:
     processor: float
 
     @property
+    def last_line(self) -> str:
+        """The last line that was printed, to where errors are, else to where output is."""
+        lines = [line.strip() for line in self.printed.splitlines() if line.strip()]
+        return lines[-1][:LONGEST_LINE] if lines else ""
+
+    @property
     def plain(self) -> ObservationEntry:
         """Return the observation as JSON values."""
         return {
@@ -87,7 +94,7 @@ def make_failed_observation(reason: str) -> Observation:
 
 
 def read_observation(end: ScriptEnd, folder: Path, reading: Reading) -> Observation:
-    """Return what a script gave; a number or a table that was asked for and is not there says that it cannot run."""
+    """Return the observation of a script; a number or a table that was asked for and is not there says that it cannot run."""
     reason = end.reason
     number = None
     names: tuple[str, ...] = ()
@@ -109,9 +116,11 @@ def read_observation(end: ScriptEnd, folder: Path, reading: Reading) -> Observat
 
 
 def _describe_missing(words: str, end: ScriptEnd) -> str:
-    """Return why a script gave nothing to read, with its exit code and last line where it failed."""
+    """Return the reason why a script gave nothing to read, with its exit code and last line where it failed."""
     lines = [line.strip() for line in end.errors.splitlines() if line.strip()]
-    return words if end.code == 0 else f"{words}; exit code {end.code}{f': {lines[-1][:200]}' if lines else ''}"
+    return (
+        words if end.code == 0 else f"{words}; exit code {end.code}{f': {lines[-1][:LONGEST_LINE]}' if lines else ''}"
+    )
 
 
 def find_number(printed: str, word: str) -> float | None:

@@ -31,7 +31,7 @@ class Python:
 
 
 def find_pythons(wanted: Iterable[str]) -> list[Python]:
-    """Return Pythons by versions (3.12) or paths; without any that which runs this.  Raises InputError for one that is missing."""
+    """Return Pythons by versions (3.12) or paths, else that which runs this.  Raises InputError for one that is missing."""
     names = list(wanted)
     if not names:
         return [_ask_python(sys.executable, "the Python that runs crosscheck")]

@@ -41,7 +41,7 @@ class Release:
 
 @dataclass(frozen=True)
 class ReleaseQuery:
-    """Which releases count: pre-releases, yanked ones, those that have only sources."""
+    """Releases that count: pre-releases, yanked ones, those that have only sources."""
 
     pre: bool = False
     yanked: bool = False
@@ -58,7 +58,7 @@ def list_releases(package: str, pythons: Sequence[Python], index: Index, query: 
     known: dict[Version, Python | None] = {}
     for python in pythons:
         listed = _list_versions(package, python, index, query)
-        offered = _list_offered(package, python, index, query)
+        offered = _list_offered(package, python, index, query) if listed or query.yanked else set()
         for version in listed | offered if query.yanked else listed:
             known[version] = known.get(version) or (python if version in offered else None)
     if not known:
@@ -114,7 +114,7 @@ def choose_range(releases: Sequence[Release], range_: str, package: str) -> list
     """
     low, dots, high = range_.partition("..")
     if not dots:
-        raise InputError(f"{range_!r} is no range of releases; write OLD..NEW, such as {_show_range(releases)}")
+        raise InputError(f"{range_!r} is no range of releases; write OLD..NEW, such as {_format_range(releases)}")
     first = _find_end(releases, low, package) if low else releases[0].version
     last = _find_end(releases, high, package) if high else releases[-1].version
     if first > last:
@@ -150,7 +150,7 @@ def describe_list(words: Sequence[str]) -> str:
     return ", ".join([*words[:SHOWN_RELEASES], f"({left} more)", *words[-SHOWN_RELEASES:]])
 
 
-def _show_range(releases: Iterable[Release]) -> str:
+def _format_range(releases: Iterable[Release]) -> str:
     """Return the widest range, as an example."""
     versions = [str(release) for release in releases]
     return f"{versions[0]}..{versions[-1]}"

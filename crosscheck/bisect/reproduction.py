@@ -112,7 +112,7 @@ def format_issue(answer: Answer, change: ChangeReport, script: Script) -> str:
 
 
 def describe_others(change: ChangeReport, most: int | None = None) -> list[str]:
-    """Return what else differs between both sides of a change, as lines of a list; most : default options that are shown."""
+    """Return all else that differs between both sides of a change, a line each; most : default options that are shown."""
     lines = [f"* {name} {old or '(not there)'} -> {new or '(not there)'}" for name, old, new in change.packages]
     lines += [f"* {change.origin}"] if change.origin else []
     if not change.packages:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -30,7 +29,10 @@ ANSWER = "answer.json"
 
 @dataclass(frozen=True)
 class Wish:
-    """What is searched for, and how; disk : [bytes] of all environments; case : the case of ours and its engine, if it is one."""
+    """Wish of a user: what is searched for, and how.
+
+    disk : [bytes] of all environments; case : the case of ours and its engine, where it is one
+    """
 
     package: str
     range: str
@@ -78,7 +80,7 @@ def run_bisection(wish: Wish, files: BisectionFiles, notify: Callable[[str, str]
     bisection = Bisection(releases, trials, wish.criterion, wish.plan)
     search = bisection.find_changes()
     asked = f"{wish.package} {releases[0]}..{releases[-1]}, {' '.join(map(str, wish.script.words))}"
-    answer = make_answer(bisection, search, asked, measure_processor_time())
+    answer = make_answer(bisection, search, asked, trials.compute_processor_time())
     if wish.case is not None:
         task, engine = wish.case
         changes = [replace(one, cause=describe_case_change(task, engine, bisection, one)) for one in answer.changes]
@@ -92,12 +94,6 @@ def find_releases(wish: Wish) -> list[Release]:
     return choose_range(
         list_releases(wish.package, pythons, wish.installer.index, wish.query), wish.range, wish.package
     )
-
-
-def measure_processor_time() -> float:
-    """Return the processor time of this process and of all that it has waited for [s]."""
-    times = os.times()
-    return times.user + times.system + times.children_user + times.children_system
 
 
 def _write_files(answer: Answer, trials: Trials, out: Path) -> BisectionResult:

@@ -55,7 +55,7 @@ class Script:
 
     @property
     def sources(self) -> list[Path]:
-        """What is copied for each run: the script and the files beside it."""
+        """Files that are copied for each run: the script and the files beside it."""
         return [*([self.program] if self.program else []), *self.files]
 
     def compute_digest(self) -> str:
@@ -84,11 +84,11 @@ class ScriptEnd:
 
     @property
     def reason(self) -> str:
-        """Why it could not run, "" where it has judged."""
+        """Reason why it could not run, "" where it has judged."""
         if self.trouble:
             return self.trouble
         if self.code < 0:
-            return f"ended by signal {-self.code} ({_name_signal(-self.code)})"
+            return f"ended by signal {-self.code} ({_format_signal(-self.code)})"
         if self.code == CANNOT_RUN:
             lines = [line.strip() for line in self.errors.splitlines() if line.strip()]
             return lines[-1][:300] if lines else f"exit code {CANNOT_RUN}"
@@ -103,7 +103,7 @@ def check_script(script: Script) -> None:
     for file in script.files:
         if not file.exists():
             raise InputError(f"--with {file}: there is no such file or folder")
-    size = sum(_measure(source) for source in script.sources)
+    size = sum(_compute_size(source) for source in script.sources)
     if size > LARGEST_FOLDER:
         raise InputError(
             f"script and files take {size / 1e9:.1f} GB, expected at most {LARGEST_FOLDER / 1e9:g} GB: they are copied for each "
@@ -111,7 +111,7 @@ def check_script(script: Script) -> None:
         )
 
 
-def _measure(source: Path) -> int:
+def _compute_size(source: Path) -> int:
     """Return the size of a file or of a folder with all that is in it [bytes]."""
     files = source.rglob("*") if source.is_dir() else [source]
     return sum(file.stat().st_size for file in files if file.is_file())
@@ -174,7 +174,7 @@ def _run_command(script: Script, command: Sequence[str], python: str, place: Pat
                 stdout=out,
                 stderr=errors,
                 start_new_session=True,
-                preexec_fn=_bind_process if sys.platform == "linux" else None,
+                preexec_fn=_apply_bounds if sys.platform == "linux" else None,
             )
         except OSError as error:
             raise InputError(
@@ -191,7 +191,7 @@ def _run_command(script: Script, command: Sequence[str], python: str, place: Pat
     return process.returncode or 0, trouble, processor
 
 
-def _bind_process() -> None:
+def _apply_bounds() -> None:
     """Bound the files of a script, and let it end with this process."""
     apply_file_size_limit()
     end_with_parent()
@@ -233,7 +233,7 @@ def _read_end(file: Path) -> str:
         return stream.read().decode("utf-8", errors="replace")
 
 
-def _name_signal(number: int) -> str:
+def _format_signal(number: int) -> str:
     """Return the name of a signal."""
     try:
         return signal.Signals(number).name

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import os
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -36,7 +37,7 @@ class TrialEntry(TypedDict):
 
 @dataclass(frozen=True)
 class Question:
-    """What is asked of every release: package, what is installed beside it, the script, and what of it is read."""
+    """Question to every release: package, what is installed beside it, the script, and what of it is read."""
 
     package: str
     beside: tuple[str, ...]
@@ -51,7 +52,7 @@ class Question:
 
 @dataclass
 class Trial:
-    """What a release gave: the pins of its environment, and every run."""
+    """Trials of a release: the pins of its environment, and every run."""
 
     pins: str = ""
     observations: list[Observation] = field(default_factory=list)
@@ -61,7 +62,7 @@ class Trial:
 class Trials:
     """The trials of a question; folder : where they are kept; notify : is told of what is begun, release and words.
 
-    taken : releases of which an earlier run had tried some
+    taken : releases of which an earlier run had tried some; spent : processor time of earlier runs of the question [s]
     """
 
     question: Question
@@ -70,6 +71,7 @@ class Trials:
     notify: Callable[[str, str], None] = lambda release, words: None
     trials: dict[str, Trial] = field(default_factory=dict)
     taken: int = 0
+    spent: float = 0.0
 
     def read_kept(self) -> None:
         """Take what an earlier run of the same question has kept; what cannot be read, or answers another one, is left."""
@@ -81,21 +83,23 @@ class Trials:
                 release: Trial(entry["pins"], [read_entry(one) for one in entry["observations"]])
                 for release, entry in data["trials"].items()
             }
+            spent = float(data["processor"])
         except (OSError, ValueError, LookupError, TypeError, AttributeError):
             return
         self.trials = kept
+        self.spent = spent
         self.taken = len(kept)
 
-    def observe_release(self, release: Release, times: int) -> list[Observation]:
+    def run_release(self, release: Release, times: int) -> list[Observation]:
         """Return the first so many runs of a release, done where they are not kept; a release that has no environment has one."""
         trial = self.trials.setdefault(str(release), Trial())
         if release.python is None:
             trial.observations = [make_failed_observation(NO_WHEEL_HERE)]
         if len(trial.observations) < times and (trial.pins or not trial.observations):
-            self._run_release(release, trial, times)
+            self._run_in_environment(release, trial, times)
         return trial.observations[:times]
 
-    def _run_release(self, release: Release, trial: Trial, times: int) -> None:
+    def _run_in_environment(self, release: Release, trial: Trial, times: int) -> None:
         """Run the script in the environment of a release until it has run so many times, and keep each run."""
         self.notify(str(release), "environment")
         try:
@@ -110,7 +114,7 @@ class Trials:
             self._write_kept()
 
     def make_wish(self, release: Release, constraints: tuple[str, ...] = ()) -> EnvironmentWish:
-        """Return what the environment of a release shall have."""
+        """Return the contents that the environment of a release shall have."""
         assert release.python is not None
         requirements = (f"{self.question.package}=={release}", *self.question.beside)
         return EnvironmentWish(release.python, requirements, constraints)
@@ -122,14 +126,24 @@ class Trials:
 
     @property
     def environments(self) -> int:
-        """How many releases needed an environment, kept ones of earlier runs with them."""
+        """Number of releases that needed an environment, kept ones of earlier runs with them."""
         return sum(bool(trial.pins) for trial in self.trials.values())
 
+    def compute_processor_time(self) -> float:
+        """Return the processor time of this question: of earlier runs, of this process and of all that it has waited for [s]."""
+        times = os.times()
+        return self.spent + times.user + times.system + times.children_user + times.children_system
+
     def _write_kept(self) -> None:
+        """Write what is known so far, and what it took."""
         trials = {
             release: {"pins": trial.pins, "observations": [one.plain for one in trial.observations]}
             for release, trial in self.trials.items()
             if trial.observations
         }
-        data = {"question": self.question.compute_digest(), "trials": trials}
+        data = {
+            "question": self.question.compute_digest(),
+            "processor": self.compute_processor_time(),
+            "trials": trials,
+        }
         owned.write(self.folder / STATE, json.dumps(data, indent=1))

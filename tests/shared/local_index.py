@@ -91,7 +91,7 @@ class UnzippingInstaller:
                     raise CannotInstall(f"conflict about {base}")
         return "".join(f"{name}=={version} --hash=sha256:{name}\n" for name, version in sorted(wanted.items()))
 
-    def install_pins(self, python: str, pins: Path) -> None:
+    def fill_environment(self, python: str, pins: Path) -> None:
         short = f"python{sys.version_info[0]}.{sys.version_info[1]}"
         site = Path(python).parents[1] / "lib" / short / "site-packages"
         site.mkdir(parents=True)

@@ -19,9 +19,9 @@ FALL = "import ball\nassert ball.height() < 1.5, ball.height()\n"
 
 @pytest.fixture(scope="module")
 def place(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Four releases of a package; the third is another one."""
+    """Two releases of a package; the second is another one."""
     folder = tmp_path_factory.mktemp("place")
-    for k, value in enumerate((1.0, 1.0, 2.0, 2.0)):
+    for k, value in enumerate((1.0, 2.0)):
         write_wheel(folder / "wheels", "ball", f"1.{k}", f"def height():\n    return {value}\n")
     (folder / "fall.py").write_text(FALL)
     return folder
@@ -45,18 +45,15 @@ def test_a_change_is_found_by_pip_and_written_down(place: Path) -> None:
     out = place / "answer"
     told = bisect(place, "..", "--out", str(out), "--", str(place / "fall.py"))
     assert told.exit_code == 0, told.output
-    assert "ball: good up to 1.1 (exit code 0), bad from 1.2 on (exit code 1)" in told.output
-    assert "4 environments for 4 releases (at most 4 were expected), 4 made" in told.output
+    assert "ball: good up to 1.0 (exit code 0), bad from 1.1 on (AssertionError: 2.0)" in told.output
+    assert "2 environments for 2 releases (at most 3 were expected), 2 made" in told.output
     answer = json.loads((out / "answer.json").read_text())
-    assert [(change["before"], change["after"]) for change in answer["changes"]] == [("1.1", "1.2")]
-    reproduction = out / "reproductions" / "ball-1.1-1.2"
-    assert (reproduction / "pins-1.2.txt").read_text().startswith("ball==1.2 --hash=sha256:")
+    assert [(change["before"], change["after"]) for change in answer["changes"]] == [("1.0", "1.1")]
+    reproduction = out / "reproductions" / "ball-1.0-1.1"
+    assert (reproduction / "pins-1.1.txt").read_text().startswith("ball==1.1 --hash=sha256:")
     assert (reproduction / "script" / "fall.py").read_text() == FALL
-    assert "ball 1.2 gives another result than 1.1" in (reproduction / "issue.md").read_text()
+    assert "ball 1.1 gives another result than 1.0" in (reproduction / "issue.md").read_text()
     subprocess.run(["sh", "-n", reproduction / "reproduce.sh"], check=True)
-    again = bisect(place, "1.1..1.3", "--out", str(out), "--", str(place / "fall.py"))
-    assert again.exit_code == 0, again.output
-    assert "0 made and" in again.output
 
 
 def test_two_at_once_are_told_apart(place: Path) -> None:

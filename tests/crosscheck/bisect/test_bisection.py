@@ -64,7 +64,7 @@ def make(tmp_path: Path) -> Make:
         (tmp_path / "out").mkdir(exist_ok=True)
         trials = Trials(question, store, tmp_path / "out")
         trials.read_kept()
-        return Bisection(releases, trials, criterion or Criterion("exit"), plan or Plan())
+        return Bisection(releases, trials, criterion or Criterion("exit"), plan or Plan(repeats=1))
 
     return make_bisection
 
@@ -75,7 +75,7 @@ def answered(bisection: Bisection) -> Answer:
 
 def test_the_first_bad_release_is_found_by_exit_code(make: Make) -> None:
     answer = answered(make(FALL))
-    assert answer.words == ["ball: good up to 1.2 (exit code 0), bad from 1.3 on (exit code 1)"]
+    assert answer.words == ["ball: good up to 1.2 (exit code 0), bad from 1.3 on (AssertionError: 2.0)"]
     assert answer.costs.environments <= answer.costs.bound == 3 + 2
     assert answer.changes[0].packages == []
     assert answer.changes[0].defaults is None
@@ -83,7 +83,7 @@ def test_the_first_bad_release_is_found_by_exit_code(make: Make) -> None:
 
 def test_good_and_bad_exchanged_are_said_and_searched(make: Make) -> None:
     answer = answered(make(FALL.replace("<", ">")))
-    assert answer.words == ["ball: bad up to 1.2 (exit code 1), good from 1.3 on (exit code 0)"]
+    assert answer.words == ["ball: bad up to 1.2 (AssertionError: 1.0), good from 1.3 on (exit code 0)"]
     assert (
         "the older end is bad and the newer one good: what was looked for is the release that mended it" in answer.notes
     )
@@ -136,7 +136,7 @@ def test_releases_that_cannot_run_are_passed_over(make: Make, broken: str, words
     values = [1.0, 1.0, broken, broken, broken, 3.0, 3.0]
     answer = answered(make(FALL, values=values))
     assert answer.words == [
-        "ball: good up to 1.1 (exit code 0), bad from 1.5 on (exit code 1) (1.2, 1.3, 1.4 between them cannot run)"
+        "ball: good up to 1.1 (exit code 0), bad from 1.5 on (AssertionError: 3.0) (1.2, 1.3, 1.4 between them cannot run)"
     ]
     assert answer.costs.environments <= 3 + 2 + 3
     assert any(words in row.value for row in answer.rows)
@@ -202,14 +202,17 @@ def test_a_script_that_is_not_repeatable_is_refused_with_its_scatter(
 ) -> None:
     (place := tmp_path / "counts").mkdir()
     with pytest.raises(NotRepeatable, match=f"{words}.*fix its seed"):
-        make(COUNTED.format(place=str(place)) + tail, criterion, reading=reading).find_changes()
+        make(COUNTED.format(place=str(place)) + tail, criterion, reading=reading, plan=Plan()).find_changes()
 
 
 def test_a_tolerance_above_the_scatter_lets_a_larger_change_be_found(make: Make, tmp_path: Path) -> None:
     (place := tmp_path / "counts").mkdir()
     source = COUNTED.format(place=str(place)) + "import ball\nprint('height', ball.height() + 0.001 * (count % 2))"
     assert (
-        answered(make(source, Criterion("same", tolerance=0.01), reading=Reading("height"))).changes[0].after == "1.3"
+        answered(make(source, Criterion("same", tolerance=0.01), reading=Reading("height"), plan=Plan()))
+        .changes[0]
+        .after
+        == "1.3"
     )
 
 
@@ -219,22 +222,31 @@ def test_a_script_that_flips_only_where_it_matters_is_refused_too(make: Make, tm
     flaky = f"import os\ncount = len(os.listdir({str(place)!r}))\nopen(os.path.join({str(place)!r}, str(count)), 'w').close()\n"
     flaky += "def height():\n    return 1.0 if count % 2 else 9.0\n"
     with pytest.raises(NotRepeatable, match=r"1\.2 is bad, good, bad in one and the same environment"):
-        make(FALL, values=[1.0, 1.0, flaky, 9.0, 9.0]).find_changes()
+        make(FALL, values=[1.0, 1.0, flaky, 9.0, 9.0], plan=Plan()).find_changes()
 
 
 def test_a_hang_a_flood_and_children_that_stay_are_ended(make: Make, tmp_path: Path) -> None:
-    hangs = "import subprocess, sys, time\nsubprocess.Popen([sys.executable, '-c', 'import time; time.sleep(600)'])\ntime.sleep(600)\n"
+    child = tmp_path / "child"
+    hangs = "import subprocess, sys, time\nchild = subprocess.Popen(['sleep', '600'], start_new_session=True)\n"
+    hangs += f"open({str(child)!r}, 'w').write(str(child.pid))\ntime.sleep(600)\n"
     floods = f"import os\nwhile True:\n    os.write(1, b'x' * {FLOOD // 4})\n"
     answer = answered(make(FALL, values=[1.0, hangs, floods, 3.0], timeout=0.5))
     values = {row.release: row.value for row in answer.rows}
     assert values["1.1"] == "cannot run: it hangs: stopped after the time limit of 0.5 s"
     assert values["1.2"] == "cannot run: it floods: stopped after it had printed 16 MB"
+    assert not is_alive(int(child.read_text()))
+
+
+def is_alive(process: int) -> bool:
+    """Whether a process runs; one that has ended may be listed until somebody asks for its end."""
+    status = Path("/proc", str(process), "stat")
+    return status.exists() and status.read_text().rpartition(")")[2].split()[0] not in "ZX"
 
 
 def test_a_script_that_changes_its_folder_meets_it_unchanged_each_time(make: Make, tmp_path: Path) -> None:
-    source = "import os\nassert os.listdir() == ['fall.py'], os.listdir()\nopen('left', 'w').close()\nopen('fall.py', 'w').close()\n"
-    bisection = make(source)
-    answer = answered(bisection)
+    source = "import os\nassert os.listdir() == ['fall.py'], os.listdir()\n"
+    source += "open('left', 'w').close()\nopen('fall.py', 'w').close()\n"
+    answer = answered(make(source, plan=Plan()))
     assert answer.words[0].startswith("1.0 and 1.7 are both good")
     assert (tmp_path / "fall.py").read_text() == source
 
@@ -317,7 +329,7 @@ DEPENDS = "import air\ndef height():\n    return {height} + air.LIFT\n"
     ("heights", "words"),
     [
         ((1.0, 1.0), "gives the old result (exit code 0): it is not ball, it is air"),
-        ((1.0, 5.0), "gives the new result, too (exit code 1): it is ball itself"),
+        ((1.0, 5.0), "gives the new result, too (AssertionError: 5.0): it is ball itself"),
     ],
 )
 def test_a_dependency_that_changed_is_told_from_the_package(

@@ -11,7 +11,13 @@ import pytest
 from local_index import UnzippingInstaller, write_wheel
 
 from crosscheck.bisect import environments
-from crosscheck.bisect.environments import WHOLE, EnvironmentStore, EnvironmentWish, find_store_folder, measure_folder
+from crosscheck.bisect.environments import (
+    WHOLE,
+    EnvironmentStore,
+    EnvironmentWish,
+    compute_folder_size,
+    find_store_folder,
+)
 from crosscheck.bisect.installers import (
     CannotInstall,
     Index,
@@ -69,7 +75,7 @@ def test_those_that_were_not_used_for_longest_make_room_and_those_in_use_stay(st
     for k in range(4):
         with store.open_environment(wish(f"1.{k}")) as environment:
             os.utime(environment.folder / WHOLE, (k, k))
-    size = store.measure() / 4
+    size = store.compute_size() / 4
     store.limit = 2.5 * size
     with store.open_environment(wish("1.1")) as oldest:  # used now: it is the newest, and locked
         os.utime(oldest.folder / WHOLE, (0, 0))
@@ -115,7 +121,7 @@ def test_a_folder_that_cannot_be_written_is_named(tmp_path: Path, store: Environ
 def test_what_takes_room_is_counted_once(tmp_path: Path) -> None:
     (tmp_path / "a").write_bytes(b"x" * 1000)
     os.link(tmp_path / "a", tmp_path / "b")
-    assert measure_folder(tmp_path) == 1000
+    assert compute_folder_size(tmp_path) == 1000
 
 
 def test_the_folder_of_the_store_can_be_named(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:

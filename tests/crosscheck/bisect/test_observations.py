@@ -106,3 +106,10 @@ def test_another_form_of_a_table_differs_by_all() -> None:
     one = Observation("", 0, None, ("a",), np.zeros((2, 1)), "", "", 0.0, 0.0)
     longer = Observation("", 0, None, ("a",), np.zeros((3, 1)), "", "", 0.0, 0.0)
     assert Criterion("same").compute_distance(one, longer) == np.inf
+
+
+def test_a_difference_that_never_counts_does_not() -> None:
+    rounded = Criterion("same", absolute=1e-12)
+    assert rounded.compute_distance(number(8e-15), number(4e-15)) == 0.0
+    assert rounded.compute_distance(number(2e-12), number(4e-15)) > 1.0
+    assert compute_table_distance(np.full((2, 1), 8e-15), np.full((2, 1), 4e-15), absolute=1e-12) == 0.0

@@ -13,8 +13,9 @@ from packaging.version import Version
 from crosscheck.bisect import installers
 from crosscheck.bisect.installers import Index, InstallerError
 from crosscheck.bisect.pythons import find_pythons
-from crosscheck.bisect.releases import OFFERED, (
+from crosscheck.bisect.releases import (
     AVAILABLE,
+    OFFERED,
     YANKED,
     Release,
     ReleaseQuery,

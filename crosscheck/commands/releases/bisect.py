@@ -52,6 +52,7 @@ class BisectOptions:
     column: tuple[str, ...]
     bounds: str
     tolerance: float
+    absolute: float
     changed: bool
     verdict: bool
     errors: str
@@ -102,10 +103,14 @@ HOW = _add_options(
     click.option("--number", default="", metavar="WORD", help="Judge by the last number behind WORD; 'last': by the last one."),
     click.option("--csv", default="", metavar="FILE", help="Judge by the columns of numbers of a CSV that the script writes."),
     click.option("--column", multiple=True, help="With --csv: only these columns. Repeatable."),
-    click.option("--bounds", default="", metavar="LOW:HIGH", help="Good is what lies within.  [default: what the older end gives]"),
+    click.option("--bounds", default="", metavar="LOW:HIGH", help="Good is what lies within.  [default: as the older end]"),
     click.option(
         "--tolerance", type=click.FloatRange(min=0.0), default=TOLERANCE, show_default=True,
         help="What still counts as the same, as a part of the number's size or of the column's range.",
+    ),
+    click.option(
+        "--absolute", type=click.FloatRange(min=0.0), default=0.0, show_default=True,
+        help="Difference of a number, or of a column, that never counts, in its own unit.",
     ),
     click.option("--changed", is_flag=True, help="Judge by every byte that is printed or written with --csv."),
     click.option("--verdict", is_flag=True, help="With MECHANISM/CASE: good is what is within the case's limit."),
@@ -122,7 +127,7 @@ HOW = _add_options(
     click.option("--timeout", type=Seconds(), default=600.0, show_default=True, help="Seconds that one run may take."),
 )  # fmt: skip
 WHERE_FROM = _add_options(
-    click.option("--python", multiple=True, help="Python by version or path. Repeatable: the first with a wheel.  [default: this one]"),
+    click.option("--python", multiple=True, help="Python by version or path; repeatable.  [default: this one]"),
     click.option("--pre", is_flag=True, help="Pre-releases, too."),
     click.option("--yanked", is_flag=True, help="Releases that their authors took back, too."),
     click.option("--sources", is_flag=True, help="Build releases without a wheel: their code runs then, and it takes long."),
@@ -181,7 +186,7 @@ def command(**options: object) -> NoReturn:
     try:
         with convert_sigterm(), open_scratch_folder() as place:
             wish = _make_wish(asked, place)
-            files = BisectionFiles(asked.out or _name_folder(asked), asked.environments or find_store_folder())
+            files = BisectionFiles(asked.out or _choose_folder(asked), asked.environments or find_store_folder())
             owned.check(files.out)
             with owned.open_report_folder(files.out), _open_status(console) as notify:
                 owned.make_listed_folder(files.out)
@@ -195,7 +200,7 @@ def command(**options: object) -> NoReturn:
 
 
 def _make_wish(asked: BisectOptions, place: Path) -> Wish:
-    """Return what is searched for, in the words of the package's own rooms.  Raises InputError."""
+    """Return the wish of the user.  Raises InputError."""
     if (asked.engine is None) == (asked.package is None):
         raise InputError("write one of --engine NAME and --package NAME")
     index = Index(asked.index_url, asked.extra_index_url, asked.find_links, asked.no_index)
@@ -225,22 +230,27 @@ def _make_script(asked: BisectOptions) -> Script:
     return Script(asked.words, asked.with_, asked.env, asked.errors == "cannot-run", asked.timeout)
 
 
-def _make_criterion(asked: BisectOptions) -> Criterion:
-    """Return the criterion of a script.  Raises InputError for options that contradict each other."""
+def _check_options(asked: BisectOptions) -> None:
+    """Raise InputError for options of judging that contradict each other."""
     if asked.number and asked.csv:
         raise InputError("--number and --csv judge by other things: write one of them")
     if asked.changed and (asked.number or asked.bounds):
         raise InputError("--changed judges by every byte: leave --number and --bounds out")
     if asked.column and not asked.csv:
         raise InputError("--column chooses columns of a CSV: write --csv FILE, too")
+    if asked.bounds and not (asked.number or asked.csv):
+        raise InputError("--bounds judges a number or a CSV: write --number WORD or --csv FILE, too")
+
+
+def _make_criterion(asked: BisectOptions) -> Criterion:
+    """Return the criterion of a script.  Raises InputError."""
+    _check_options(asked)
     if asked.changed:
         return Criterion("changed")
     if asked.bounds:
-        if not (asked.number or asked.csv):
-            raise InputError("--bounds judges a number or a CSV: write --number WORD or --csv FILE, too")
         return Criterion("bounds", bounds=_read_bounds(asked.bounds), columns=asked.column)
     if asked.number or asked.csv:
-        return Criterion("same", tolerance=asked.tolerance, columns=asked.column)
+        return Criterion("same", tolerance=asked.tolerance, absolute=asked.absolute, columns=asked.column)
     return Criterion("exit")
 
 
@@ -291,7 +301,7 @@ def _add_case(asked: BisectOptions, wish: Wish, place: Path) -> Wish:
     )
 
 
-def _name_folder(asked: BisectOptions) -> Path:
+def _choose_folder(asked: BisectOptions) -> Path:
     """Return the folder of an answer: package or engine, and script or case."""
     what = Path(asked.words[0]).stem if asked.words[0].endswith(".py") else asked.words[0].strip("./").replace("/", "-")
     return Path("bisections") / f"{asked.package or asked.engine}-{what}"
@@ -340,9 +350,10 @@ def _make_table(answer: Answer) -> Table:
 
 
 def _describe_costs(answer: Answer) -> str:
-    """Return what the search took, in a sentence."""
+    """Return the costs of a search in a sentence."""
     costs = answer.costs
     return (
         f"{costs.environments} environments for {costs.releases} releases (at most {costs.bound} were expected), "
-        f"{costs.made} made and {costs.reused} taken; {costs.processor:.0f} s of processor time; all environments take {costs.disk:.2f} GB"
+        f"{costs.made} made and {costs.reused} taken; {costs.processor:.0f} s of processor time; "
+        f"all environments take {costs.disk:.2f} GB"
     )
