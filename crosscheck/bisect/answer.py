@@ -109,7 +109,8 @@ def count_costs(bisection: Bisection, search: Search, processor: float) -> Costs
     needed = [str(bisection.releases[element]) for element in search.labels]
     environments = sum(bool(trials.trials[name].pins) for name in needed)
     holes = sum(bool(trials.trials[str(bisection.releases[element])].pins) for element in search.holes)
-    bound = max(len(search.changes), 1) * count_halvings(count) + 2 + holes
+    halving = max(len(search.changes), 1) * count_halvings(count) + 2 + holes
+    bound = count if bisection.plan.each else halving
     disk = store.compute_size() / 1e9
     return Costs(count, environments, bound, store.made, store.reused, processor, disk)
 

@@ -112,7 +112,9 @@ class Criterion:
                 if np.isfinite(distance)
                 else f"another table than {name}"
             )
-        return observation.last_line if observation.code and observation.last_line else f"exit code {observation.code}"
+        return (
+            observation.last_words if observation.code and observation.last_words else f"exit code {observation.code}"
+        )
 
 
 def _compute_number_distance(one: float | None, reference: float, absolute: float) -> float:

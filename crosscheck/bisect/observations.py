@@ -12,13 +12,12 @@ from typing import TypedDict
 
 import numpy as np
 
-from crosscheck.bisect.script import ScriptEnd
+from crosscheck.bisect.script import ScriptEnd, find_last_words
 from flexinv.typing import Array
 
 NUMBER = r"[-+]?(?:\d+\.?\d*(?:[eE][-+]?\d+)?|\.\d+(?:[eE][-+]?\d+)?|nan|inf)"
 LAST = "last"  # word of --number for the last number that is printed
 LARGEST_TABLE = 1 << 26  # [bytes]
-LONGEST_LINE = 200  # [characters] of what a script printed that an answer repeats
 
 
 @dataclass(frozen=True)
@@ -61,10 +60,9 @@ class Observation:
     processor: float
 
     @property
-    def last_line(self) -> str:
-        """The last line that was printed, to where errors are, else to where output is."""
-        lines = [line.strip() for line in self.printed.splitlines() if line.strip()]
-        return lines[-1][:LONGEST_LINE] if lines else ""
+    def last_words(self) -> str:
+        """The words that were printed last, to where errors are, else to where output is."""
+        return find_last_words(self.printed)
 
     @property
     def plain(self) -> ObservationEntry:
@@ -117,10 +115,8 @@ def read_observation(end: ScriptEnd, folder: Path, reading: Reading) -> Observat
 
 def _describe_missing(words: str, end: ScriptEnd) -> str:
     """Return the reason why a script gave nothing to read, with its exit code and last line where it failed."""
-    lines = [line.strip() for line in end.errors.splitlines() if line.strip()]
-    return (
-        words if end.code == 0 else f"{words}; exit code {end.code}{f': {lines[-1][:LONGEST_LINE]}' if lines else ''}"
-    )
+    last = find_last_words(end.errors)
+    return words if end.code == 0 else f"{words}; exit code {end.code}{f': {last}' if last else ''}"
 
 
 def find_number(printed: str, word: str) -> float | None:

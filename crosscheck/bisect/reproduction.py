@@ -80,20 +80,18 @@ def write_reproduction(answer: Answer, change: ChangeReport, trials: Trials, fol
 
 def _format_command(script: Script) -> str:
     """Return the command of the script for a shell, in the folder of its copy."""
-    first, *arguments = script.words
     program = script.program
     if program is None:
-        return shlex.join([first, *arguments])
+        return shlex.join(script.words)
     if program.suffix != ".py":
-        return shlex.join([f"./{program.name}", *arguments])
+        return shlex.join([f"./{script.names[0]}", *script.names[1:]])
     launcher = [LAUNCHER.stem] if script.judges else []
-    return shlex.join(["python", *launcher, program.name, *arguments])
+    return shlex.join(["python", *launcher, *script.names])
 
 
 def format_issue(answer: Answer, change: ChangeReport, script: Script) -> str:
     """Return the text for the tracker of the package."""
-    first, *arguments = script.words
-    shown = shlex.join([*(["python"] if first.endswith(".py") else []), Path(first).name, *arguments])
+    shown = shlex.join([*(["python"] if script.names[0].endswith(".py") else []), *script.names])
     words = [one for one in answer.words if change.after in one] or answer.words
     return ISSUE.format(
         package=answer.package,

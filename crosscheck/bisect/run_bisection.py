@@ -79,7 +79,7 @@ def run_bisection(wish: Wish, files: BisectionFiles, notify: Callable[[str, str]
         trials.read_kept()
     bisection = Bisection(releases, trials, wish.criterion, wish.plan)
     search = bisection.find_changes()
-    asked = f"{wish.package} {releases[0]}..{releases[-1]}, {' '.join(map(str, wish.script.words))}"
+    asked = f"{wish.package} {releases[0]}..{releases[-1]}, {' '.join(wish.script.names)}"
     answer = make_answer(bisection, search, asked, trials.compute_processor_time())
     if wish.case is not None:
         task, engine = wish.case

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import hashlib
+import itertools
 import os
 import shutil
 import signal
@@ -31,6 +32,8 @@ LAUNCHER = Path(__file__).with_name("launcher.py.txt")
 FLOOD = 16_000_000  # [bytes] of what a script may print
 KEPT = 100_000  # [bytes] of the end of what it printed that are kept
 LARGEST_FOLDER = 1e9  # [bytes] of what is copied for each run
+TRACEBACK = "Traceback (most recent call last):"
+LONGEST_WORDS = 300  # [characters] of what a script said last that an answer repeats
 GLANCE = 0.05  # [s] between two looks at a script that runs
 
 
@@ -54,13 +57,18 @@ class Script:
         return path if path.is_file() else None
 
     @property
+    def names(self) -> tuple[str, ...]:
+        """The words with the script's name in the place of its path."""
+        return self.words if self.program is None else (self.program.name, *self.words[1:])
+
+    @property
     def sources(self) -> list[Path]:
         """Files that are copied for each run: the script and the files beside it."""
         return [*([self.program] if self.program else []), *self.files]
 
     def compute_digest(self) -> str:
         """Return a digest of the script, its arguments and files: other ones are another question."""
-        state = hashlib.sha256(repr((self.words, sorted(self.passed), self.judges)).encode())
+        state = hashlib.sha256(repr((self.names, sorted(self.passed), self.judges)).encode())
         for source in self.sources:
             for file in sorted(source.rglob("*")) if source.is_dir() else [source]:
                 if file.is_file():
@@ -90,9 +98,18 @@ class ScriptEnd:
         if self.code < 0:
             return f"ended by signal {-self.code} ({_format_signal(-self.code)})"
         if self.code == CANNOT_RUN:
-            lines = [line.strip() for line in self.errors.splitlines() if line.strip()]
-            return lines[-1][:300] if lines else f"exit code {CANNOT_RUN}"
+            return find_last_words(self.errors) or f"exit code {CANNOT_RUN}"
         return ""
+
+
+def find_last_words(printed: str) -> str:
+    """Return the last words of a script in one line: name and message of an exception of Python, else the last line."""
+    _, frames, after = printed.rpartition(TRACEBACK)
+    lines = [line for line in (after if frames else printed).splitlines() if line.strip()]
+    if not frames:
+        return lines[-1].strip()[:LONGEST_WORDS] if lines else ""
+    message = list(itertools.dropwhile(lambda line: line.startswith(" "), lines))
+    return " ".join(" ".join(message).split())[:LONGEST_WORDS]
 
 
 def check_script(script: Script) -> None:

@@ -281,6 +281,15 @@ def test_a_second_run_goes_on_where_the_first_was_stopped(make: Make, tmp_path: 
     assert asked(third) == []
 
 
+def test_a_question_is_the_same_wherever_its_script_lies(tmp_path: Path) -> None:
+    digests = set()
+    for place, source in (("a", "x"), ("b", "x"), ("c", "y")):
+        (tmp_path / place).mkdir()
+        (tmp_path / place / "run.py").write_text(source)
+        digests.add(Script((str(tmp_path / place / "run.py"), "--fast")).compute_digest())
+    assert len(digests) == 2
+
+
 def asked(bisection: Bisection) -> list[str]:
     installer = bisection.trials.store.installer
     assert isinstance(installer, UnzippingInstaller)

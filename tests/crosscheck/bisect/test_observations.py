@@ -9,7 +9,7 @@ import pytest
 
 from crosscheck.bisect.criteria import Criterion, compute_table_distance
 from crosscheck.bisect.observations import Observation, Reading, find_number, parse_table, read_entry, read_observation
-from crosscheck.bisect.script import ScriptEnd
+from crosscheck.bisect.script import ScriptEnd, find_last_words
 
 END = ScriptEnd(0, "height = 1.5\n", "", 0.1, 0.1)
 
@@ -113,3 +113,19 @@ def test_a_difference_that_never_counts_does_not() -> None:
     assert rounded.compute_distance(number(8e-15), number(4e-15)) == 0.0
     assert rounded.compute_distance(number(2e-12), number(4e-15)) > 1.0
     assert compute_table_distance(np.full((2, 1), 8e-15), np.full((2, 1), 4e-15), absolute=1e-12) == 0.0
+
+
+@pytest.mark.parametrize(
+    ("printed", "words"),
+    [
+        ("", ""),
+        ("one\ntwo \n\n", "two"),
+        (
+            "Traceback (most recent call last):\n  File x\n    y\nValueError: Schema violation\nElement 'a', line 2\n",
+            "ValueError: Schema violation Element 'a', line 2",
+        ),
+        ("Traceback (most recent call last):\n  a\nKeyError: 1\n\nTraceback (most recent call last):\n  b\nOSError\n", "OSError"),
+    ],
+)  # fmt: skip
+def test_the_last_words_of_an_exception_are_its_name_and_message(printed: str, words: str) -> None:
+    assert find_last_words(printed) == words
