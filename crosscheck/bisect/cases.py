@@ -49,6 +49,11 @@ def find_package(engine: str) -> str:
 def write_case_script(task: Task, engine: Engine, folder: Path, timeout: float) -> CaseScript:
     """Write a case for one engine into an empty folder.  Raises InputError where there is no export.  timeout : [s] of a run"""
     write_reproduction(task, engine, folder, timeout)
+    return read_case_script(folder, timeout)
+
+
+def read_case_script(folder: Path, timeout: float) -> CaseScript:
+    """Return the case that was exported into a folder.  timeout : [s] of a run"""
     files = tuple(sorted(file for file in folder.iterdir() if file.name not in (PROGRAM, "README.md")))
     names, table = parse_table((folder / EXPECTED).read_text(encoding="utf-8"))
     expected = Observation("", 0, None, names, table, "", "", 0.0, 0.0)
@@ -68,10 +73,16 @@ def make_case_criterion(made: CaseScript, task: Task, engine: str, by_verdict: b
     columns = tuple(name for name in made.expected.names if name != TIME)
     if not by_verdict:
         return Criterion("same", tolerance=tolerance, columns=columns, one_scale=True)
-    limit = find(task.case.limits, "torque", engine, REFERENCE)
-    if limit is None or is_expired(limit, datetime.date.today()):
+    limit = find_case_limit(task, engine)
+    if limit is None:
         raise InputError(
             f"{task.folder.name}/{task.case.name} states no limit of torque for {engine}: leave --verdict out, or let "
             "crosscheck verify propose one"
         )
-    return Criterion("verdict", tolerance=limit.maximum, columns=columns, one_scale=True, expected=made.expected)
+    return Criterion("verdict", tolerance=limit, columns=columns, one_scale=True, expected=made.expected)
+
+
+def find_case_limit(task: Task, engine: str) -> float | None:
+    """Return the largest error of the efforts over their range [-] that a case allows an engine, None where it states none."""
+    limit = find(task.case.limits, "torque", engine, REFERENCE)
+    return None if limit is None or is_expired(limit, datetime.date.today()) else limit.maximum

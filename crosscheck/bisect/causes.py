@@ -15,31 +15,38 @@ from crosscheck.measures.limits import REFERENCE
 from crosscheck.measures.record import Record, save, torque_series
 from crosscheck.run.isolation import ChildProcesses, ask, open_scratch_folder, run_engine
 from crosscheck.verdicts.plan import Task
+from flexinv.errors import InputError
 
 LONGEST_DIAGNOSIS = 900.0  # [s]
 
 
 def describe_case_change(task: Task, engine: str, bisection: Bisection, change: ChangeReport) -> str:
-    """Return the words of the causes about both releases, each beside flexinv."""
-    sides = {}
-    for release in (change.before, change.after):
-        trial = bisection.trials.trials[release]
-        sides[release] = trial.observations[0]
+    """Return the words of the causes about both releases, each beside flexinv; "" where flexinv gives no answer."""
     with open_scratch_folder() as place:
-        request: CaseRequest = {"mechanism": str(task.folder.resolve()), "case": task.case.name, "options": {}}
-        reference = run_engine(ENGINES[REFERENCE], request, task.time, LONGEST_DIAGNOSIS, ChildProcesses()).record
-        if reference.status != "ok":
+        try:
+            reference = run_reference(task, place)
+        except InputError:
             return ""
-        save(reference, place / "reference")
         told = []
-        for release, observation in sides.items():
-            words = _ask_cause(task, engine, release, observation, reference, place)
+        for release in (change.before, change.after):
+            observation = bisection.trials.trials[release].observations[0]
+            words = ask_cause(task, engine, release, observation, reference, place)
             told.append(f"{engine} {release} beside {REFERENCE}: {words}")
     return "\n".join(told)
 
 
-def _ask_cause(task: Task, engine: str, release: str, observation: Observation, reference: Record, place: Path) -> str:
-    """Return the diagnosis of the efforts of one release, in words."""
+def run_reference(task: Task, place: Path) -> Record:
+    """Return flexinv's record of a case, and save it in a folder.  Raises InputError where it gives none."""
+    request: CaseRequest = {"mechanism": str(task.folder.resolve()), "case": task.case.name, "options": {}}
+    reference = run_engine(ENGINES[REFERENCE], request, task.time, LONGEST_DIAGNOSIS, ChildProcesses()).record
+    if reference.status != "ok":
+        raise InputError(f"{REFERENCE} gives no efforts: {reference.message}")
+    save(reference, place / REFERENCE)
+    return reference
+
+
+def ask_cause(task: Task, engine: str, release: str, observation: Observation, reference: Record, place: Path) -> str:
+    """Return the diagnosis of the efforts of one release, in words; place : where flexinv's record is saved."""
     names = task.mechanism.velocity_names
     if {*observation.names} != {TIME, *names} or len(observation.table) != len(reference.time):
         return "its efforts stand in coordinates of its own, which the causes do not read"
@@ -59,7 +66,7 @@ def _ask_cause(task: Task, engine: str, release: str, observation: Observation, 
         "case": task.case.name,
         "engine": engine,
         "ours": str(stem),
-        "theirs": str(place / "reference"),
+        "theirs": str(place / REFERENCE),
     }
     job = {"kind": "study", "module": "crosscheck.causes.diagnosis", "function": "diagnose", "options": options}
     answer, ending = ask(job, LONGEST_DIAGNOSIS, ChildProcesses())

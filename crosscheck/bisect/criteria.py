@@ -16,6 +16,7 @@ from typing import Literal
 import numpy as np
 
 from crosscheck.bisect.observations import Observation
+from crosscheck.bisect.search import Label
 from crosscheck.report.words import format_short
 from flexinv.typing import Array
 
@@ -88,11 +89,11 @@ class Criterion:
             values = observation.table[:, chosen]
         return bool(((values >= low) & (values <= high)).all())
 
-    def describe_label(self, label: str | None) -> str:
+    def describe_label(self, label: Label | None) -> str:
         """Return a label in words: a release is the first of those that are like it."""
         if label is None:
             return "cannot run"
-        return label if label in (GOOD, BAD) else f"as {label}"
+        return str(label) if label in (GOOD, BAD) else f"as {label}"
 
     def describe_value(self, observation: Observation) -> str:
         """Return the value of an observation, in a word or two."""
