@@ -54,6 +54,17 @@ class BoardRow(TypedDict):
     engines: dict[str, list[BoardSquare]]
 
 
+class BoardMove(TypedDict):
+    """Move from one release of an engine to the next: releases, words for the change and its reason, and the cases."""
+
+    engine: str
+    before: str
+    after: str
+    change: str
+    words: str
+    cases: list[str]
+
+
 def write_board(
     cells: Sequence[Cell], releases: Mapping[str, Sequence[str]], folder: Path, notes: Sequence[str] = ()
 ) -> None:
@@ -113,17 +124,27 @@ def _make_square(cell: Cell | None, before: Cell | None) -> BoardSquare:
     return {"release": cell.release, "verdict": VERDICTS[cell.state], "text": text, "trend": trend, "words": words}
 
 
-def collect_moves(cells: Sequence[Cell]) -> list[tuple[Cell, Cell]]:
-    """Return pairs of neighbouring releases between which a cell has moved, the older one first."""
-    moves = []
+def collect_moves(cells: Sequence[Cell]) -> list[BoardMove]:
+    """Return the moves between neighbouring releases; cases of which the same is said stand together."""
+    moves: dict[tuple[str, str, str, str, str], BoardMove] = {}
     lines: dict[tuple[str, str, str], Cell] = {}
     for cell in cells:
         here = (cell.mechanism, cell.case, cell.engine)
         before = lines.get(here)
-        if before is not None and describe_trend(before, cell):
-            moves.append((before, cell))
         lines[here] = cell
-    return moves
+        if before is None or not (trend := describe_trend(before, cell)):
+            continue
+        change = (
+            f"{before.state} becomes {cell.state}"
+            if before.state != cell.state
+            else f"{cell.state}, {trend} by its distance"
+        )
+        key = (cell.engine, before.release, cell.release, change, cell.words or before.words)
+        move = moves.setdefault(
+            key, BoardMove(engine=key[0], before=key[1], after=key[2], change=change, words=key[4], cases=[])
+        )
+        move["cases"].append(f"{cell.mechanism}/{cell.case}")
+    return list(moves.values())
 
 
 def draw_badge(engine: str, release: str, cells: Sequence[Cell]) -> str:

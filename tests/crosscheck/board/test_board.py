@@ -131,8 +131,14 @@ def test_the_page_and_its_files_say_the_same(board: Board) -> None:
     assert [row["state"] for row in rows] == [one["state"] for one in plain] == [cell.state for cell in cells]
     badge = (board.folder / "badges" / "mujoco.svg").read_text()
     assert ElementTree.fromstring(badge).attrib["aria-label"] == "mujoco 1.3: 1 of 1 cases within"
-    moved = [(before.release, cell.release) for before, cell in collect_moves([c for c in cells if c.key[:3] == "one"])]
-    assert moved == [("1.0", "1.1"), ("1.1", "1.2"), ("1.2", "1.3")]
+    moved = [(move["before"], move["after"], move["change"]) for move in collect_moves(cells)]
+    assert moved == [
+        ("1.0", "1.1", "within becomes outside"),
+        ("1.1", "1.2", "outside becomes cannot run"),
+        ("1.2", "1.3", "cannot run becomes within"),
+    ]
+    twice = collect_moves([replace(cell, case=name) for name in ("a", "b") for cell in cells if cell.key[:3] == "one"])
+    assert [len(move["cases"]) for move in twice] == [2, 2, 2]
 
 
 def test_badges_say_when_nothing_was_judged_and_hide_no_markup() -> None:
