@@ -55,7 +55,13 @@ DEFAULT = "mujoco,pinocchio,exudyn"
 @click.option(
     "--disk", type=click.FloatRange(min=0.1), default=10.0, show_default=True, help="Gigabytes that they may take."
 )
-@click.option("--installer", type=click.Choice(["auto", "uv", "pip"]), default="auto", show_default=True)
+@click.option(
+    "--installer",
+    type=click.Choice(["auto", "uv", "pip"]),
+    default="auto",
+    show_default=True,
+    help="What makes environments; auto: uv where it is installed.",
+)
 @click.option("--find-links", multiple=True, help="Folder or page with files. Repeatable.")
 @click.option("--no-index", is_flag=True, help="Only what --find-links names.")
 @TIMEOUT
