@@ -11,6 +11,7 @@ from crosscheck.bisect.observations import Observation, Reading, parse_table
 from crosscheck.bisect.script import Script
 from crosscheck.engines import Engine
 from crosscheck.measures.limits import REFERENCE, find, is_expired
+from crosscheck.run.isolation import ChildProcesses
 from crosscheck.run.reproduce import write_reproduction
 from crosscheck.verdicts.plan import Task
 from flexinv.errors import InputError
@@ -46,9 +47,14 @@ def find_package(engine: str) -> str:
     return PACKAGES[engine]
 
 
-def write_case_script(task: Task, engine: Engine, folder: Path, timeout: float) -> CaseScript:
-    """Write a case for one engine into an empty folder.  Raises InputError where there is no export.  timeout : [s] of a run"""
-    write_reproduction(task, engine, folder, timeout)
+def write_case_script(
+    task: Task, engine: Engine, folder: Path, timeout: float, children: ChildProcesses | None = None
+) -> CaseScript:
+    """Write a case for one engine into an empty folder.  Raises InputError where there is no export.
+
+    timeout : [s] of a run; children : prepared processes, where there are several cases
+    """
+    write_reproduction(task, engine, folder, timeout, children)
     return read_case_script(folder, timeout)
 
 

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import itertools
 import sys
 from collections.abc import Callable, Sequence
+from contextlib import closing
 from pathlib import Path
 from typing import NoReturn
 
@@ -32,6 +34,8 @@ from crosscheck.commands.shared.terminal import (
     split_patterns,
 )
 from crosscheck.engines import ENGINES, describe_missing_package
+from crosscheck.run.forking import ForkServers
+from crosscheck.run.isolation import ChildProcesses
 from crosscheck.run.work import Event
 from crosscheck.verdicts.plan import Task
 from flexinv.errors import InputError
@@ -142,9 +146,10 @@ def _prepare_scripts(
     """Return the scripts of all cases by engine.  timeout : [s] of an export and of a run"""
     scripts: dict[str, list[BoardScript]] = {engine: [] for engine in engines}
     count = len(tasks) * len(engines)
-    for task in tasks:
-        for engine in engines:
-            script = prepare_script(task, ENGINES[engine], folder, timeout)
+    with closing(ForkServers()) as servers:  # engines are imported once
+        children = ChildProcesses(servers=servers)
+        for task, engine in itertools.product(tasks, engines):
+            script = prepare_script(task, ENGINES[engine], folder, timeout, children)
             scripts[engine].append(script)
             label = f"{task.folder.name}/{task.case.name} for {engine}"
             verdict = "ok" if script.made else "skipped"

@@ -123,23 +123,21 @@ def test_every_byte_counts_where_that_is_asked_for(make: Make) -> None:
     assert [(change.before, change.after) for change in answer.changes] == [("1.1", "1.2")]
 
 
-@pytest.mark.parametrize(
-    ("broken", "words"),
-    [
-        ("raise ImportError('no such module')", "ImportError: no such module"),
-        ("def weight():\n    return 1.0\n", "AttributeError"),
-        ("import os\nos.abort()\n", "ended by signal 6 (SIGABRT)"),
-        ("import sys\nsys.exit(125)\n", "exit code 125"),
-    ],
-)
-def test_releases_that_cannot_run_are_passed_over(make: Make, broken: str, words: str) -> None:
-    values = [1.0, 1.0, broken, broken, broken, 3.0, 3.0]
-    answer = answered(make(FALL, values=values))
+BROKEN = {
+    "raise ImportError('no such module')\n": "cannot run: ImportError: no such module",
+    "def weight():\n    return 1.0\n": "cannot run: AttributeError: module 'ball' has no attribute 'height'",
+    "import os\nos.abort()\n": "cannot run: ended by signal 6 (SIGABRT)",
+    "import sys\nsys.exit(125)\n": "cannot run: exit code 125",
+}
+
+
+def test_releases_that_cannot_run_are_passed_over(make: Make) -> None:
+    answer = answered(make(FALL, values=[1.0, 1.0, *BROKEN, 3.0, 3.0]))
     assert answer.words == [
-        "ball: good up to 1.1 (exit code 0), bad from 1.5 on (AssertionError: 3.0) (1.2, 1.3, 1.4 between them cannot run)"
+        "ball: good up to 1.1 (exit code 0), bad from 1.6 on (AssertionError: 3.0) (1.2, 1.3, 1.4, 1.5 between them cannot run)"
     ]
-    assert answer.costs.environments <= 3 + 2 + 3
-    assert any(words in row.value for row in answer.rows)
+    assert answer.costs.environments <= answer.costs.bound == 3 + 2 + len(BROKEN)
+    assert [row.value for row in answer.rows if row.label == "cannot run"] == list(BROKEN.values())
 
 
 def test_an_exception_is_bad_where_the_user_says_so(make: Make) -> None:
