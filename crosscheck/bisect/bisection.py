@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from crosscheck.bisect.criteria import Criterion, compute_scatter
 from crosscheck.bisect.observations import Observation
 from crosscheck.bisect.releases import Release
-from crosscheck.bisect.search import Change, Search, find_changes, list_all_changes
+from crosscheck.bisect.search import Change, Search, find_all_labels, find_changes
 from crosscheck.bisect.trials import Trials
 from crosscheck.report.words import format_short
 from flexinv.errors import InputError
@@ -42,11 +42,10 @@ class Bisection:
         """Return the finished search.  Raises NotRepeatable with the scatter, InputError where neither end can run."""
         count = len(self.releases)
         if self.plan.each:
-            search = Search(count, self._find_label)
-            search.changes = tuple(list_all_changes(search))
+            search = find_all_labels(count, self._find_label)
         else:
             search = find_changes(count, self._find_label, self.plan.every)
-        if search.ends is None and not self.plan.each:
+        if search.ends is None:
             raise InputError(self._describe_dead_ends())
         for change in search.changes:
             self._check_side(change.before)

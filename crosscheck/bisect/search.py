@@ -147,7 +147,14 @@ def choose_element(unknown: Sequence[int], holes: Sequence[int], budget: int) ->
     return far[0] if far else max(nearest_first, key=lambda element: distances[element])
 
 
-def list_all_changes(search: Search) -> list[Change]:
-    """Return every change of a sequence [-], found by asking for each of its elements."""
-    known = [element for element in range(search.count) if search.find_label(element) is not None]
-    return [Change(low, high) for low, high in pairwise(known) if search.labels[low] != search.labels[high]]
+def find_all_labels(count: int, ask: Ask) -> Search:
+    """Return the finished search of a sequence [-] each of whose elements was asked for; count : of the elements"""
+    search = Search(count, ask)
+    known = [element for element in range(count) if search.find_label(element) is not None]
+    if known and known[0] > 0:
+        search.begins = Change(known[0] - 1, known[0])
+    if known and known[-1] < count - 1:
+        search.stops = Change(known[-1], known[-1] + 1)
+    labels = search.labels
+    search.changes = tuple(Change(low, high) for low, high in pairwise(known) if labels[low] != labels[high])
+    return search

@@ -25,10 +25,10 @@ from crosscheck.bisect.releases import ReleaseQuery
 from crosscheck.bisect.reproduction import describe_others
 from crosscheck.bisect.run_bisection import BisectionFiles, BisectionResult, Wish, run_bisection
 from crosscheck.bisect.script import Script, check_script
-from crosscheck.commands.shared.options import find_task
-from crosscheck.commands.shared.terminal import FOLDER, Console, Failure, Seconds, convert_sigterm
+from crosscheck.commands.shared.terminal import FOLDER, Console, Failure, Seconds, convert_sigterm, plan_of
 from crosscheck.engines import ENGINES, describe_missing_package
 from crosscheck.run.isolation import open_scratch_folder
+from crosscheck.verdicts.plan import Task
 from flexinv.errors import InputError
 
 MODELS_FOLDER = click.option(
@@ -276,14 +276,13 @@ def _is_case(asked: BisectOptions) -> bool:
 def _add_case(asked: BisectOptions, wish: Wish, place: Path) -> Wish:
     """Return the wish with the script that a case is exported as, and what judges it.  Raises InputError, Failure."""
     engine = ENGINES[str(asked.engine)]
-    name, _, case = asked.words[0].partition("/")
     if not asked.models.is_dir():
         raise InputError(
             f"there is no folder {asked.models}: write --models FOLDER, or -- SCRIPT for a script of your own"
         )
     if asked.number or asked.csv or asked.bounds or asked.changed:
         raise InputError("a case is judged by its efforts: leave --number, --csv, --bounds and --changed out")
-    task = find_task(asked.models, name, case or None)
+    task = _find_task(asked.models, asked.words[0])
     if (reason := describe_missing_package(engine)) is not None:
         raise InputError(
             f"{engine.name} writes the script of the case, with the release that is installed here: {reason}"
@@ -299,6 +298,17 @@ def _add_case(asked: BisectOptions, wish: Wish, place: Path) -> Wish:
         criterion=criterion,
         case=(task, engine.name),
     )
+
+
+def _find_task(models: Path, name: str) -> Task:
+    """Return the task of MECHANISM/CASE, or of a mechanism with one case.  Raises InputError, Failure."""
+    plan = plan_of(models, (name,))
+    if plan.broken:
+        raise InputError(f"{plan.broken[0][0]} cannot be read: {plan.broken[0][1]}")
+    if len(plan.tasks) > 1:
+        cases = ", ".join(task.case.name for task in plan.tasks)
+        raise InputError(f"{name} has several cases: write {name.partition('/')[0]}/CASE with one of {cases}")
+    return plan.tasks[0]
 
 
 def _choose_folder(asked: BisectOptions) -> Path:

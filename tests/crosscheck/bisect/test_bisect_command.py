@@ -111,3 +111,22 @@ def test_engines_that_are_no_package_are_named() -> None:
     told = CliRunner().invoke(main, ["bisect", "--engine", "flexinv", "..", "rigid_3r"])
     assert told.exit_code == 2
     assert "expected one of mujoco, " in told.output
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (["four_bar"], "four_bar has several cases: write four_bar/CASE with one of turn, "),
+        (["rigid_3r/cycloyd"], "rigid_3r/cycloyd"),
+        (["rigid_3r/cycloid", "--number", "a"], "a case is judged by its efforts"),
+        (
+            ["rigid_3r/cycloid", "--models", "nowhere"],
+            "there is no folder nowhere: write --models FOLDER, or -- SCRIPT",
+        ),
+    ],
+)
+def test_cases_that_are_none_are_named(root: Path, words: list[str], message: str) -> None:
+    models = [] if "--models" in words else ["--models", str(root / "models")]
+    told = CliRunner().invoke(main, ["bisect", "--engine", "mujoco", "..", *words, *models])
+    assert told.exit_code == 2
+    assert message in told.output

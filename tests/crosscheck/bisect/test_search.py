@@ -9,7 +9,7 @@ from itertools import pairwise
 
 import pytest
 
-from crosscheck.bisect.search import Change, Search, choose_element, count_halvings, find_changes, list_all_changes
+from crosscheck.bisect.search import Change, Search, choose_element, count_halvings, find_all_labels, find_changes
 
 Labels = Sequence[str | None]
 
@@ -109,9 +109,13 @@ def test_changes_that_come_back_are_found_where_a_label_between_them_is_met() ->
 
 def test_every_element_can_be_asked_for() -> None:
     labels: Labels = ["a", "a", "b", None, "b", "a", None]
-    search = Search(len(labels), lambda k: labels[k])
-    assert list_all_changes(search) == [Change(1, 2), Change(4, 5)]
+    search = find_all_labels(len(labels), lambda k: labels[k])
+    assert search.changes == (Change(1, 2), Change(4, 5))
     assert search.labels == dict(enumerate(labels))
+    assert (search.begins, search.stops) == (None, Change(5, 6))
+    late = find_all_labels(3, lambda k: "a" if k else None)
+    assert (late.begins, late.stops, late.ends) == (Change(0, 1), None, (1, 2))
+    assert find_all_labels(2, lambda k: None).ends is None
 
 
 @pytest.mark.parametrize("count", [2, 9, 50])
