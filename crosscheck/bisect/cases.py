@@ -41,9 +41,7 @@ class CaseScript:
 def find_package(engine: str) -> str:
     """Return the distribution that brings an engine.  Raises InputError where it is none of ours, or is no package."""
     if engine not in PACKAGES:
-        raise InputError(
-            f"--engine {engine}: expected one of {', '.join(PACKAGES)}; write --package NAME for any other"
-        )
+        raise InputError(f"no package of the index brings {engine!r}; expected one of {', '.join(PACKAGES)}")
     return PACKAGES[engine]
 
 

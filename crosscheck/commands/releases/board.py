@@ -102,13 +102,16 @@ def command(
     console = Console(stderr=True)
     try:
         chosen = _choose_engines(engines)
+        plan = plan_of(models, names)
+        for name, words in plan.broken:
+            console.print(escape(f"{name} cannot be read: {words}"), highlight=False, soft_wrap=True, style="red")
         with owned.open_report_folder(out), convert_sigterm():
             owned.make_listed_folder(out)
             made = choose_installer(installer, Index(links=find_links, offline=no_index), sources=False)
             store = EnvironmentStore(environments or find_store_folder(), made, disk * GIGABYTE)
             releases = {engine: _list_newest(engine, count, made.index) for engine in chosen}
             with open_progress(console) as notify:
-                scripts = _prepare_scripts(plan_of(models, names).tasks, chosen, out / SCRIPTS, timeout, notify)
+                scripts = _prepare_scripts(plan.tasks, chosen, out / SCRIPTS, timeout, notify)
                 board = Board(scripts, releases, store, out, read_cells(out), _make_notifier(notify))
                 cells = board.fill_cells()
             versions = {engine: [str(release) for release in of_engine] for engine, of_engine in releases.items()}
@@ -117,7 +120,8 @@ def command(
         raise Failure("interrupted: what was computed is kept, the same command goes on") from None
     except (InputError, OSError) as error:
         raise Failure(str(error)) from error
-    _write_summary_and_end(console, cells, board.computed, out)
+    code = _write_summary(console, cells, board.computed, out)
+    sys.exit(2 if plan.broken else code)
 
 
 def _choose_engines(patterns: str) -> list[str]:
@@ -167,8 +171,8 @@ def _make_notifier(notify: Notify) -> Callable[[Cell, int, int], None]:
     return send_event
 
 
-def _write_summary_and_end(console: Console, cells: list[Cell], computed: int, out: Path) -> NoReturn:
-    """Say what is on the board, and leave with the exit code."""
+def _write_summary(console: Console, cells: list[Cell], computed: int, out: Path) -> int:
+    """Say what is on the board, and return the exit code."""
     counted = {state: sum(cell.state == state for cell in cells) for state in (WITHIN, OUTSIDE, CANNOT_RUN, NO_SCRIPT)}
     words = ", ".join(f"{number} {state}" for state, number in counted.items())
     console.print(
@@ -179,4 +183,4 @@ def _write_summary_and_end(console: Console, cells: list[Cell], computed: int, o
             line = f"{cell.mechanism}/{cell.case} in {cell.engine} {cell.release}: {cell.distance:.2g} of the range. {cell.words}"
             console.print(escape(line), highlight=False, soft_wrap=True, style="red")
     console.print(f"board: {out / 'index.html'}", highlight=False, soft_wrap=True)
-    sys.exit(1 if counted[OUTSIDE] else 0 if counted[WITHIN] else 2)
+    return 1 if counted[OUTSIDE] else 0 if counted[WITHIN] else 2

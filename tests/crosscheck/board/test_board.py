@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from click.testing import CliRunner
 from local_index import UnzippingInstaller, write_wheel
 from packaging.version import Version
 
@@ -25,6 +26,7 @@ from crosscheck.board.cells import CELLS, Cell, describe_trend, read_cells
 from crosscheck.board.fill import Board
 from crosscheck.board.pages import collect_moves, draw_badge, write_board
 from crosscheck.board.scripts import BoardScript
+from crosscheck.cli import main
 from crosscheck.output_folder import make_listed_folder
 from crosscheck.verdicts.plan import Task, discover
 
@@ -144,3 +146,21 @@ def test_the_page_and_its_files_say_the_same(board: Board) -> None:
 def test_badges_say_when_nothing_was_judged_and_hide_no_markup() -> None:
     assert "nothing judged" in draw_badge("<e>", "1", [make_cell("cannot run", None)])
     assert "&lt;e&gt;" in draw_badge("<e>", "1", [])
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (["--engines", "flexinv"], "no package of the index brings 'flexinv'; expected one of mujoco, "),
+        (["--engines", ","], "--engines names none; write some of mujoco, "),
+        (["nothing_of_the_kind"], "nothing_of_the_kind"),
+        (["rigid_3r", "--engines", "mujoco", "--no-index", "--find-links", "."], "has no release of mujoco"),
+    ],
+)
+def test_wrong_words_have_one_message(root: Path, tmp_path: Path, words: list[str], message: str) -> None:
+    options = ["--models", str(root / "models"), "--out", str(tmp_path / "out"), "--installer", "pip"]
+    offline = [] if "--no-index" in words else ["--no-index"]
+    told = CliRunner().invoke(main, ["board", *words, *options, *offline])
+    assert told.exit_code == 2
+    assert message in told.output
+    assert "Traceback" not in told.output
