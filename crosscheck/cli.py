@@ -1,4 +1,4 @@
-"""The command line: ``crosscheck COMMAND``; every command is a file of ``crosscheck/commands``."""
+"""The command line: ``crosscheck COMMAND``; every command is a file of ``crosscheck/commands``, or of a folder in it."""
 
 from __future__ import annotations
 
@@ -10,9 +10,12 @@ from typing import Any, cast
 import click
 
 from crosscheck import commands
+from crosscheck.commands import releases
 from crosscheck.commands.shared.terminal import Console, Failure
 from crosscheck.secrets import remove_passwords
 from crosscheck.start import describe_missing_package
+
+FOLDERS = (commands, releases)  # of commands
 
 
 class Main(click.Group):
@@ -20,14 +23,15 @@ class Main(click.Group):
 
     def list_commands(self, ctx: click.Context) -> list[str]:
         """Return the names of the commands: those of the files."""
-        return sorted(m.name.replace("_", "-") for m in pkgutil.iter_modules(commands.__path__) if not m.ispkg)
+        return sorted(_collect_modules())
 
     def get_command(self, ctx: click.Context, name: str) -> click.Command | None:
         """Import the file of a command and return what it calls ``command``; None where there is no such file."""
-        if name not in self.list_commands(ctx):
+        modules = _collect_modules()
+        if name not in modules:
             return None
         try:
-            module = importlib.import_module(f"{commands.__name__}.{name.replace('-', '_')}")
+            module = importlib.import_module(modules[name])
         except ModuleNotFoundError as error:
             return _make_refusing_command(name, describe_missing_package(error))
         return cast(click.Command, module.command)
@@ -47,6 +51,16 @@ class Main(click.Group):
         except Exception as error:
             click.echo(remove_passwords(traceback.format_exc()), err=True)
             raise Failure(f"the harness failed: {type(error).__name__}: {error}") from error
+
+
+def _collect_modules() -> dict[str, str]:
+    """Return the module of each command, by the command's name."""
+    modules = {}
+    for folder in FOLDERS:
+        for module in pkgutil.iter_modules(folder.__path__):
+            if not module.ispkg:
+                modules[module.name.replace("_", "-")] = f"{folder.__name__}.{module.name}"
+    return modules
 
 
 def _make_refusing_command(name: str, words: str) -> click.Command:

@@ -72,6 +72,7 @@ CARD = "how a result is shown, apart from the result"
 # Modules that one other imports and that fit into it, and why they stay apart.
 ALONE = {
     "crosscheck.equivalence.card": CARD,
+    "crosscheck.bisect.dependencies": "one more environment, apart from the words of an answer",
     "crosscheck.studies.robot_sweep": "states and torques of many robots, which the benchmarks take, too",
     "crosscheck.causes.quantity_causes": "what no effort shows, a question of its own",
     "crosscheck.causes.repair": "full runs that prove a cause, apart from the words of a diagnosis",

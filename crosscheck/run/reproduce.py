@@ -55,10 +55,12 @@ FILES = {
 }
 
 
-def write_reproduction(task: Task, engine: Engine, folder: Path, limit: float) -> str:
+def write_reproduction(
+    task: Task, engine: Engine, folder: Path, limit: float, children: ChildProcesses | None = None
+) -> str:
     """Write the reproduction of ``task`` in ``engine`` into ``folder``, and return what is to be run for it, in words.
 
-    limit : [s] for each of two processes
+    limit : [s] for each of two processes; children : where these start, prepared ones where there are several reproductions
 
     Raises InputError where there is no export for the engine or the mechanism, or where an engine fails.
     """
@@ -69,8 +71,9 @@ def write_reproduction(task: Task, engine: Engine, folder: Path, limit: float) -
     request: CaseRequest = {"mechanism": mechanism, "case": task.case.name, "options": {"error": False}}
     if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
         raise InputError(f"{folder} is there already: write --out with a new or an empty folder, or remove it")
+    children = children or ChildProcesses()
     with open_scratch_folder() as work:
-        expected = run_engine(ENGINES[REFERENCE], request, task.time, limit, ChildProcesses())
+        expected = run_engine(ENGINES[REFERENCE], request, task.time, limit, children)
         if expected.record.status != "ok":
             raise InputError(f"{where}: {REFERENCE} gives no expected effort: {expected.record.message}")
         save(expected.record, work / "expected")
@@ -84,7 +87,7 @@ def write_reproduction(task: Task, engine: Engine, folder: Path, limit: float) -
             "case": task.case.name,
             "expected": str(work / "expected"),
         }
-        answer, ending = ask(job, limit, ChildProcesses())
+        answer, ending = ask(job, limit, children)
         problem = answer["problem"] if answer else ending.message
         if problem:
             raise InputError(f"{where}: {problem}")

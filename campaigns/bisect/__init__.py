@@ -1,0 +1,1 @@
+"""Known changes of packages, found by `crosscheck bisect` from the index of this machine."""

@@ -1,0 +1,1 @@
+"""Commands about releases of packages: what changed between them."""
