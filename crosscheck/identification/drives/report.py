@@ -24,7 +24,8 @@ from flexinv.typing import Array
 
 NEAR = 1.0  # periods of the bandwidth around a reversal: what the low-pass spreads of it
 BINS = 60  # points of a curve over rate or angle
-FEW = 5  # samples of a point, at least
+SAMPLES = 8  # of a point, at least
+FEW = 3  # of a point, in either sense
 POINTS = 800  # of a curve over orders that are drawn
 FRICTION = (
     *("viscous friction", "coulomb friction", "friction asymmetry", "load friction", "quadratic friction"),
@@ -286,7 +287,9 @@ def _compute_change(terms: Terms, c: int, more: list[FrictionTerm]) -> Array:
 
 
 def _list_edges(places: Array) -> Array:
-    return np.linspace(float(places.min()), float(places.max()) + 1e-9, BINS + 1)
+    """Edges (points + 1,) between which as many samples lie, `SAMPLES` at least."""
+    points = int(np.clip(len(places) // SAMPLES, 1, BINS))
+    return np.quantile(places, np.linspace(0.0, 1.0, points + 1))
 
 
 def _compute_means(places: Array, curves: dict[str, Array]) -> tuple[Array, dict[str, Array]]:
