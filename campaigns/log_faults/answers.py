@@ -62,10 +62,13 @@ NAMES = {
     "dropouts of the effort": "effort dropout",
     "dropouts of the angle": "angle frozen",
     "jump of the angle": "angle jump",
+    "backlash of the gear": "backlash",
+    "part of the effort of another joint, carried too": "coupled effort",
     "no cause that is known": UNKNOWN,
 }
 FACTORS = ("clock", "effort gain", "angle gain", "gravity", "gear efficiency")
 PLACES = {"the world's y axis": "y", "the world's x axis": "x", "the world": "*", "all joints": "*", "the times": "*"}
+RIPPLE = re.compile(r"ripple of the effort, .* a turn")
 PAIR = re.compile(r" and ")  # of joints whose columns are swapped
 FAR = re.compile(r", (?:[-\d.e]+ times as far out as|at) its centre of mass")
 ALIKE = re.compile(r"next to as likely: (.+)$")
@@ -106,7 +109,7 @@ def _parse_answer(text: str) -> Answer:
 
 def read_answer(name: str, place: str, size: float, error: float) -> Answer:
     """Return a named cause in the names of answers, with factors for relative errors and the base for gravity [-]."""
-    own = NAMES.get(name, name)
+    own = "effort ripple" if RIPPLE.fullmatch(name) else NAMES.get(name, name)
     where = FAR.sub("", place)
     where = "*" if PAIR.search(where) else PLACES.get(where, where)
     if own == "clock":

@@ -21,17 +21,19 @@ from crosscheck.identification.bands import ChannelJudgement
 from crosscheck.identification.causes.cause import NOTHING_REMAINS
 from crosscheck.identification.causes.detection_limits import describe_least_sizes
 from crosscheck.identification.causes.name_causes import CauseFindings, find_remaining_causes
+from crosscheck.identification.drives.report import DriveReport, find_drive_report, list_drive_words
 from crosscheck.identification.estimation.combinations import count_narrowed_directions
 from crosscheck.identification.estimation.days import DayRule, describe_days
-from crosscheck.identification.excitation import Proposal, find_exciting_motion
-from crosscheck.identification.files import write_days, write_judged, write_parameters, write_prediction
+from crosscheck.identification.excitation import find_exciting_motion
+from crosscheck.identification.files import write_days, write_judged, write_motions, write_parameters, write_prediction
 from crosscheck.identification.identified_file import write_identified
 from crosscheck.identification.identify import Identification, identify, judge_blocks, read_machine, read_of
 from crosscheck.identification.logs.log import read_columns, read_log
 from crosscheck.identification.logs.meanings import choose_time_column
+from crosscheck.identification.logs.motions import judge_motions
 from crosscheck.identification.page import write_page
 from crosscheck.identification.propose import format_identify_toml
-from crosscheck.identification.settings import FILE
+from crosscheck.identification.settings import FILE, IdentifyTable, move_efforts_behind_gears, read_settings
 from crosscheck.identification.write_back.identified import check_new_file
 from crosscheck.identification.write_back.mjcf import write_mjcf
 from crosscheck.identification.write_back.mjcf_file import read_mjcf
@@ -42,7 +44,7 @@ from flexinv.files.header_words import find_time_unit
 from flexinv.files.load_mechanism import load_mechanism
 from flexinv.files.toml_tables import resolve_toml_file
 
-TABLES = ("parameters.csv", "days.csv", "judged.csv", "identified.toml")
+TABLES = ("parameters.csv", "days.csv", "judged.csv", "motions.csv", "identified.toml")
 FOLD = "Cut the window of the first log into so many blocks; each is judged by what the others tell."
 
 
@@ -70,6 +72,12 @@ FOLD = "Cut the window of the first log into so many blocks; each is judged by w
     default="files",
     show_default=True,
     help="What has friction and offsets of its own: each file, each log (parts of a file, too), or one day for all.",
+)
+@click.option(
+    "--link-torques",
+    "behind",
+    is_flag=True,
+    help="Efforts are those of torque sensors behind the gears: no rotor, no friction of motors.",
 )
 @click.option("--hold-out", multiple=True, help="Log that only judges. Repeatable.")
 @click.option(
@@ -110,6 +118,7 @@ def command(
     logs: tuple[str, ...],
     loads: tuple[str, ...],
     rule: DayRule,
+    behind: bool,
     hold_out: tuple[str, ...],
     wanted: tuple[str, ...],
     count: int | None,
@@ -137,7 +146,7 @@ def command(
     folder = out or Path("reports") / "identify" / name
     source = models / name
     if propose:
-        _write_proposed_settings(console, source, logs[0])
+        _write_proposed_settings(console, source, logs[0], behind)
         return
     try:
         with owned.open_report_folder(folder):
@@ -146,29 +155,32 @@ def command(
             held = _resolve_log_paths(source, hold_out)
             payloads = _resolve_payloads(source, loads)
             _check_robot_files(urdf, mjcf)
-            identification = identify(source, given, held, days=rule, payloads=payloads)
+            settings = _read_settings(source, behind)
+            identification = identify(source, given, held, settings, rule, payloads)
             _write_tables(identification, source, folder)
             _write_predictions(console, identification, _resolve_log_paths(source, wanted), folder)
             _write_parameters(console, identification)
             _write_robot_files(console, identification, folder, urdf, mjcf)
             doubtful = _list_logs_in_question(identification, given, held, asked)
             causes = _find_causes(console, identification, doubtful, asked)
+            drives = find_drive_report(identification)
+            _write_drives(console, drives)
             if count is not None:
                 log = read_of(identification.machine, given[0])
-                _write_table(console, f"{count} blocks in turn", judge_blocks(read_machine(source), log, count))
+                _write_table(
+                    console, f"{count} blocks in turn", judge_blocks(read_machine(source, settings), log, count)
+                )
             if seconds is not None:
-                log = read_of(identification.machine, given[0])
-                proposal = find_exciting_motion(identification.machine, identification.fit, log, seconds)
-                _write_proposed_motion(console, proposal, folder)
+                _write_proposed_motion(console, identification, given[0], seconds, folder)
             took = clock.perf_counter() - begun
-            results = write_page(identification, causes, " ".join(sys.argv[1:]), folder, took, mjcf and mjcf[0])
+            results = write_page(identification, causes, " ".join(sys.argv[1:]), folder, took, mjcf and mjcf[0], drives)
     except (FlexinvError, OSError) as error:
         raise Failure(str(error)) from error
     console.print(f"page: {folder / 'index.html'}", highlight=False, soft_wrap=True)
     sys.exit(results.exit_code)
 
 
-def _write_proposed_settings(console: Console, source: Path, log: str) -> None:
+def _write_proposed_settings(console: Console, source: Path, log: str, behind: bool) -> None:
     file = source / FILE
     try:
         if file.exists():
@@ -177,14 +189,33 @@ def _write_proposed_settings(console: Console, source: Path, log: str) -> None:
         time, doubt = choose_time_column(read_columns(path))
         unit, why = find_time_unit(time, read_log(path.partition("@")[0], time).spacing)
         words = "; ".join(filter(None, (doubt, why)))
-        text = format_identify_toml(load_mechanism(source), read_log(path, time, unit), time, (unit, words))
+        text = format_identify_toml(load_mechanism(source), read_log(path, time, unit), time, (unit, words), behind)
         file.write_text(text, encoding="utf-8")
     except (FlexinvError, OSError) as error:
         raise Failure(str(error)) from error
     console.print(f"proposed, read every line: {file}", highlight=False, soft_wrap=True)
 
 
-def _write_proposed_motion(console: Console, proposal: Proposal, folder: Path) -> None:
+def _read_settings(source: Path, behind: bool) -> IdentifyTable | None:
+    """The settings of a machine whose efforts are measured behind its gears; None where the file says where they are."""
+    return move_efforts_behind_gears(read_settings(source, load_mechanism(source))) if behind else None
+
+
+def _write_drives(console: Console, drives: DriveReport) -> None:
+    """Write what the logs say of friction, angles and couplings beside what is free."""
+    words = list(list_drive_words(drives))
+    if words:
+        console.print("\n[bold]friction and gears[/bold]")
+    for one in words:
+        console.print(escape(one), highlight=False, soft_wrap=True)
+
+
+def _write_proposed_motion(
+    console: Console, identification: Identification, path: str, seconds: float, folder: Path
+) -> None:
+    """Write a motion that tells more than the logs so far [s], [rad], [m], bounded as that of a log."""
+    log = read_of(identification.machine, path)
+    proposal = find_exciting_motion(identification.machine, identification.fit, log, seconds)
     columns = {"time_s": proposal.time} | dict(zip(proposal.names, proposal.q.T, strict=True))
     pd.DataFrame(columns).to_csv(owned.add_to_folder_list(folder / "motion.csv"), index=False, float_format="%.9g")
     console.print("\n[bold]a motion that tells more[/bold]: motion.csv, angles [rad] and ways [m]")
@@ -198,6 +229,8 @@ def _write_tables(identification: Identification, source: Path, folder: Path) ->
     write_parameters(identification.parameters, files["parameters.csv"])
     write_days(identification.of_days, files["days.csv"])
     write_judged(identification.seen, identification.judged, files["judged.csv"])
+    runs = [*identification.shown, *identification.held]
+    write_motions(judge_motions(identification.machine, runs), files["motions.csv"])
     write_identified(identification, resolve_toml_file(source, "mechanism.toml"), files["identified.toml"])
 
 

@@ -22,19 +22,13 @@ import numpy as np
 import scipy  # its parts are loaded when they are asked for
 from numpy.typing import NDArray
 
+from crosscheck.identification.drives.efforts import compute_channel_rate, compute_friction_reading
 from crosscheck.identification.estimation.days import DRY, OFFSET, VISCOUS
 from crosscheck.identification.estimation.fit import STEP, Fit, Problem
 from crosscheck.identification.filters import low_pass
+from crosscheck.identification.machine import Channel, Machine, has_friction
 from crosscheck.identification.parameters import Values
-from crosscheck.identification.readings import (
-    Channel,
-    Machine,
-    Run,
-    apply_bandwidth,
-    compute_friction_reading,
-    compute_raw_signals,
-    compute_readings,
-)
+from crosscheck.identification.readings import Run, apply_bandwidth, compute_raw_signals, compute_readings
 from flexinv.typing import Array
 
 NOMINAL = 0.9
@@ -155,7 +149,7 @@ def compute_margins(task: Problem, fit: Fit) -> Margins:
         held = fit.held[c]
         unsure = fit.unsure[c]
         slowest = machine.settings.still_rad_per_s
-        known = channel.sense == "effort" and slowest > 0.0
+        known = has_friction(machine, channel) and slowest > 0.0
         law = fit_scatter(rate, held, unsure, float(fit.agree[c]), slowest) if known else None
         out.append(law or Scatter(float(fit.spread[c] ** 2)))
         sd = np.sqrt(unsure**2 + out[-1].evaluate_scatter(rate) ** 2 + more**2)
@@ -168,8 +162,8 @@ def _compute_channel_rates(machine: Machine, run: Run) -> Array:
     """Rates without sign (samples, channels) [rad/s], [m/s] of the joints of efforts, of one that stands the least; else 0."""
     rate = np.zeros((len(run.time), len(machine.channels)))
     for c, channel in enumerate(machine.channels):
-        if channel.sense == "effort":
-            joint_rate = np.abs(run.motion.qd[:, run.motion.names.index(channel.place)])
+        if has_friction(machine, channel):
+            joint_rate = np.abs(compute_channel_rate(machine, run.motion, channel))
             rate[:, c] = np.maximum(
                 joint_rate, machine.settings.still_rad_per_s
             )  # slower ones were not counted: nothing is told of them
@@ -196,8 +190,8 @@ def _compute_standing_scatter(machine: Machine, fit: Fit, run: Run) -> Array:
     spacing = float(run.time[1] - run.time[0])
     out = np.zeros((len(run.time), len(machine.channels)))
     for c, channel in enumerate(machine.channels):
-        if channel.sense == "effort":
-            stands = (np.abs(_read_rate(run, channel)) <= still).astype(float)
+        if has_friction(machine, channel):
+            stands = (np.abs(compute_channel_rate(machine, run.motion, channel)) <= still).astype(float)
             part = np.clip(low_pass(stands, spacing, machine.settings.bandwidth_Hz), 0.0, 1.0)
             out[:, c] = part * _compute_dry_reading(machine, channel, values) / NORMAL
     return out
@@ -208,18 +202,16 @@ def _compute_day_scatter(machine: Machine, fit: Fit, run: Run) -> Array:
     values = machine.space.compute_values(fit.z, run.load)
     out = np.zeros((len(run.time), len(machine.channels)))
     for c, channel in enumerate(machine.channels):
-        if channel.sense == "effort" and fit.scatter:
-            rate = _read_rate(run, channel)
-            whole = compute_friction_reading(machine, channel, rate, values)
-            viscous = whole - compute_friction_reading(machine, channel, rate, values | {(VISCOUS, channel.place): 0.0})
+        if has_friction(machine, channel) and fit.scatter:
+            rate = compute_channel_rate(machine, run.motion, channel, values)
+            load = run.response(values)[0][:, run.motion.names.index(channel.place)]
+            whole = compute_friction_reading(machine, channel, rate, values, load)
+            other = values | {(VISCOUS, channel.place): 0.0}
+            viscous = whole - compute_friction_reading(machine, channel, rate, other, load)
             offset = fit.scatter[OFFSET] * _compute_dry_reading(machine, channel, values)
             square = (fit.scatter[VISCOUS] * viscous) ** 2 + (fit.scatter[DRY] * (whole - viscous)) ** 2
             out[:, c] = np.sqrt(square + offset**2)
     return out
-
-
-def _read_rate(run: Run, channel: Channel) -> Array:
-    return run.motion.qd[:, run.motion.names.index(channel.place)]
 
 
 def _compute_dry_reading(machine: Machine, channel: Channel, values: Values) -> float:

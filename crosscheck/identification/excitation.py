@@ -12,9 +12,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from crosscheck.identification.drives.efforts import compute_channel_rate
 from crosscheck.identification.estimation.fit import PER_PERIOD, TOLD, Fit, build_problem, compute_jacobian
 from crosscheck.identification.logs.log import Log
-from crosscheck.identification.readings import Machine, Run, compute_measured_motion
+from crosscheck.identification.machine import Machine, has_friction
+from crosscheck.identification.readings import Run, compute_measured_motion
 from crosscheck.identification.response import MeasuredMotion, build_response
 from flexinv.typing import Array
 
@@ -108,8 +110,8 @@ def _compute_motion_score(
     )
     tell = build_response(machine.mechanism, machine.space, machine.settings, motion)
     moving = np.column_stack([
-        np.ones(len(time), dtype=bool) if c.sense != "effort"
-        else np.abs(motion.qd[:, motion.names.index(c.place)]) > machine.settings.still_rad_per_s
+        np.abs(compute_channel_rate(machine, motion, c)) > machine.settings.still_rad_per_s if has_friction(machine, c)
+        else np.ones(len(time), dtype=bool)
         for c in machine.channels
     ])  # fmt: skip
     run = Run("proposed", time, motion, tell, None, moving, moving)

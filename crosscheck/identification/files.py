@@ -1,4 +1,4 @@
-"""Files of `crosscheck identify`: prediction.csv, parameters.csv, days.csv, judged.csv."""
+"""Files of `crosscheck identify`: prediction.csv, parameters.csv, days.csv, judged.csv, motions.csv."""
 
 from __future__ import annotations
 
@@ -8,7 +8,8 @@ import numpy as np
 import pandas as pd
 
 from crosscheck.identification.bands import ChannelJudgement, Prediction
-from crosscheck.identification.readings import Machine
+from crosscheck.identification.logs.motions import PartJudgement
+from crosscheck.identification.machine import Machine
 from crosscheck.identification.table import MACHINE, DayRow, Row
 
 
@@ -33,6 +34,15 @@ def write_days(rows: list[DayRow], file: Path) -> None:
     columns = ["parameter", "place", "day", "value", "low", "high", "unit"]
     frame = pd.DataFrame([vars(row) | {"day": row.day or MACHINE} for row in rows], columns=columns)
     frame.to_csv(file, index=False, float_format="%.9g")
+
+
+def write_motions(parts: list[PartJudgement], file: Path) -> None:
+    """Write how well each motion of each log is told, channel by channel: RMS errors [unit of the channel], parts inside [-]."""
+    columns = ["log", "part", "start", "end", "channel", "unit", "samples", "rms", "left", "inside"]
+    frame = pd.DataFrame([vars(row) | {"left": row.left} for row in parts], columns=columns)
+    frame.rename(columns={"part": "motion", "start": "start_s", "end": "end_s"}).to_csv(
+        file, index=False, float_format="%.6g"
+    )
 
 
 def write_judged(judgements: list[ChannelJudgement], judged: list[ChannelJudgement], file: Path) -> None:

@@ -17,13 +17,14 @@ import numpy as np
 
 from crosscheck import output_folder as owned
 from crosscheck.identification.identify import Identification
-from crosscheck.identification.readings import Channel
+from crosscheck.identification.machine import Channel, Machine, resolve_value
+from crosscheck.identification.parameters import COUPLING
 from crosscheck.identification.response import compute_link_inertias, turn_gravity
 from crosscheck.identification.table import Row
 from crosscheck.report.words import format_by_width, format_interval, format_short
 from flexinv.files.joints import DRIVES
 from flexinv.files.load_mechanism import read_layers
-from flexinv.model.mechanism import SPRING, Mechanism
+from flexinv.model.mechanism import SPRING, Joint, Mechanism
 
 LINKS = ("mass", "com x", "com y", "com z", "Ixx", "Ixy", "Iyy", "Ixz", "Iyz", "Izz")
 # kind -> key of a joint that turns, of one that slides, key of its drive
@@ -82,6 +83,7 @@ def write_identified(identification: Identification, base: Path, file: Path) -> 
         *_fill_beam_tables(layer, rows, tables, "damping" in data),
         *_fill_payload_tables(layer, rows, tables),
         *_fill_load_tables(mechanism, rows, data, tables),
+        *_fill_coupled_motors(identification, layer, rows, tables),
     }
     rest = [_describe_rest(row, currents) for key, row in rows.items() if key not in done]
     logs = [run.name for run, _ in identification.shown]
@@ -295,6 +297,44 @@ def _fill_load_tables(
         gravity = turn_gravity(np.asarray(mechanism.gravity), turn[0], turn[1]).tolist()
         tables.setdefault("", {})["gravity_m_per_s2"] = (gravity, words)
         yield from ((f"gravity tilt {a}", "world") for a, row in tilt.items() if row is not None)
+
+
+def _fill_coupled_motors(
+    identification: Identification, layer: Layer, rows: Mapping[Any, Row], tables: Tables
+) -> Iterator[tuple[str, str]]:
+    """A motor that follows several joints: a frame of its own with rotor and friction, and a coupling that turns it."""
+    values = identification.machine.space.compute_values(identification.fit.z)
+    for name, own in identification.machine.settings.joints.items():
+        if not own.follows or layer.prefix or "drive" in layer.joints.get(name, {}):
+            continue
+        joint = layer.mechanism.joint_of[name]
+        motor = f"{name}_motor"
+        kind = "prismatic" if joint.kind == "prismatic" else "revolute"
+        law = _take_drive_numbers(
+            identification.machine, joint, tables.get(layer.format_table_name("joints", name), {})
+        )
+        words = f"turns with {name} and what it follows; its rotor and friction were those of {name}"
+        tables[layer.format_table_name("links", motor)] = {"kind": ("rigid", ""), "massless": (True, words)}
+        place = {"kind": (kind, ""), "parent": ("world", ""), "child": (motor, ""), "axis": (joint.axis.tolist(), "")}
+        tables[layer.format_table_name("joints", motor)] = place | law
+        passive = tables.setdefault(layer.format_table_name("joints", name), {})
+        passive |= dict.fromkeys(law, (0.0, f"of {motor}")) | {"actuated": (False, f"{motor} moves it")}
+        parts = {o: resolve_value(identification.machine, values, COUPLING, f"{name}/{o}") for o in own.follows}
+        factors = {motor: 1.0, name: -1.0} | {other: -part for other, part in parts.items()}
+        told = "; ".join(
+            _describe_row(rows[COUPLING, f"{name}/{o}"]) for o in parts if (COUPLING, f"{name}/{o}") in rows
+        )
+        tables[f"closures.{_format_key(f'{name}_coupling')}"] = {"kind": ("coupling", ""), "factors": (factors, told)}
+        yield from ((COUPLING, f"{name}/{other}") for other in parts)
+
+
+def _take_drive_numbers(machine: Machine, joint: Joint, table: Mapping[str, Any]) -> dict[str, tuple[Any, str]]:
+    """Rotor inertia, viscous and dry friction of a joint as keys of its motor, found or known."""
+    out = {}
+    for kind in ("rotor inertia", "viscous friction", "coulomb friction"):
+        key = JOINTS[kind][joint.kind == "prismatic"]
+        out[key] = table.get(key, (resolve_value(machine, {}, kind, joint.name), "known before"))
+    return out
 
 
 def _scale_value(value: Any, factor: float) -> Any:

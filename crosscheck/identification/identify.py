@@ -19,13 +19,16 @@ from crosscheck.identification.bands import (
     judge_predictions,
     predict,
 )
+from crosscheck.identification.drives.evidence import build_terms
+from crosscheck.identification.drives.friction_laws import choose_friction_laws, list_free_tables
 from crosscheck.identification.estimation.combinations import list_combinations
 from crosscheck.identification.estimation.days import DayFits, DayRule, check_day_rule, find_day, fit_days
 from crosscheck.identification.estimation.fit import Fit, Problem, build_problem, fit
 from crosscheck.identification.logs.doubts import describe_log_doubts, describe_log_failures
 from crosscheck.identification.logs.log import Log, read_log
+from crosscheck.identification.machine import Machine
 from crosscheck.identification.parameters import build_space
-from crosscheck.identification.readings import Machine, Run, make_run
+from crosscheck.identification.readings import Run, make_run
 from crosscheck.identification.settings import IdentifyTable, read_settings
 from crosscheck.identification.table import (
     DayRow,
@@ -157,8 +160,23 @@ def identify(
     doubts = describe_log_doubts(machine, given, held)
     carried = [""] * len(logs) + list(loads)
     runs = [make_run(machine, log, load=load) for log, load in zip(given, carried, strict=True)]
-    task, of_days = fit_days(machine, runs, [find_day(log, days) for log in given], days)
+    task, of_days = _fit_with_laws(machine, runs, [find_day(log, days) for log in given], days)
     return _build_identification(task, of_days, given, held, doubts)
+
+
+def _fit_with_laws(machine: Machine, runs: list[Run], names: list[str], rule: DayRule) -> tuple[Problem, DayFits]:
+    """The problem and its fits; with friction = "evidence" also of the terms that the logs speak for."""
+    task, days = fit_days(machine, runs, names, rule)
+    tables = (
+        list_free_tables(choose_friction_laws(build_terms(task, days)))
+        if machine.settings.friction == "evidence"
+        else []
+    )
+    if not tables:
+        return task, days
+    wider = machine.settings.model_copy(update={"free": [*machine.settings.free, *tables]})
+    space = build_space(machine.mechanism, wider, machine.space.loads)
+    return fit_days(Machine(machine.mechanism, wider, space), runs, names, rule)
 
 
 def _build_identification(

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import re
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -14,11 +12,22 @@ from crosscheck.identification.bands import ChannelJudgement, Prediction
 from crosscheck.identification.card import describe_gist
 from crosscheck.identification.causes.cause import NOTHING_REMAINS
 from crosscheck.identification.causes.name_causes import CauseFindings
+from crosscheck.identification.drives.report import (
+    DriveReport,
+    build_drive_tables,
+    find_drive_report,
+    list_drive_figures,
+    list_drive_words,
+)
+from crosscheck.identification.estimation.base_parameters import list_base_rows
 from crosscheck.identification.estimation.days import describe_days
+from crosscheck.identification.figures import LogFigure
 from crosscheck.identification.identify import Identification
+from crosscheck.identification.logs.motions import PartJudgement, judge_motions, judge_over_time
+from crosscheck.identification.machine import Machine
 from crosscheck.identification.maker_values import build_maker_tables
 from crosscheck.identification.parameters import Key
-from crosscheck.identification.readings import Machine, Run
+from crosscheck.identification.readings import Run
 from crosscheck.identification.settings import LimitTable, list_matching_names
 from crosscheck.identification.table import MACHINE, Row
 from crosscheck.report import render
@@ -32,11 +41,10 @@ from crosscheck.verdicts.results import (
     make_slug,
     write,
 )
-from crosscheck.verdicts.study_table import Curve, Line, SideTable, StudyFigure
-from flexinv.display.curve_table import DrawnCurve, render_curves
+from crosscheck.verdicts.study_table import Line, SideTable
+from flexinv.display.curve_table import render_curves
 from flexinv.typing import Array
 
-MOST_LETTERS = 80  # of a file's name
 POINTS = 800  # of a curve: what a screen shows
 FREQUENCIES = 400
 COLUMNS = (
@@ -62,6 +70,8 @@ SCATTER = (
     "From block to block the estimates scatter {:.2g} times what the formula says, in variance; intervals are widened."
 )
 STEADY = "From block to block the estimates scatter no more than the formula says."
+WORST_SEEN = "Motion by motion: where the first log, which identified, is told worst"
+MOSTLY = 0.7  # of the parts of a log in which a sensor counts: others have no curve over time
 WIDER = 1.05  # times in variance: less is rounded away
 UNJUDGED = "\n\nNo limit is stated, so that nothing is judged: write [[limits]] into identify.toml"
 UNHELD = ", and give a log that is held out"
@@ -74,14 +84,18 @@ def write_page(
     out: Path,
     elapsed: float,
     mjcf: Path | None = None,
+    drives: DriveReport | None = None,
 ) -> Results:
     """Write index.html, the page of the study, results.json, junit.xml and summary.md into a folder; return the results [-].
 
     causes : name of a log and what it shows beside the model; elapsed : time that all of it took [s]
     mjcf : a file of the machine whose values stand beside those found; a URDF's do where the mechanism comes from one
+    drives : what the logs say of friction and gears; it is asked where it is absent
     Raises InputError where such a file cannot be read.
     """
-    study = build_study_row(identification, causes, build_maker_tables(identification, mjcf))
+    drives = find_drive_report(identification) if drives is None else drives
+    figures = _list_figures(identification, drives)
+    study = build_study_row(identification, causes, build_maker_tables(identification, mjcf), drives, figures)
     results = Results(
         format_current_time(),
         command,
@@ -92,15 +106,19 @@ def write_page(
         elapsed=elapsed,
     )
     write(results, out / "results.json")
-    _write_figure_tables(identification, out / "data" / make_slug(study.name))
+    _write_figure_tables(figures, out / "data" / make_slug(study.name))
     render(results, out)
     return results
 
 
 def build_study_row(
-    identification: Identification, causes: Sequence[tuple[str, CauseFindings]], makers: Sequence[SideTable]
+    identification: Identification,
+    causes: Sequence[tuple[str, CauseFindings]],
+    makers: Sequence[SideTable],
+    drives: DriveReport,
+    figures: Sequence[LogFigure],
 ) -> StudyRow:
-    """Return all that the page shows [unit of each]; makers : tables of values that robot files say."""
+    """Return all that the page shows [unit of each]; makers : tables of values that robot files say; figures : in their order."""
     name = identification.machine.mechanism.name
     told = sum(row.identifiable for row in identification.parameters)
     scatter = SCATTER.format(identification.fit.kappa) if identification.fit.kappa > WIDER else STEADY
@@ -111,9 +129,12 @@ def build_study_row(
     tables = [
         _build_told_table(identification.parameters),
         *makers,
+        _build_base_table(identification),
+        _build_motion_table(identification),
         _build_day_table(identification),
         _build_cause_table(causes),
-        _build_doubt_table(identification.words),
+        *build_drive_tables(drives),
+        _build_doubt_table([*identification.words, *list_drive_words(drives)]),
         _build_untold_table(identification.parameters),
         _build_least_table(causes),
         _build_scatter_table(identification),
@@ -124,7 +145,7 @@ def build_study_row(
         text,
         COLUMNS,
         tuple(_list_channel_rows(identification)),
-        figures=tuple(figure.build_drawing(k) for k, figure in enumerate(_list_figures(identification), 1)),
+        figures=tuple(figure.build_drawing(k) for k, figure in enumerate(figures, 1)),
         tables=tuple(tables),
         heading="How well the logs are explained",
         gist=describe_gist(identification),
@@ -169,49 +190,15 @@ def _list_channel_rows(identification: Identification) -> Iterator[Line]:
 # ------------------------------------------------------------------------------------------------------------ figures
 
 
-def _write_figure_tables(identification: Identification, folder: Path) -> None:
+def _write_figure_tables(figures: Sequence[LogFigure], folder: Path) -> None:
     """Write the numbers of every figure as CSV, with all samples and all digits [unit in each header]."""
-    for k, figure in enumerate(_list_figures(identification), 1):
+    for k, figure in enumerate(figures, 1):
         folder.mkdir(parents=True, exist_ok=True)
         owned.write(folder / f"{figure.build_table_name(k)}.csv", render_curves(figure.list_columns()))
 
 
-@dataclass(frozen=True)
-class LogFigure:
-    """A figure of a log with all its numbers: words of the axes, places and curves by name (points,) [units of the axes].
-
-    shown : what is drawn, in the names of file and columns; most : points of a curve that are drawn
-    """
-
-    log: str
-    shown: str
-    title: str
-    x: str
-    y: str
-    places: Array
-    curves: Mapping[str, Array]
-    most: int
-
-    def list_columns(self) -> Iterator[DrawnCurve]:
-        """Yield the columns of its CSV file, with all samples [unit in each name]."""
-        for name, values in self.curves.items():
-            yield DrawnCurve(self.x, f"{self.log}, {name}: {self.y}", self.places, values)
-
-    def build_table_name(self, number: int) -> str:
-        """Return the name of its CSV file [-], with its number on the page: two logs may have one name."""
-        return f"{number}_{re.sub('[^A-Za-z0-9]+', '_', f'{self.log} {self.shown}')[:MOST_LETTERS].strip('_')}"
-
-    def build_drawing(self, number: int) -> StudyFigure:
-        """Return as much of it as the page draws [units of the axes]."""
-        every = max(1, len(self.places) // self.most)
-        places = self.places[::every].round(4).tolist()
-        curves: dict[str, Curve] = {n: {"x": places, "y": _drop_digits(v[::every])} for n, v in self.curves.items()}
-        table = self.build_table_name(number)
-        return {"title": self.title, "x": self.x, "y": self.y, "curves": curves, "table": table}
-
-
-def _list_figures(identification: Identification) -> list[LogFigure]:
-    """Figures of the logs held out, or of the first one: every sensor over time, then the spectra of what remains."""
+def _list_figures(identification: Identification, drives: DriveReport) -> list[LogFigure]:
+    """Figures of the logs held out, or of the first one: sensors and errors over time, friction, angles, spectra of the rest."""
     logs = identification.held or identification.shown[:1]
     bands = [figure for run, told in logs for figure in _list_band_figures(identification, run, told)]
     spectra = [
@@ -219,7 +206,8 @@ def _list_figures(identification: Identification) -> list[LogFigure]:
         for run, told in logs
         if run.measured is not None
     ]
-    return [*bands, *spectra]
+    times = [_build_time_figure(identification, run, told) for run, told in logs if run.measured is not None]
+    return [*bands, *times, *list_drive_figures(identification, drives), *spectra]
 
 
 def _list_band_figures(identification: Identification, run: Run, told: Prediction) -> Iterator[LogFigure]:
@@ -230,6 +218,21 @@ def _list_band_figures(identification: Identification, run: Run, told: Predictio
         title = f"{channel.name}: {run.name}, {held}"
         y = f"{channel.name} [{channel.unit}]"
         yield LogFigure(run.name, channel.name, title, "time [s]", y, run.time, curves, POINTS)
+
+
+def _build_time_figure(identification: Identification, run: Run, told: Prediction) -> LogFigure:
+    """RMS errors over time, each over the spread of what was measured."""
+    rows = judge_over_time(identification.machine, [(run, told)])
+    by_channel: dict[str, dict[float, float]] = {}
+    for row in rows:
+        by_channel.setdefault(row.channel, {})[0.5 * (row.start + row.end)] = row.left
+    most = max((len(own) for own in by_channel.values()), default=0)
+    shown = {name: own for name, own in by_channel.items() if len(own) > MOSTLY * most}
+    places = sorted(set.intersection(*(set(own) for own in shown.values()))) if shown else []
+    curves = {name: np.array([own[place] for place in places]) for name, own in shown.items()}
+    title = f"How well each part of {run.name} is told"
+    y = "RMS error over spread of the reading [-]"
+    return LogFigure(run.name, "errors over time", title, "time [s]", y, np.array(places), curves, POINTS)
 
 
 def _build_spectrum_figure(identification: Identification, run: Run, told: Prediction, measured: Array) -> LogFigure:
@@ -246,10 +249,6 @@ def _build_spectrum_figure(identification: Identification, run: Run, told: Predi
     title = f"What remains, by frequency: {run.name}"
     y = "amplitude over spread of the reading [-]"
     return LogFigure(run.name, "what remains", title, "frequency [Hz]", y, frequency[kept], curves, FREQUENCIES)
-
-
-def _drop_digits(values: Array) -> list[float]:
-    return [float(f"{x:.5g}") for x in values]
 
 
 # ------------------------------------------------------------------------------------------------------------- tables
@@ -292,6 +291,48 @@ def _build_told_table(table: Sequence[Row]) -> SideTable:
     """Return the parameters that the logs tell, with which the page opens: they are what was asked for."""
     told = [row for row in table if row.identifiable]
     return {**_build_parameter_table("Parameters before and after", told), "leads": True}
+
+
+def _build_base_table(identification: Identification) -> SideTable:
+    """Return the combinations of masses and rotors that torques can tell, with intervals: what the logs know of the links."""
+    rows = [
+        {
+            "words": row.words,
+            "value": format_by_width(row.value, row.high - row.low),
+            "interval": format_interval(row.low, row.high),
+            "before": row.before,
+            "unit": row.unit,
+            "told": "yes" if row.identifiable else "no",
+        }
+        for row in list_base_rows(identification.machine, identification.fit)
+    ]
+    columns = [
+        ("words", "combination", ""), ("value", "value", "unit"), ("interval", "90 % interval", ""), ("before", "before", "unit"),
+        ("unit", "unit", ""), ("told", "told by the logs", ""),
+    ]  # fmt: skip
+    return {"title": "Base parameters: what torques can tell of masses and rotors", "columns": columns, "rows": rows}
+
+
+def _build_motion_table(identification: Identification) -> SideTable:
+    """Return the motions of the logs that judge, or of the first log, each by the channel that it is told worst in."""
+    some = identification.held or identification.shown[:1]
+    worst: dict[tuple[str, int], PartJudgement] = {}
+    for row in judge_motions(identification.machine, some):
+        at = row.log, row.part
+        if at not in worst or row.left > worst[at].left:
+            worst[at] = row
+    rows = [
+        {"log": r.log, "part": r.part, "start": r.start, "end": r.end, "channel": r.channel, "left": r.left, "rms": r.rms,
+         "unit": r.unit, "inside": r.inside}
+        for r in worst.values()
+    ]  # fmt: skip
+    columns = [
+        ("log", "log", ""), ("part", "motion", ""), ("start", "from", "s"), ("end", "to", "s"), ("channel", "worst sensor", ""),
+        ("left", "RMS error over spread", ""), ("rms", "RMS error", "unit"), ("unit", "unit", ""),
+        ("inside", "in 90 % band", ""),
+    ]  # fmt: skip
+    title = "Motion by motion: where the logs held out are told worst" if identification.held else WORST_SEEN
+    return {"title": title, "columns": columns, "rows": rows if len(rows) > 1 else [], "summarised": True}
 
 
 def _build_day_table(identification: Identification) -> SideTable:

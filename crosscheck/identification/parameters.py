@@ -21,7 +21,7 @@ from crosscheck.identification.pseudo_inertia import (
     convert_to_com,
     make_plausible,
 )
-from crosscheck.identification.settings import STRAINS, IdentifyTable, list_matching_names
+from crosscheck.identification.settings import OF_DRIVES, STRAINS, IdentifyTable, list_matching_names
 from flexinv.errors import InputError
 from flexinv.model.links import Link
 from flexinv.model.mechanism import Body, Inertia, Joint, Mechanism, Section
@@ -33,6 +33,8 @@ from flexinv.validation import find_nearest_word
 Key = tuple[str, str]
 Values = dict[Key, float]
 MASS = "mass properties"
+COUPLING = "motor coupling"
+TWICE = ("viscous friction", "joint damping")  # the same friction of a measured joint, by its drive or by its joint
 ZEROS = {"marker": "m", "accelerometer": "m/s^2"}  # units of the zeros of sensors at points
 # A payload before a log tells it: so many times the mass and the radii of gyration of its link, with these relative errors: nine
 # tenths lie within factors of 12 and 5.  A block of steel is that much smaller than a link, and a box that much larger.
@@ -58,7 +60,8 @@ class ParameterKind:
     """A kind of parameter.
 
     unit : of one that turns and of one that slides; positive : by its nature
-    places : "joint" measured, "any joint", "other joint" that no column measures, "link", "beam", "payload"
+    places : "joint" measured, "drive" of one whose effort shows it, "warm drive" of which a temperature is logged, "coupling" of
+        a motor with another joint, "any joint", "other joint" that no column measures, "link", "beam", "payload"
         of a beam, "spring", "gauge", "marker", "accelerometer", "world"; class_ : of the synthetic campaign
     known : joint -> value before, where the mechanism has one
     """
@@ -82,13 +85,18 @@ KINDS = {
     k.name: k
     for k in (
         _make_kind(MASS, "-", False, "link", "mass properties"),
-        _make_kind("rotor inertia", "kg m^2", True, "joint", "drives", "kg", known=lambda j: j.rotor_inertia),
-        _make_kind("viscous friction", "N m s/rad", True, "joint", "friction", "N s/m", known=lambda j: j.damping),
-        _make_kind("coulomb friction", "N m", True, "joint", "friction", "N", known=lambda j: j.friction),
-        _make_kind("transition rate", "rad/s", True, "joint", "friction", "m/s"),
-        _make_kind("stribeck share", "-", False, "joint", "friction"),
-        _make_kind("stribeck rate", "rad/s", True, "joint", "friction", "m/s"),
-        _make_kind("friction asymmetry", "N m", False, "joint", "friction", "N"),
+        _make_kind("rotor inertia", "kg m^2", True, "drive", "drives", "kg", known=lambda j: j.rotor_inertia),
+        _make_kind("viscous friction", "N m s/rad", True, "drive", "friction", "N s/m", known=lambda j: j.damping),
+        _make_kind("coulomb friction", "N m", True, "drive", "friction", "N", known=lambda j: j.friction),
+        _make_kind("transition rate", "rad/s", True, "drive", "friction", "m/s"),
+        _make_kind("stribeck share", "-", False, "drive", "friction"),
+        _make_kind("stribeck rate", "rad/s", True, "drive", "friction", "m/s"),
+        _make_kind("friction asymmetry", "N m", False, "drive", "friction", "N"),
+        _make_kind("load friction", "-", False, "drive", "friction"),
+        _make_kind("quadratic friction", "N m s^2/rad^2", False, "drive", "friction", "N s^2/m^2"),
+        _make_kind("viscous friction per kelvin", "1/K", False, "warm drive", "friction"),
+        _make_kind("coulomb friction per kelvin", "1/K", False, "warm drive", "friction"),
+        _make_kind(COUPLING, "-", False, "coupling", "drives"),
         _make_kind("effort offset", "N m", False, "joint", "sensors", "N"),
         *(
             _make_kind(f"{sense} {name}", unit, positive, "joint" if sense == "effort" else sense, "sensors")
@@ -197,6 +205,10 @@ def build_space(mechanism: Mechanism, settings: IdentifyTable, loads: Sequence[s
         chosen = list_matching_names(free.place, names)
         if not chosen:
             expected = f"one of {', '.join(names)}" if names else f"a mechanism that has a place for it ({kind.places})"
+            if kind.name in OF_DRIVES and list_matching_names(free.place, _list_link_sensors(settings)):
+                expected += (
+                    ': the torque sensor is behind the gear, side = "link", which sees no rotor and no motor friction'
+                )
             raise InputError(
                 f"identify.toml, [[free]] {free.parameter}: place {', '.join(free.place)} means nothing here, "
                 f"expected {expected}; remove the table or mend it"
@@ -209,6 +221,7 @@ def build_space(mechanism: Mechanism, settings: IdentifyTable, loads: Sequence[s
             else:
                 made = [_make_parameter(mechanism, settings, kind, place, free.value, free.relative, free.error)]
             parameters |= {p.key: p for p in made}
+    _check_friction_once(parameters)
     _check_loads(loads, list_places(mechanism, settings, KINDS[MASS]))
     for name in loads:
         place = make_load_place(name)
@@ -216,6 +229,22 @@ def build_space(mechanism: Mechanism, settings: IdentifyTable, loads: Sequence[s
         errors = compute_prior_errors(factors[place], LOAD_ERROR, LOAD_SHAPE)
         parameters |= {p.key: p for p in _make_mass_parameters(place, errors, name)}
     return ParameterSpace(tuple(parameters.values()), factors)
+
+
+def _list_link_sensors(settings: IdentifyTable) -> list[str]:
+    """The joints whose efforts are measured behind the gear."""
+    return [name for name, table in settings.joints.items() if table.has_link_sensor]
+
+
+def _check_friction_once(parameters: Mapping[Key, Parameter]) -> None:
+    """Raise InputError where the viscous friction of a joint is free under two names."""
+    drive, joint = TWICE
+    for kind, place in parameters:
+        if kind == joint and (drive, place) in parameters:
+            raise InputError(
+                f"identify.toml, [[free]] {joint}: {place} has its {drive} free, too, and both are the same friction, "
+                f"expected one of them; remove {place} from one of the two tables"
+            )
 
 
 def _check_loads(loads: Sequence[str], links: list[str]) -> None:
@@ -255,10 +284,22 @@ def _find_kind(name: str) -> ParameterKind:
     raise InputError(f"identify.toml, [[free]]: parameter {name!r}, expected one of {', '.join(KINDS)}; {hint}")
 
 
+def _list_drive_places(mechanism: Mechanism, settings: IdentifyTable) -> dict[str, list[str]]:
+    """The joints that are measured, and of their drives those that efforts show, that are warmed, and that follow others."""
+    measured = [j.name for j in mechanism.joints if j.name in settings.joints]
+    drives = [name for name in measured if not settings.joints[name].has_link_sensor]
+    return {
+        "joint": measured,
+        "drive": drives,
+        "warm drive": [name for name in drives if settings.joints[name].temperature is not None],
+        "coupling": [f"{name}/{other}" for name in drives for other in settings.joints[name].follows],
+    }
+
+
 def list_places(mechanism: Mechanism, settings: IdentifyTable, kind: ParameterKind) -> list[str]:
     """Return the places at which a kind of parameter may be free [-]."""
     return {
-        "joint": [j.name for j in mechanism.joints if j.name in settings.joints],
+        **_list_drive_places(mechanism, settings),
         "any joint": [j.name for j in mechanism.joints],
         "other joint": [j.name for j in mechanism.joints if j.nv and j.name not in settings.joints],
         "link": [
@@ -324,6 +365,11 @@ def find_prior_value(mechanism: Mechanism, settings: IdentifyTable, kind: Parame
     joint = mechanism.joint_of.get(place)
     if kind.name in ("transition rate", "stribeck rate"):
         return settings.still_rad_per_s * (1.0 if kind.name == "transition rate" else 10.0)
+    if kind.name == COUPLING:
+        name, _, other = place.partition("/")
+        return float(settings.joints[name].follows[other])
+    if kind.places == "drive" and place in settings.joints and settings.joints[place].has_link_sensor:
+        return 0.0
     if kind.name in ("beam stiffness", "torsion stiffness", "spring force") or kind.name.endswith(" gain"):
         return 1.0
     if kind.places in ("beam", "payload"):

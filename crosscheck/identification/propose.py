@@ -26,6 +26,7 @@ DRAWN = 0.2  # relative error of masses that are drawn, not weighed
 LOAD = 0.1  # of the mass that moves: a tool or payload that nobody wrote down
 OFFSET = 0.1  # of the effort's spread: an offset of its sensor
 WIDEST = 2.5  # relative error of a mass, and of a torque constant that nobody wrote: a factor of twelve
+LAW = 'friction = "evidence"   # terms beside Coulomb and viscous friction are free where logs left out are told better by them'
 LIMITS = """
 # What logs that are held out have to reach: without limits nothing is judged.  Remove the marks when you know what you need.
 # [[limits]]
@@ -35,9 +36,15 @@ LIMITS = """
 
 
 def format_identify_toml(
-    mechanism: Mechanism, log: Log, time: str = "time_s", unit: tuple[str, str] = ("s", "")
+    mechanism: Mechanism,
+    log: Log,
+    time: str = "time_s",
+    unit: tuple[str, str] = ("s", ""),
+    behind: bool = False,
 ) -> str:
     """Return the text of a first identify.toml [unit of each key]; time, unit : column of times, its unit and a doubt about it.
+
+    behind : efforts are torques behind the gears, which are no currents [-]
 
     Raises InputError where no column is an angle of a joint.
     """
@@ -50,19 +57,25 @@ def format_identify_toml(
             f"{', '.join(list(log.columns)[:40])}; write {joints[0].name if joints else 'q1'}_rad or _deg into the header"
         )
     lost = [j.name for j in joints if j.name not in found]
-    head = _format_head(log, found, time, unit)
+    linked = _find_link_sensors(found) if behind else set()
+    head = [*_format_head(log, found, time, unit), *([] if linked == set(found) else [LAW])]
     return (
         "\n".join(
             [
                 *head,
                 *_format_meanings(meanings),
-                *_format_joint_tables(mechanism, found, lost),
-                *_format_free_tables(mechanism, log, found),
+                *_format_joint_tables(mechanism, found, lost, linked),
+                *_format_free_tables(mechanism, log, found, linked),
                 LIMITS,
             ]
         )
         + "\n"
     )
+
+
+def _find_link_sensors(columns: Found) -> set[str]:
+    """The joints of which an effort is no current: a torque behind the gear."""
+    return {name for name, own in columns.items() if "effort" in own and own["effort"].unit != "A"}
 
 
 def _format_head(log: Log, columns: Found, time: str, unit: tuple[str, str]) -> Iterator[str]:
@@ -103,19 +116,21 @@ def _find_peak_rates(log: Log, columns: Found) -> dict[str, tuple[float, float]]
     return out
 
 
-def _format_joint_tables(mechanism: Mechanism, columns: Found, lost: list[str]) -> Iterator[str]:
+def _format_joint_tables(mechanism: Mechanism, columns: Found, lost: list[str], linked: set[str]) -> Iterator[str]:
     for name, kinds in columns.items():
         yield f"\n[joints.{_format_key(name)}]"
         for kind, column in kinds.items():
-            yield _format_column(kind, column, mechanism.joint_of[name].drive)
+            yield _format_column(kind, column, mechanism.joint_of[name].drive, name in linked)
     if lost:
         yield f"\n# no column was found for the angle of: {', '.join(lost)}"
 
 
-def _format_column(kind: str, column: Column, drive: Drive | None) -> str:
+def _format_column(kind: str, column: Column, drive: Drive | None, behind: bool) -> str:
     words = f'column = {json.dumps(column.name)}, unit = "{column.unit}"'
     doubts = [column.why] if column.why else []
-    if kind == "effort" and _is_at_motor(column) and drive is not None and drive.ratio != 1.0:
+    if kind == "effort" and behind:
+        words += ', side = "link"'
+    elif kind == "effort" and _is_at_motor(column) and drive is not None and drive.ratio != 1.0:
         words += ', side = "motor"'
     if kind == "effort" and _needs_constant(column, drive):
         words += ", constant_Nm_per_A = 1.0"
@@ -138,12 +153,14 @@ def _needs_constant(column: Column, drive: Drive | None) -> bool:
     return column.unit == "A" and (drive is None or not drive.torque_constant)
 
 
-def _format_free_tables(mechanism: Mechanism, log: Log, columns: Found) -> Iterator[str]:
+def _format_free_tables(mechanism: Mechanism, log: Log, columns: Found, linked: set[str]) -> Iterator[str]:
     yield from _format_mass_tables(mechanism)
     quickest = _find_peak_rates(log, columns)
     for name, kinds in columns.items():
         if "effort" in kinds:
-            yield from _format_drive_tables(mechanism.joint_of[name], kinds["effort"], log, quickest[name])
+            if name not in linked:
+                yield from _format_drive_tables(mechanism.joint_of[name], kinds["effort"], log, quickest[name])
+            yield from _format_sensor_tables(mechanism.joint_of[name], kinds["effort"], log)
     if mechanism.beams:
         yield from _format_free_table("beam stiffness", ["*"], "relative = 0.2")
     if mechanism.springs:
@@ -151,7 +168,7 @@ def _format_free_tables(mechanism: Mechanism, log: Log, columns: Found) -> Itera
 
 
 def _format_drive_tables(joint: Joint, column: Column, log: Log, quickest: tuple[float, float]) -> Iterator[str]:
-    """Friction, rotor inertia and the sensor of a joint; of an unknown torque constant all of them are known less.
+    """Friction and rotor inertia of a joint; of an unknown torque constant they are known less.
 
     quickest : largest rate and acceleration of the joint [rad/s], [rad/s^2]
     """
@@ -169,6 +186,12 @@ def _format_drive_tables(joint: Joint, column: Column, log: Log, quickest: tuple
         start = f"value = {max(first, 1e-9):.3g}   # the mechanism has none: a small part of the effort\n"
         lines = f"relative = {width}" if value > 0.0 else f"{start}relative = {UNKNOWN if scaled else WIDEST}"
         yield from _format_free_table(kind, [joint.name], lines)
+
+
+def _format_sensor_tables(joint: Joint, column: Column, log: Log) -> Iterator[str]:
+    """Offset of an effort, and its gain where nobody states the torque constant."""
+    scaled = not _needs_constant(column, joint.drive)
+    spread = float(np.std(log.read_column(column.name))) * EFFORTS[column.unit]
     offset = OFFSET * spread if scaled else spread
     yield from _format_free_table("effort offset", [joint.name], f"error = {max(offset, 1e-9):.3g}")
     if not scaled:

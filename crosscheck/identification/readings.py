@@ -1,7 +1,6 @@
 """Readings: what the sensors of a machine should have shown under a measured motion, and what they have shown.
 
-effort at the joint   tau(mechanism) + rotor qdd + viscous v + dry
-dry                   coulomb tanh(v / v_t) (1 + share exp(-(v / v_s)^2)) + asymmetry |tanh(v / v_t)|
+effort at a motor     (1 + c)^-T tau(mechanism) + drive,   `drives.efforts`;   behind the gear tau alone
 its sensor            gain * delayed(lagged(effort / ratio + offset)),   both sides behind the same zero-phase low-pass;
                       over the torque constant, a current whose gain is free: it is compared in ampere
 gauge                 gain * delayed(lagged(sign M L / (3 EI))) + zero + slope q,   through the rig's low-pass; strain: M h / EI
@@ -12,62 +11,37 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from functools import cached_property, lru_cache
+from functools import lru_cache
 
 import numpy as np
 import scipy  # its parts are loaded when they are asked for
 from numpy.typing import NDArray
 
+from crosscheck.identification.drives.efforts import (
+    compute_channel_rate,
+    compute_loaded_drive_effort,
+    convert_to_motor_efforts,
+)
 from crosscheck.identification.filters import apply_lag, apply_low_pass_all, low_pass
 from crosscheck.identification.logs.jumps import find_jumps, find_wrap_period
 from crosscheck.identification.logs.log import Log
-from crosscheck.identification.parameters import KINDS, Key, ParameterSpace, find_prior_value
-from crosscheck.identification.points import PointSensor, list_point_sensors
+from crosscheck.identification.machine import Channel, Machine, has_friction, resolve_value
+from crosscheck.identification.parameters import Key
+from crosscheck.identification.points import list_point_sensors
 from crosscheck.identification.response import MeasuredMotion, Response, build_response
-from crosscheck.identification.settings import (
-    ACCELERATIONS,
-    ANGLES,
-    EFFORTS,
-    LENGTHS,
-    RATES,
-    STRAINS,
-    AngleTable,
-    EffortTable,
-    IdentifyTable,
-    RateTable,
-)
+from crosscheck.identification.settings import ANGLES, RATES, AngleTable, IdentifyTable, RateTable
 from crosscheck.identification.wide_response import WideResponse, compute_wide_response
 from flexinv.errors import InputError
-from flexinv.model.mechanism import Mechanism
 from flexinv.typing import Array
 
 # The motion keeps more than the efforts are compared at, so that both sides pass the same low-pass once.
 WIDER = 2.5
 # A rate is the slope of its angle to this part: quantised angles and delays of some samples change it by less.
 SLOPE = 0.2
-POINT_UNITS = {"marker": "m", "accelerometer": "m/s^2"}
 # At the ends of a log the low-pass knows one side only: so many periods of the bandwidth do not count.
 EDGE = 1.5
 LEAP = 8.0  # times the usual change: of a smooth effort the largest change is some three times the usual one
 HIGHEST = 0.4  # of the sampling rate: no filter above
-
-
-@dataclass(frozen=True)
-class Channel:
-    """A sensor: its name with what it measures, the unit it is compared in, and its joint, gauge or point.
-
-    sense : "effort", "gauge", "marker" or "accelerometer"; factor : of its column [unit per that of the column]
-    constant : torque [N m] or force [N] at the sensor per unit; ratio : effort of the joint per unit: times the gear before it
-    """
-
-    name: str
-    unit: str
-    place: str
-    sense: str = "effort"
-    ratio: float = 1.0
-    factor: float = 1.0
-    column: str = ""
-    constant: float = 1.0
 
 
 @dataclass(frozen=True)
@@ -90,60 +64,6 @@ class Run:
     counted: NDArray[np.bool_]
     wide: tuple[WideResponse | None, ...] = ()
     load: str = ""
-
-
-@dataclass(frozen=True)
-class Machine:
-    """A mechanism with what identify.toml says of it."""
-
-    mechanism: Mechanism
-    settings: IdentifyTable
-    space: ParameterSpace
-
-    @cached_property
-    def channels(self) -> tuple[Channel, ...]:
-        """Sensors in the order of all arrays of readings."""
-        out = []
-        for name, table in self.settings.joints.items():
-            if table.effort is not None:
-                out.append(self._build_effort_channel(name, table.effort))
-        for name, gauge in self.settings.gauges.items():
-            unit = "m/m" if gauge.unit in STRAINS else "rad"
-            out.append(Channel(f"gauge/{name}", unit, name, "gauge", 1.0, (ANGLES | STRAINS)[gauge.unit], gauge.column))
-        for one in list_point_sensors(self.settings):
-            name = f"{one.kind}/{one.place}"
-            unit = POINT_UNITS[one.kind]
-            out.append(Channel(name, unit, one.place, one.kind, 1.0, self._find_point_factor(one), one.column))
-        return tuple(out)
-
-    def _build_effort_channel(self, name: str, effort: EffortTable) -> Channel:
-        """The effort of a joint in N m or N; a current whose gain is free in ampere: nobody knows how many N m it is."""
-        joint = self.mechanism.joint_of[name]
-        ratio = joint.drive.ratio if joint.drive is not None and effort.side == "motor" else 1.0
-        factor = self._find_effort_factor(name, effort)
-        if effort.unit == "A" and ("effort gain", name) in {one.key for one in self.space.parameters}:
-            return Channel(f"torque/{name}", "A", name, "effort", ratio * factor, 1.0, effort.column, factor)
-        unit = "N" if joint.kind == "prismatic" and ratio == 1.0 else "N m"
-        return Channel(f"torque/{name}", unit, name, "effort", ratio, factor, effort.column)
-
-    def _find_point_factor(self, one: PointSensor) -> float:
-        if one.kind == "marker":
-            return LENGTHS[self.settings.markers[one.name].unit]
-        return ACCELERATIONS[self.settings.accelerometers[one.name].unit]
-
-    def _find_effort_factor(self, name: str, effort: EffortTable) -> float:
-        joint = self.mechanism.joint_of[name]
-        if effort.unit != "A":
-            return EFFORTS[effort.unit]
-        if effort.constant_Nm_per_A is not None:
-            return effort.constant_Nm_per_A
-        drive = joint.drive
-        if drive is None or not drive.torque_constant:
-            raise InputError(
-                f"identify.toml, joints.{name}.effort: a current [A] without torque constant; "
-                "write constant_Nm_per_A, or torque_constant_Nm_per_A in the joint's drive"
-            )
-        return drive.torque_constant * (1.0 if effort.side == "motor" else drive.ratio)
 
 
 def compute_measured_motion(machine: Machine, log: Log) -> MeasuredMotion:
@@ -174,7 +94,16 @@ def compute_measured_motion(machine: Machine, log: Log) -> MeasuredMotion:
     for k, rate in rates.items():
         qd[:, k] = rate
         qdd[:, k] = scipy.interpolate.CubicSpline(time, rate)(time, 1)
-    return MeasuredMotion(time, tuple(settings.joints), q, qd, qdd)
+    return MeasuredMotion(time, tuple(settings.joints), q, qd, qdd, _read_warmth(settings, log))
+
+
+def _read_warmth(settings: IdentifyTable, log: Log) -> Array | None:
+    """The warmth of drives beyond their references (samples, joints) [K]; None where no column says it."""
+    tables = [table.temperature for table in settings.joints.values()]
+    if not any(tables):
+        return None
+    none = np.zeros(len(log.time))
+    return np.column_stack([none if t is None else log.read_column(t.column) - t.reference_degC for t in tables])
 
 
 @lru_cache(maxsize=64)  # undoing a fault leaves most angles as they were
@@ -234,9 +163,9 @@ def make_run(machine: Machine, log: Log, efforts: bool = True, once: bool = Fals
     motion = compute_measured_motion(machine, log)
     sliding = np.column_stack(
         [
-            np.ones(len(log.time), dtype=bool)
-            if c.sense != "effort"
-            else np.abs(motion.qd[:, motion.names.index(c.place)]) > settings.still_rad_per_s
+            np.abs(compute_channel_rate(machine, motion, c)) > settings.still_rad_per_s
+            if has_friction(machine, c)
+            else np.ones(len(log.time), dtype=bool)
             for c in machine.channels
         ]
     )
@@ -266,7 +195,7 @@ def find_unseen_leaps(machine: Machine, log: Log) -> NDArray[np.bool_]:
         values = log.read_column(channel.column)
         for start, end in zip(first, last, strict=True):
             usual = float(np.median(np.abs(values[end - start :] - values[: len(values) - (end - start)])))
-            if channel.sense == "effort" and abs(values[end] - values[start]) > LEAP * usual:
+            if has_friction(machine, channel) and abs(values[end] - values[start]) > LEAP * usual:
                 out[:, c] |= (log.time > log.time[start] - reach) & (log.time < log.time[end] + reach)
     return out
 
@@ -285,7 +214,7 @@ def compute_wide_responses(machine: Machine, log: Log, only: int | None = None) 
     window = _find_window_samples(machine.settings, log)
     out: list[WideResponse | None] = []
     for c, channel in enumerate(machine.channels):
-        asked = channel.sense == "effort" and only in (None, c)
+        asked = has_friction(machine, channel) and only in (None, c)
         table = machine.settings.joints[channel.place].angle if asked else None
         if table is None:
             out.append(None)
@@ -329,15 +258,16 @@ def compute_raw_signals(
     machine: Machine, motion: MeasuredMotion, respond: Response, values: Mapping[Key, float]
 ) -> Array:
     """Return the raw signals of the sensors, before any low-pass of ours (samples, channels) [units of the channels]."""
-    effort, moment, points = respond(values)
+    alone, moment, points = respond(values)
+    effort = convert_to_motor_efforts(machine, motion, alone, values)
     spacing = float(motion.time[1] - motion.time[0])
     places = [(one.kind, one.place) for one in list_point_sensors(machine.settings)]
     columns = []
     for channel in machine.channels:
         if channel.sense == "effort":
             at = motion.names.index(channel.place)
-            drive_effort = effort[:, at] + compute_drive_effort(
-                machine, channel.place, motion.qd[:, at], motion.qdd[:, at], values
+            drive_effort = effort[:, at] + compute_loaded_drive_effort(
+                machine, motion, channel.place, alone[:, at], values
             )
             offset = resolve_value(machine, values, "effort offset", channel.place)
             columns.append(
@@ -362,51 +292,6 @@ def _apply_sensor(
         resolve_value(machine, values, f"{channel.sense} {k}", channel.place) for k in ("lag", "delay", "gain")
     )
     return gain * apply_delay(apply_first_order_lag(signal, spacing, lag_s), spacing, delay)
-
-
-def compute_drive_effort(
-    machine: Machine, joint: str, rate: Array, acceleration: Array, values: Mapping[Key, float]
-) -> Array:
-    """Return the effort of rotor and friction of a joint (samples,) [N m], [N] at its rates and accelerations (samples,)."""
-    numbers = tuple(
-        resolve_value(machine, values, kind, joint)
-        for kind in (
-            *("rotor inertia", "viscous friction", "coulomb friction", "transition rate"),
-            *("stribeck share", "stribeck rate", "friction asymmetry"),
-        )
-    )
-    return _compute_drive_effort(rate.tobytes(), acceleration.tobytes(), numbers)
-
-
-@lru_cache(maxsize=64)  # a difference quotient by one parameter leaves most joints as they were
-def _compute_drive_effort(rate: bytes, acceleration: bytes, numbers: tuple[float, ...]) -> Array:
-    """The effort of a rotor and of friction (samples,) by its seven numbers."""
-    v = np.frombuffer(rate)
-    a = np.frombuffer(acceleration)
-    rotor, viscous, coulomb, turn, share, wide, skew = numbers
-    side = np.tanh(v / turn)
-    dry = coulomb * side * (1.0 + share * np.exp(-((v / wide) ** 2))) + skew * np.abs(side)
-    out = np.asarray(rotor * a + viscous * v + dry)
-    out.setflags(write=False)
-    return out
-
-
-def compute_friction(machine: Machine, joint: str, v: Array, values: Mapping[Key, float]) -> Array:
-    """Return the friction of a joint (samples,) [N m], [N] at rates v (samples,) [rad/s], [m/s]."""
-    return compute_drive_effort(machine, joint, v, np.zeros_like(v), values)
-
-
-def compute_friction_reading(machine: Machine, channel: Channel, v: Array, values: Mapping[Key, float]) -> Array:
-    """Return friction as the sensor of an effort reads it (samples,) [unit of the channel] at rates v (samples,)."""
-    gain = resolve_value(machine, values, "effort gain", channel.place)
-    return gain * compute_friction(machine, channel.place, v, values) / channel.ratio
-
-
-def resolve_value(machine: Machine, values: Mapping[Key, float], kind: str, place: str) -> float:
-    """Return a parameter [unit of it] by the values, or by the mechanism and the settings where it is not free."""
-    if (kind, place) in values:
-        return values[kind, place]
-    return find_prior_value(machine.mechanism, machine.settings, KINDS[kind], place)
 
 
 def _compute_gauge_signal(

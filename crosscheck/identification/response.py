@@ -46,6 +46,7 @@ class MeasuredMotion:
     """Motion of the joints that a log measures.
 
     time : (samples,) [s], from 0; names : of the joints; q, qd, qdd : (samples, joints) [rad], [m] and per second
+    warmth : (samples, joints) [K] by which drives are warmer than their references; None where it is not logged
     """
 
     time: Array
@@ -53,6 +54,7 @@ class MeasuredMotion:
     q: Array
     qd: Array
     qdd: Array
+    warmth: Array | None = None
 
 
 @make_owner_cache(most=4)

@@ -25,6 +25,12 @@ LENGTHS = {"m": 1.0, "mm": 1e-3}
 TIMES = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 STRAINS = {"um/m": 1e-6}
 ACCELERATIONS = {"m/s^2": 1.0, "g": 9.80665}
+# Parameters of a motor with its gear, which a torque sensor behind the gear does not see.
+OF_DRIVES = (
+    *("rotor inertia", "viscous friction", "coulomb friction", "transition rate", "stribeck share", "stribeck rate"),
+    *("friction asymmetry", "load friction", "quadratic friction", "viscous friction per kelvin"),
+    *("coulomb friction per kelvin", "motor coupling"),
+)
 
 
 class AngleTable(Table):
@@ -52,13 +58,25 @@ class EffortTable(Table):
 
     column: Text = make_key("name of the column", 'column = "axis1_motor_torque_Nm"')
     unit: Literal["N m", "N", "A", "mN m"] = make_key("its unit", 'unit = "N m"', default="N m")
-    side: Literal["joint", "motor"] = make_key(
-        "where it acts: motor torque times the gear ratio is that of the joint", 'side = "motor"', default="joint"
+    side: Literal["joint", "motor", "link"] = make_key(
+        'where it acts: "motor", whose torque times the gear ratio is that of the joint; "joint", the same in numbers of the '
+        'joint; "link", a torque sensor behind the gear, which sees neither rotor nor friction of the motor',
+        'side = "motor"',
+        default="joint",
     )
     constant_Nm_per_A: Positive | None = make_key(
         "of a current: torque at this side per ampere; the drive's torque constant when absent [N m/A]",
         "constant_Nm_per_A = 8.925",
         default=None,
+    )
+
+
+class TemperatureTable(Table):
+    """A column with the temperature of a drive, which friction follows."""
+
+    column: Text = make_key("name of the column", 'column = "motor1_degC"')
+    reference_degC: Number = make_key(
+        "the temperature of which friction is told [degC]", "reference_degC = 30", default=25.0
     )
 
 
@@ -77,6 +95,19 @@ class JointTable(Table):
     effort: EffortTable | None = make_key(
         "torque, force or current", 'effort = { column = "i1", unit = "A" }', default=None
     )
+    temperature: TemperatureTable | None = make_key(
+        "its drive's temperature, where it is logged [degC]", 'temperature = { column = "motor1_degC" }', default=None
+    )
+    follows: dict[str, Number] = make_key(
+        "other joints whose rates its motor follows, too, and by how much: of coupled wrists [-]",
+        "follows = { axis4 = 0.5 }",
+        default={},
+    )
+
+    @property
+    def has_link_sensor(self) -> bool:
+        """True where the effort is measured behind the gear."""
+        return self.effort is not None and self.effort.side == "link"
 
 
 class GaugeTable(Table):
@@ -225,6 +256,11 @@ class IdentifyTable(Table):
         "between_runs = 0.15",
         default=0.15,
     )
+    friction: Literal["given", "evidence"] = make_key(
+        '"evidence": further terms of friction are free, too, where parts of the logs that are left out are told better by them',
+        'friction = "evidence"',
+        default="given",
+    )
     least_radius_m: Positive = make_key(
         "radius of gyration below which no mass is believed [m]", "least_radius_m = 0.05", default=0.05
     )
@@ -293,6 +329,26 @@ def _check_joints(table: IdentifyTable, mechanism: Mechanism, top: Location) -> 
             raise top.make_inner_location("joints").make_error(
                 name, f'"{name}"', expected, f"[joints.{find_nearest_word(name, joints) or joints[0]}]"
             )
+        _check_drive(table, name, top.make_inner_location("joints").make_inner_location(name))
+
+
+def _check_drive(table: IdentifyTable, name: str, where: Location) -> None:
+    """Raise InputError where a current is said to be measured behind the gear, or a motor follows what no column measures."""
+    own = table.joints[name]
+    if own.effort is not None and own.effort.side == "link" and own.effort.unit == "A":
+        expected = "a torque or force behind the gear; a current is the motor's"
+        raise where.make_error("effort", 'side = "link" with unit = "A"', expected, 'side = "joint"')
+    others = [other for other in table.joints if other != name]
+    for other in own.follows:
+        if other not in others:
+            near = find_nearest_word(other, others) or "OTHER"
+            expected = f"another joint of which a column measures the angle: {', '.join(others)}"
+            raise where.make_error("follows", f'"{other}"', expected, f"follows = {{ {near} = 1.0 }}")
+    if own.follows and own.has_link_sensor:
+        given = 'follows with side = "link"'
+        raise where.make_error(
+            "follows", given, "an effort of a motor: a sensor behind the gear sees one joint", 'side = "joint"'
+        )
 
 
 def _check_standing_joints(table: IdentifyTable, mechanism: Mechanism, top: Location) -> None:
@@ -356,3 +412,13 @@ def _check_point(point: MarkerTable | AccelerometerTable, mechanism: Mechanism, 
 def list_matching_names(patterns: list[str], names: list[str]) -> list[str]:
     """Return the names that one of the patterns means, in their order [-]."""
     return [name for name in names if any(fnmatch(name, pattern) for pattern in patterns)]
+
+
+def move_efforts_behind_gears(table: IdentifyTable) -> IdentifyTable:
+    """Return the settings of a machine whose efforts are all measured behind the gears [-]: no rotor, no friction is free."""
+    joints = {
+        name: own.model_copy(update={"effort": own.effort and own.effort.model_copy(update={"side": "link"})})
+        for name, own in table.joints.items()
+    }
+    free = [one for one in table.free if one.parameter not in OF_DRIVES]
+    return table.model_copy(update={"joints": joints, "free": free})

@@ -25,8 +25,8 @@ from crosscheck.identification.estimation.posterior import (
     compute_physical_values,
     sample_posterior,
 )
+from crosscheck.identification.machine import Machine
 from crosscheck.identification.parameters import MASS, ParameterSpace
-from crosscheck.identification.readings import Machine
 from crosscheck.report.words import format_by_width, format_interval, format_short
 from flexinv.typing import Array
 

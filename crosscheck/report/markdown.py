@@ -22,6 +22,7 @@ from crosscheck.report.words import (
     make_cell,
 )
 from crosscheck.verdicts.results import Results
+from crosscheck.verdicts.study_table import SideTable
 
 SPECIAL = re.compile(r"([\\`*_\[\]|~<>&$@])")
 
@@ -101,10 +102,13 @@ def _render_studies(results: Results) -> list[str]:
 
 
 def _render_leading_tables(results: Results) -> Iterator[str]:
-    """The tables of studies that were asked for, before those that are judged."""
+    """The tables of studies that were asked for, then the one that is judged where they lead, and others that belong here."""
     for study in results.studies:
-        for table in study.tables:
-            if table.get("leads") and table["rows"]:
+        judged: SideTable = {"title": study.heading, "columns": study.columns, "rows": study.rows}
+        leading = [table for table in study.tables if table.get("leads")]
+        others = [table for table in study.tables if table.get("summarised")]
+        for table in [*leading, *([judged] if study.heading else []), *others]:
+            if table["rows"]:
                 keys = [key for key, _, _ in table["columns"]]
                 head = tuple(title for _, title, _ in table["columns"])
                 rows = [tuple(_format_value(row.get(key)) for key in keys) for row in table["rows"]]

@@ -41,12 +41,16 @@ class StudyFigure(TypedDict):
 
 
 class SideTable(TypedDict):
-    """A table beside the one that is judged; leads : it stands before that one, and in summary.md, as what was asked for."""
+    """A table beside the one that is judged.
+
+    leads : it stands before that one, and in summary.md, as what was asked for; summarised : it stands in summary.md, too
+    """
 
     title: str
     columns: Sequence[Column]
     rows: Sequence[Line]
     leads: NotRequired[bool]
+    summarised: NotRequired[bool]
 
 
 class StudyTable(TypedDict, total=False):

@@ -23,9 +23,10 @@ from crosscheck.identification.bands import compute_margins, judge, predict
 from crosscheck.identification.estimation.fit import Fit, build_problem, fit
 from crosscheck.identification.identify import read_machine
 from crosscheck.identification.logs.log import Log, take_even_steps
+from crosscheck.identification.machine import Machine
 from crosscheck.identification.parameters import KINDS, MASS, Key
 from crosscheck.identification.pseudo_inertia import NAMES, QUANTITIES, convert_to_com, move_mass_properties
-from crosscheck.identification.readings import Machine, compute_raw_signals, make_run
+from crosscheck.identification.readings import compute_raw_signals, make_run
 from crosscheck.identification.response import MeasuredMotion, build_response
 from crosscheck.identification.table import CONFLICT, list_parameter_rows
 from flexinv.typing import Array

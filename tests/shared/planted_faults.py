@@ -22,8 +22,8 @@ from crosscheck.identification.causes.name_causes import find_causes
 from crosscheck.identification.causes.rounds import update_space
 from crosscheck.identification.identify import Identification, read_of
 from crosscheck.identification.logs.log import Log
+from crosscheck.identification.machine import Machine
 from crosscheck.identification.readings import (
-    Machine,
     apply_delay,
     apply_first_order_lag,
     compute_raw_signals,

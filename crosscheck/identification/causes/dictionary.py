@@ -13,15 +13,13 @@ from typing import Any
 import numpy as np
 
 from crosscheck.identification.causes.cause import Cause, Undo, apply_to_column
+from crosscheck.identification.drives.efforts import compute_drive_effort, compute_friction
 from crosscheck.identification.logs.log import Log
+from crosscheck.identification.machine import Channel, Machine, has_friction
 from crosscheck.identification.parameters import KINDS, Values, find_prior_value
 from crosscheck.identification.readings import (
-    Channel,
-    Machine,
     apply_delay,
     apply_first_order_lag,
-    compute_drive_effort,
-    compute_friction,
     compute_measured_motion,
     remove_first_order_lag,
 )
@@ -75,10 +73,10 @@ def list_possible_causes(machine: Machine, values: Values) -> Iterator[Cause]:
     yield _make_bounded("slow clock, relative error", "the times", "-", LARGEST_SCALE, _scale_times)
     yield from _list_payload_causes(machine, values)
     for channel in machine.channels:
-        if channel.sense == "effort":
+        if has_friction(machine, channel):
             yield from _list_drive_causes(machine, channel, values)
     for channel in machine.channels:
-        if channel.sense == "effort":
+        if has_friction(machine, channel):
             slow = _list_slow_causes(machine, channel, values)
             yield from (replace(one, rare=True) for one in (*slow, *_list_gear_causes(machine, channel, values)))
 

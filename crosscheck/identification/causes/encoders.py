@@ -17,7 +17,8 @@ from crosscheck.identification.estimation.fit import Fit
 from crosscheck.identification.estimation.noise import count_agreeing_samples
 from crosscheck.identification.filters import low_pass
 from crosscheck.identification.logs.log import Log
-from crosscheck.identification.readings import Machine, Run, make_run
+from crosscheck.identification.machine import Machine
+from crosscheck.identification.readings import Run, make_run
 from crosscheck.identification.settings import ANGLES
 from flexinv.typing import Array
 

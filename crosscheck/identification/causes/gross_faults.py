@@ -16,7 +16,7 @@ from itertools import combinations
 import numpy as np
 
 from crosscheck.identification.causes.cause import Undo, apply_column_swap, apply_to_column
-from crosscheck.identification.readings import Channel, Machine
+from crosscheck.identification.machine import Channel, Machine
 from crosscheck.identification.settings import ACCELERATIONS, ANGLES
 from flexinv.typing import Array
 

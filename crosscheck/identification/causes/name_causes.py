@@ -22,8 +22,9 @@ from crosscheck.identification.causes.cause import Cause, NamedCause
 from crosscheck.identification.causes.detection_limits import DetectionLimit, find_least_sizes
 from crosscheck.identification.causes.dictionary import list_possible_causes
 from crosscheck.identification.causes.encoders import compare_encoders
+from crosscheck.identification.causes.gear_faults import list_play_causes, list_ripple_causes
 from crosscheck.identification.causes.gross_faults import GrossFault, Score, compute_score, list_gross_faults
-from crosscheck.identification.causes.rounds import CauseRound, CauseSearch
+from crosscheck.identification.causes.rounds import CauseRound, CauseSearch, replace_cause
 from crosscheck.identification.causes.signals import (
     find_clipped_samples,
     list_broken_columns,
@@ -33,7 +34,7 @@ from crosscheck.identification.causes.signals import (
 from crosscheck.identification.estimation.fit import Problem, compute_jacobian
 from crosscheck.identification.identify import Identification
 from crosscheck.identification.logs.log import Log
-from crosscheck.identification.readings import Channel
+from crosscheck.identification.machine import Channel
 from flexinv.errors import ConvergenceError, InputError
 from flexinv.typing import Array
 
@@ -154,10 +155,13 @@ def _compute_fault_score(search: CauseSearch, task: Problem, linear: Linear) -> 
 
 def _find_small_causes(search: CauseSearch, log: Log) -> tuple[list[NamedCause], CauseRound, Array]:
     """Causes by their evidence, and the log under them with their sizes; where they leave more than noise, none is named."""
-    causes = list(list_possible_causes(search.machine, search.machine.space.compute_values(search.fit.z)))
-    at = np.zeros(len(causes))
+    values = search.machine.space.compute_values(search.fit.z)
+    usual = [*list_possible_causes(search.machine, values), *list_play_causes(search.machine, values)]
+    alone = CauseRound(search, log, usual, np.zeros(len(usual)), None)
+    here = alone.add_causes(list_ripple_causes(alone, alone.at))
+    causes = list(here.causes)
+    at = here.at.copy()
     named: dict[int, NamedCause] = {}
-    here = CauseRound(search, log, causes, at, None)
     first = here.compute_levels()
     while len(named) < LARGEST:
         best = _find_strongest_cause(here, at, {causes[k].kin or causes[k].name + causes[k].place for k in named})
@@ -275,14 +279,12 @@ def _find_spot(here: CauseRound, at: Array, k: int, size: float) -> Cause:
 
     def compute_cost(spot: float) -> float:
         assert first.make_at is not None
-        here.causes = [*here.causes[:k], first.make_at(spot), *here.causes[k + 1 :]]
-        slope = (here.compute_weighed_residual(at + size * one) - level) / size
+        causes = replace_cause(here.causes, k, first.make_at(spot))
+        slope = (here.compute_weighed_residual(at + size * one, causes) - level) / size
         return float(level @ level - (slope @ level) ** 2 / (slope @ slope))
 
     around = (first.spot / REACH, first.spot * REACH)
-    kept = here.causes
     found = scipy.optimize.minimize_scalar(compute_cost, bounds=around, method="bounded", options={"xatol": 0.01})
-    here.causes = kept
     return first.make_at(float(found.x))
 
 

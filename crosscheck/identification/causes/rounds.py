@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
+from copy import copy
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -14,10 +15,9 @@ from crosscheck.identification.estimation.days import compute_day_deviations
 from crosscheck.identification.estimation.fit import Fit, Problem, build_problem, compute_jacobian
 from crosscheck.identification.estimation.noise import count_agreeing_samples
 from crosscheck.identification.logs.log import Log
+from crosscheck.identification.machine import Channel, Machine
 from crosscheck.identification.parameters import ParameterSpace
 from crosscheck.identification.readings import (
-    Channel,
-    Machine,
     Run,
     compute_wide_responses,
     make_run,
@@ -94,6 +94,16 @@ def update_space(machine: Machine, mechanism: Mechanism) -> ParameterSpace:
     return replace(machine.space, more=more)
 
 
+def replace_cause(causes: Sequence[Cause], k: int, other: Cause) -> list[Cause]:
+    """Return the causes with another one in the place of number k [-]."""
+    return [*causes[:k], other, *causes[k + 1 :]]
+
+
+def _remove_basis(rows: Array, basis: Array) -> Array:
+    """Rows (rows,) less their part in a basis (rows, directions)."""
+    return np.asarray(rows - basis @ (basis.T @ rows))
+
+
 class CauseRound:
     """A log under the causes named so far: residual and directions that the parameters cannot make up for.
 
@@ -107,7 +117,7 @@ class CauseRound:
         self.log = log
         self.causes = list(causes)
         self.at = at.copy()
-        self.task = self.build_task_at(at, None)
+        self.task = self.build_task_at(at, None, self.causes)
         found = search.fit
         self.told = self.task.collect_counted_samples(self.task.predict(found.z))
         residual = self._compute_residual(self.task)
@@ -117,14 +127,20 @@ class CauseRound:
         self.ends = np.cumsum(sizes)
         news = [len(r) / a for r, a in zip(residual, found.agree, strict=True)]
         self.news = np.array(news + [w.news for w in self.wide])
-        self.basis: Array = np.zeros((0, 0))
-        self._fit_weights(residual)
+        self.weight, self.parameters = self._fit_weights(residual)
         self.named: list[int] = np.flatnonzero(at).tolist()
         self.slopes = self._compute_named_slopes()
-        self.basis = np.linalg.qr(np.column_stack([self.basis, self.slopes]))[0]
+        self.basis = np.linalg.qr(np.column_stack([self.parameters, self.slopes]))[0]
 
-    def _fit_weights(self, residual: list[Array]) -> None:
-        """Find the weights of the channels and the basis of what the parameters can make up for.
+    def add_causes(self, more: Iterable[Cause]) -> CauseRound:
+        """Return the same with further causes, of size 0 [-]."""
+        out = copy(self)
+        out.causes = [*self.causes, *more]
+        out.at = np.concatenate([self.at, np.zeros(len(out.causes) - len(self.causes))])
+        return out
+
+    def _fit_weights(self, residual: list[Array]) -> tuple[Array, Array]:
+        """Weights of the channels (channels,) [1 / unit], and the basis (rows, parameters) of what parameters can make up for.
 
         A channel weighs by what is left of it; on another day by what is left once friction and offsets have made up for the day.
         """
@@ -132,41 +148,40 @@ class CauseRound:
         slopes = compute_jacobian(self.task, found.z)
         beside = np.zeros((self.ends[-1] - self.ends[len(residual) - 1], len(found.z)))
         spread = np.array([np.sqrt(np.mean(r**2)) for r in residual])
+        weight = 1.0 / (spread * np.sqrt(found.agree))
+        basis: Array = np.zeros((0, 0))
         for _ in range(ROUNDS if found.scatter else 1):
-            self.weight = 1.0 / (spread * np.sqrt(found.agree))
-            scaled = [w * j for w, j in zip(self.weight, slopes, strict=True)]
-            self.basis = np.linalg.qr(np.vstack([*scaled, beside, self.search.root]))[0]
-            left = np.split(self.compute_weighed_residual(self.at), self.ends)[: len(residual)]
-            rest = np.array([np.sqrt(np.mean(r**2)) for r in left]) / self.weight
+            weight = 1.0 / (spread * np.sqrt(found.agree))
+            scaled = [w * j for w, j in zip(weight, slopes, strict=True)]
+            basis = np.linalg.qr(np.vstack([*scaled, beside, self.search.root]))[0]
+            rows = self._compute_rows(self.at, self.causes, weight)
+            left = np.split(_remove_basis(rows, basis), self.ends)[: len(residual)]
+            rest = np.array([np.sqrt(np.mean(r**2)) for r in left]) / weight
             spread = np.maximum(rest, found.spread)
+        return weight, basis
 
     def _compute_named_slopes(self) -> Array:
         """Slopes (rows, named) of the weighed residual by the sizes of the causes named so far, which stay free [1 / unit]."""
-        level = self.compute_weighed_residual(self.at)
+        level = self._compute_rows_beside_parameters(self.at, self.causes)
         columns = []
         for k in self.named:
             ahead = self.at.copy()
             ahead[k] += self.causes[k].step
-            columns.append((self.compute_weighed_residual(ahead) - level) / self.causes[k].step)
+            columns.append((self._compute_rows_beside_parameters(ahead, self.causes) - level) / self.causes[k].step)
         columns += [self._compute_spot_slope(k, level) for k in self.named if self.causes[k].make_at is not None]
         return np.column_stack(columns) if columns else np.zeros((len(level), 0))
 
     def _compute_spot_slope(self, k: int, level: Array) -> Array:
         """Slope (rows,) of the weighed residual by the logarithm of the place of cause k [-]."""
-        here = self.causes
-        first = here[k]
+        first = self.causes[k]
         assert first.make_at is not None
-        self.causes = [*here[:k], first.make_at(first.spot * (1.0 + SPOT)), *here[k + 1 :]]
-        ahead = self.compute_weighed_residual(self.at)
-        self.causes = here
+        moved = replace_cause(self.causes, k, first.make_at(first.spot * (1.0 + SPOT)))
+        ahead = self._compute_rows_beside_parameters(self.at, moved)
         return (ahead - level) / SPOT
 
     def fit_named_sizes(self) -> tuple[Array, Array]:
         """Return the sizes of all causes [unit of each] after a step in those that are named together, and their errors."""
-        parameters = self.basis
-        self.basis = parameters[:, : parameters.shape[1] - self.slopes.shape[1]]
-        level = self.compute_weighed_residual(self.at)
-        self.basis = parameters
+        level = self._compute_rows_beside_parameters(self.at, self.causes)
         base = np.linalg.pinv(self.slopes.T @ self.slopes)
         sizes = self.at.copy()
         step = base @ (self.slopes.T @ level)
@@ -194,15 +209,15 @@ class CauseRound:
         channels = self.search.machine.channels
         return [(channels[c], float(levels[c])) for c in np.argsort(levels)[::-1] if levels[c] > noise or partly[c]]
 
-    def build_task_at(self, at: Array, level: Problem | None) -> Problem:
-        """Return the log and the mechanism at sizes ``at`` of all causes [unit of each]; level : the round's own, if known."""
+    def build_task_at(self, at: Array, level: Problem | None, causes: Sequence[Cause]) -> Problem:
+        """Return the log and the mechanism at sizes ``at`` of causes [unit of each]; level : the round's own, if known."""
         log = self.log
         mechanism = self.search.machine.mechanism
         moves = False
-        for cause, phi, before in zip(self.causes, at, self.at, strict=True):
+        for cause, known, phi, before in zip(causes, self.causes, at, self.at, strict=True):
             if phi:
                 log, mechanism = cause.undone(log, mechanism, float(phi))
-            moves = moves or (cause.moves and phi != before)
+            moves = moves or (cause.moves and (phi != before or cause is not known))
         return self.search.build_task(log, mechanism, level, moves, once=level is not None)
 
     def _compute_residual(self, task: Problem) -> list[Array]:
@@ -212,20 +227,32 @@ class CauseRound:
         told = self.told if same else task.collect_counted_samples(task.predict(self.search.fit.z))
         return [m - p for m, p in zip(measured, told, strict=True)]
 
-    def compute_weighed_residual(self, at: Array) -> Array:
-        """Return the weighed residual (rows,) [-] at sizes ``at`` of all causes, less what the parameters can make up for."""
-        task = self.build_task_at(at, self.task)
-        factor = self._compute_channel_factors(at)
-        told = [f * w * e for f, w, e in zip(factor, self.weight, self._compute_residual(task), strict=True)]
-        above = [factor[w.channel] * w.compute_rows(task.runs[0]) for w in self.wide]
-        r = np.concatenate([*told, *above, np.zeros(len(self.search.fit.z))])
-        return np.asarray(r - self.basis @ (self.basis.T @ r))
+    def compute_weighed_residual(self, at: Array, causes: Sequence[Cause] | None = None) -> Array:
+        """Return the weighed residual (rows,) [-] at sizes ``at`` of all causes, less what others can make up for.
 
-    def _compute_channel_factors(self, at: Array) -> Array:
+        Others are the parameters, and the causes that are named.
+
+        causes : in the place of the round's own
+        """
+        return _remove_basis(self._compute_rows(at, causes or self.causes, self.weight), self.basis)
+
+    def _compute_rows_beside_parameters(self, at: Array, causes: Sequence[Cause]) -> Array:
+        """The same, less what the parameters alone can make up for."""
+        return _remove_basis(self._compute_rows(at, causes, self.weight), self.parameters)
+
+    def _compute_rows(self, at: Array, causes: Sequence[Cause], weight: Array) -> Array:
+        """Weighed residual (rows,) [-] at sizes ``at`` of causes."""
+        task = self.build_task_at(at, self.task, causes)
+        factor = self._compute_channel_factors(at, causes)
+        told = [f * w * e for f, w, e in zip(factor, weight, self._compute_residual(task), strict=True)]
+        above = [factor[w.channel] * w.compute_rows(task.runs[0]) for w in self.wide]
+        return np.concatenate([*told, *above, np.zeros(len(self.search.fit.z))])
+
+    def _compute_channel_factors(self, at: Array, causes: Sequence[Cause]) -> Array:
         """Factors by which the column of each channel is too large (channels,) [-]."""
         columns = [c.column for c in self.search.machine.channels]
         out = np.ones(len(columns))
-        for cause, phi in zip(self.causes, at, strict=True):
+        for cause, phi in zip(causes, at, strict=True):
             if cause.scales and phi:
                 out[columns.index(cause.scales)] *= 1.0 + phi
         return out

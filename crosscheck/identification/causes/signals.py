@@ -14,7 +14,8 @@ from crosscheck.identification.filters import low_pass
 from crosscheck.identification.logs.doubts import find_clipped_extremes
 from crosscheck.identification.logs.jumps import find_jumps
 from crosscheck.identification.logs.log import Log
-from crosscheck.identification.readings import Machine, compute_raw_signals, compute_readings, make_run
+from crosscheck.identification.machine import Machine
+from crosscheck.identification.readings import compute_raw_signals, compute_readings, make_run
 from crosscheck.identification.settings import ANGLES
 from flexinv.typing import Array
 
@@ -23,7 +24,8 @@ HELD = 8  # equal samples on end that no measured signal has
 QUIET = 0.95  # of the steps of a signal are none of its spikes
 BESIDE = 12  # samples after a step, whose median says whether it lasts
 LEVELS = 5000  # a signal of more of them is no coarse one
-EXACT = 1e-3  # part of a step by which values may miss its multiples
+EXACT = 0.05  # part of a step by which values may miss its multiples: what few decimals leave of it
+FIRST = 8  # levels by which a step is told first
 LEAP = 3.0  # times the largest step beside it is a leap: an angle that was held for `HELD` samples makes more
 AMONG_SMALLEST = 0.1  # of a signal's values are smaller than those at the ends of a dead band: of dropouts any are
 HALF = 0.5  # of what remains: an angle's steps that make more of the readings are named
@@ -145,9 +147,19 @@ def find_quantisation_step(values: Array) -> float:
     levels = np.unique(values[np.isfinite(values)])
     if len(levels) < 3 or len(levels) > LEVELS:
         return 0.0
+    way = levels - levels[0]
     step = float(np.diff(levels).min())
-    multiples = (levels - levels[0]) / step
-    return step if np.abs(multiples - np.round(multiples)).max() < EXACT * len(levels) else 0.0
+    count = FIRST
+    while (
+        True
+    ):  # what the smallest step is wrong by counts as often as there are levels: the first ones mend it for more
+        multiples = np.round(way[:count] / step)
+        step = float(multiples @ way[:count]) / float(multiples @ multiples)
+        if count >= len(levels):
+            break
+        count *= 2
+    multiples = way / step
+    return step if np.abs(multiples - np.round(multiples)).max() < EXACT else 0.0
 
 
 def list_quantised_columns(machine: Machine, fit: Fit, log: Log) -> Iterator[NamedCause]:

@@ -30,7 +30,8 @@ import numpy as np
 
 from crosscheck.identification.estimation.fit import Fit, Problem, build_problem, fit
 from crosscheck.identification.logs.log import Log
-from crosscheck.identification.readings import Machine, Run, resolve_value
+from crosscheck.identification.machine import Machine, resolve_value
+from crosscheck.identification.readings import Run
 from flexinv.errors import InputError
 from flexinv.typing import Array
 

@@ -19,8 +19,9 @@ import scipy  # its parts are loaded when they are asked for
 from numpy.typing import NDArray
 
 from crosscheck.identification.estimation.noise import Noise, compute_noise
+from crosscheck.identification.machine import Machine
 from crosscheck.identification.parameters import KINDS, Key
-from crosscheck.identification.readings import Machine, Run, apply_bandwidth, compute_raw_signals
+from crosscheck.identification.readings import Run, apply_bandwidth, compute_raw_signals
 from flexinv.errors import ConvergenceError, InputError
 from flexinv.typing import Array
 

@@ -10,7 +10,7 @@ import numpy as np
 from crosscheck.identification.bands import ChannelJudgement
 from crosscheck.identification.logs.jumps import OUT, find_jumps
 from crosscheck.identification.logs.log import Log
-from crosscheck.identification.readings import Machine
+from crosscheck.identification.machine import Machine
 from flexinv.files.header_words import SLOW_SAMPLES
 from flexinv.typing import Array
 

@@ -13,7 +13,8 @@ from crosscheck.identification.estimation.fit import Fit
 from crosscheck.identification.files import write_prediction
 from crosscheck.identification.identify import read_machine
 from crosscheck.identification.logs.log import Log
-from crosscheck.identification.readings import Machine, Run, compute_readings, make_run
+from crosscheck.identification.machine import Machine
+from crosscheck.identification.readings import Run, compute_readings, make_run
 
 ROUNDING = 1e-12  # of a reading's range: the same products in another order
 CONSTANT = 9.0  # [N m/A]

@@ -57,13 +57,16 @@ def read_exactly(file: Path) -> pd.DataFrame:
 
 def test_the_numbers_of_every_picture_lie_beside_it(out: Path) -> None:
     files = re.findall(r'href="(data/[^"]+\.csv)" download', (out / "index.html").read_text())
-    names = ["1_two_csv_torque_shoulder", "2_two_csv_torque_elbow", "3_two_csv_what_remains"]
+    names = [
+        "1_two_csv_torque_shoulder", "2_two_csv_torque_elbow", "3_two_csv_errors_over_time", "4_one_csv_friction_shoulder",
+        "5_one_csv_angle_shoulder", "6_one_csv_friction_elbow", "7_one_csv_angle_elbow", "8_two_csv_what_remains",
+    ]  # fmt: skip
     assert [Path(file).stem for file in files] == names
     tables = [read_exactly(out / file) for file in files]
     assert [list(table)[:2] for table in tables[:2]] == [
         ["time [s]", f"two.csv, measured: torque/{joint} [N m]"] for joint in ("shoulder", "elbow")
     ]
-    assert next(iter(tables[2])) == "frequency [Hz]"
+    assert next(iter(tables[-1])) == "frequency [Hz]"
     assert not any(table.isna().any(axis=None) for table in tables)
 
 
@@ -86,7 +89,7 @@ def test_the_numbers_are_all_samples_of_the_log_with_all_digits(out: Path) -> No
 def test_nothing_is_cut(page: chromium.Browser, out: Path, width: int, dark: bool) -> None:
     """On a wide screen all tables have their rows; on a narrow one rows are cards, each value beside the title of its column."""
     page.open(f"file://{out / 'index.html'}", width, dark=dark)
-    page.wait("document.querySelectorAll('.plot[data-drawn]').length === 3")
+    page.wait("document.querySelectorAll('.plot[data-drawn]').length === 8")
     assert uncut.list_cut(page) == []
     assert page.evaluate("!!document.querySelector('.stacked')") == (width == 500)
     assert page.complaints() == []

@@ -13,7 +13,8 @@ from scipy.interpolate import CubicSpline
 from crosscheck.identification.estimation.fit import build_problem, fit
 from crosscheck.identification.identify import read_machine
 from crosscheck.identification.logs.log import Log, read_log
-from crosscheck.identification.readings import Machine, compute_readings, make_run
+from crosscheck.identification.machine import Machine
+from crosscheck.identification.readings import compute_readings, make_run
 from crosscheck.identification.settings import read_settings
 from flexinv.analysis.solve import solve
 from flexinv.errors import InputError

@@ -26,7 +26,8 @@ from crosscheck.identification.estimation.days import (
 from crosscheck.identification.estimation.fit import STEP, Fit, Problem, compute_jacobian
 from crosscheck.identification.identify import identify, read_machine
 from crosscheck.identification.logs.log import Log, read_log
-from crosscheck.identification.readings import Machine, Run, make_run
+from crosscheck.identification.machine import Machine
+from crosscheck.identification.readings import Run, make_run
 from crosscheck.identification.settings import IdentifyTable, read_settings
 from crosscheck.identification.table import list_day_rows, list_parameter_rows
 from flexinv.errors import InputError

@@ -1,0 +1,148 @@
+"""Faults of gears: efforts that come and go with the angle, play between motor and link, efforts that another motor carries.
+
+ripple     effort_j + a sin(n q_j + p);   n, p are order and phase by which the cost falls most (`drives.ripples`)
+backlash   the encoder of the motor reads q + (p / 2) sign(tau), and its rotor and friction follow that
+belt       a part of the effort of another joint in the effort of this one
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from functools import partial
+
+import numpy as np
+
+from crosscheck.identification.causes.cause import Cause, apply_to_column
+from crosscheck.identification.causes.rounds import CauseRound
+from crosscheck.identification.drives.efforts import compute_drive_effort
+from crosscheck.identification.drives.ripples import (
+    compute_order_drops,
+    compute_waves,
+    list_finer_orders,
+    list_orders,
+)
+from crosscheck.identification.filters import apply_low_pass_all
+from crosscheck.identification.logs.log import Log
+from crosscheck.identification.machine import Channel, Machine, has_friction
+from crosscheck.identification.parameters import Values
+from crosscheck.identification.readings import compute_measured_motion, make_run
+from crosscheck.identification.settings import ANGLES
+from flexinv.model.mechanism import Mechanism
+from flexinv.typing import Array
+
+LARGEST_PLAY = 0.2  # [rad], [m]: a gear with more has lost its teeth
+LARGEST_PART = 1.5  # of the effort of another joint: belts have about one to one
+CARRIED = "part of the effort of another joint, carried too"
+PASSED = (
+    0.15  # of the spread of its load: a gear is in its play while it carries less; looked for from half to twice of it
+)
+TINY = 1e-300  # a gear without load is always in its play
+FEWEST = 1.25  # periods of a ripple on the way: gravity that is wrongly known has less
+ORDERS = 200  # at a time
+
+
+def list_ripple_causes(here: CauseRound, at: Array) -> Iterator[Cause]:
+    """Yield the wave over the angle that takes away most of each effort [unit of the channel]; at : sizes of the causes."""
+    machine = here.search.machine
+    left = here.compute_weighed_residual(at)
+    for c, channel in enumerate(machine.channels):
+        if channel.sense == "effort" and machine.mechanism.joint_of[channel.place].kind != "prismatic":
+            wave = _find_wave(here, c, left)
+            if wave is not None:
+                yield _make_ripple(machine, channel, *wave)
+
+
+def _find_wave(here: CauseRound, c: int, left: Array) -> tuple[float, float] | None:
+    """Order [1 / turn] and phase [rad] that take away most of channel c; left : (rows,) weighed residual."""
+    channel = here.search.machine.channels[c]
+    run = here.task.runs[0]
+    k = run.motion.names.index(channel.place)
+    chosen = here.task.chosen[0][:, c]
+    bandwidth = here.search.machine.settings.bandwidth_Hz
+    orders = list_orders(run.motion.q[chosen, k], run.motion.qd[chosen, k], bandwidth, FEWEST)
+    if not len(orders):
+        return None
+    rows = slice(here.ends[c] - int(chosen[:: here.task.every[0]].sum()), here.ends[c])
+    basis = here.basis[rows]
+
+    def compute_drops(some: Array) -> tuple[Array, Array]:
+        passed = apply_low_pass_all(compute_waves(run, channel, some), float(run.time[1] - run.time[0]), bandwidth)
+        x = here.weight[c] * passed[:: here.task.every[0]][chosen[:: here.task.every[0]]]
+        return compute_order_drops(x, left[rows], basis, np.eye(basis.shape[1]))
+
+    drops = np.concatenate([compute_drops(some)[0] for some in np.array_split(orders, max(1, len(orders) // ORDERS))])
+    fine = list_finer_orders(orders, float(orders[np.argmax(drops)]))
+    drop, sizes = compute_drops(fine)
+    best = int(np.argmax(drop))
+    return float(fine[best]), float(np.arctan2(sizes[best, 1], sizes[best, 0]))
+
+
+def _make_ripple(machine: Machine, channel: Channel, order: float, phase: float) -> Cause:
+    name = f"ripple of the effort, {order:.4g} a turn"
+    table = machine.settings.joints[channel.place].angle
+    factor = ANGLES[table.unit] / table.over
+
+    def remove_ripple(log: Log, mechanism: Mechanism, phi: float) -> tuple[Log, Mechanism]:
+        swing = np.sin(order * factor * log.read_column(table.column) + phase) / channel.factor
+        return apply_to_column(log, channel.column, lambda v: v - phi * swing), mechanism
+
+    return Cause(name, channel.place, channel.unit, 1e-3, remove_ripple, False, rare=True)
+
+
+def list_play_causes(machine: Machine, values: Values) -> Iterator[Cause]:
+    """Yield backlash of each drive [rad], [m], and parts of the effort of another joint [-]; values : of the parameters."""
+    drives = [channel for channel in machine.channels if has_friction(machine, channel)]
+    for channel in drives:
+        yield _make_play_cause(machine, channel, values, PASSED)
+        for other in drives:
+            if other is not channel:
+                undo = partial(_remove_carried_part, machine, channel, other, values)
+                place = f"{channel.place} and {other.place}"
+                yield Cause(CARRIED, place, "-", 1e-3, undo, False, rare=True, least=-LARGEST_PART, most=LARGEST_PART)
+
+
+def _make_play_cause(machine: Machine, channel: Channel, values: Values, passed: float) -> Cause:
+    slides = machine.mechanism.joint_of[channel.place].kind == "prismatic"
+    return Cause(
+        "backlash of the gear",
+        channel.place,
+        "m" if slides else "rad",
+        1e-3,
+        partial(_remove_play, machine, channel, values, passed),
+        rare=True,
+        least=0.0,
+        most=LARGEST_PLAY,
+        spot=passed,
+        make_at=partial(_make_play_cause, machine, channel, values),
+    )
+
+
+def _remove_carried_part(
+    machine: Machine, channel: Channel, other: Channel, values: Values, log: Log, mechanism: Mechanism, phi: float
+) -> tuple[Log, Mechanism]:
+    """The log of a motor that carries no part of the effort of another joint: no belt runs over its axis."""
+    run = make_run(machine, log, efforts=False, once=True)
+    load = run.response(values)[0][:, run.motion.names.index(other.place)]
+    less = phi * load / (channel.ratio * channel.factor)
+    return apply_to_column(log, channel.column, lambda v: v - less), mechanism
+
+
+def _remove_play(
+    machine: Machine, channel: Channel, values: Values, passed: float, log: Log, mechanism: Mechanism, phi: float
+) -> tuple[Log, Mechanism]:
+    """The log of a gear without play: link angles for those of the motor, and efforts that its rotor would need then.
+
+    passed : part of the spread of its load below which the gear is in its play [-]
+    """
+    run = make_run(machine, log, efforts=False, once=True)
+    at = run.motion.names.index(channel.place)
+    load = run.response(values)[0][:, at]
+    play = phi / 2.0 * np.tanh(load / (passed * float(np.std(load)) + TINY))
+    table = machine.settings.joints[channel.place].angle
+    factor = ANGLES[table.unit] / table.over
+    changed = apply_to_column(log, table.column, lambda v: v - play / factor)
+    motion = compute_measured_motion(machine, changed)
+    moved = compute_drive_effort(machine, channel.place, run.motion.qd[:, at], run.motion.qdd[:, at], values)
+    still = compute_drive_effort(machine, channel.place, motion.qd[:, at], motion.qdd[:, at], values)
+    less = (moved - still) / (channel.ratio * channel.factor)
+    return apply_to_column(changed, channel.column, lambda v: v - less), mechanism
