@@ -116,7 +116,7 @@ class _Cost:
         active = np.arange(len(z))
         for _ in range(ROUNDS):
             left = self._map(z[active]) - u[active]
-            inverse = np.linalg.inv(self._compute_slopes(z[active]))
+            inverse: Array = np.asarray(np.linalg.inv(self._compute_slopes(z[active])), dtype=np.float64)
             step = -_apply_each(inverse, left @ self.back)
             helped, z[active] = self._take_halved_step(z[active], step, u[active], inverse)
             error[active] = np.where(helped, np.sqrt(np.sum((self._map(z[active]) - u[active]) ** 2, axis=1)), np.inf)
