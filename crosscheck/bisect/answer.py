@@ -12,6 +12,7 @@ from crosscheck.bisect.dependencies import judge_dependencies
 from crosscheck.bisect.environments import EnvironmentStore
 from crosscheck.bisect.search import Change, Search, count_halvings
 
+MISSING_LIBRARY = "cannot open shared object file"  # words of the dynamic linker
 MOST_SHOWN = 12  # differences of default options that a terminal shows
 
 
@@ -219,6 +220,11 @@ def _list_notes(bisection: Bisection, search: Search) -> list[str]:
         )
     if unsure := _list_unsure(bisection.releases, search):
         notes.append(f"cannot run: {', '.join(unsure)}")
+    reasons = [bisection.find_observation(element).reason for element in search.holes]
+    if any(MISSING_LIBRARY in reason for reason in reasons):
+        notes.append(
+            "a library that is not there belongs to a dependency newer than the release: an older one by --beside may help"
+        )
     return notes
 
 

@@ -13,8 +13,11 @@ from crosscheck.bisect.cases import CaseScript, find_package, read_case_script, 
 from crosscheck.engines import Engine
 from crosscheck.run.answer_cache import compute_folder_digest, compute_source_digest
 from crosscheck.run.isolation import ChildProcesses, open_scratch_folder
+from crosscheck.run.reproduce import NoExport
 from crosscheck.verdicts.plan import Task
 from flexinv.errors import InputError
+
+REFUSED = "refused.txt"  # why there is no script
 
 
 @dataclass(frozen=True)
@@ -37,9 +40,15 @@ def prepare_script(task: Task, engine: Engine, folder: Path, timeout: float, chi
     said = (compute_folder_digest(task.folder), task.case.name, engine.name, installed, compute_source_digest())
     key = hashlib.sha256(repr(said).encode()).hexdigest()[:20]
     place = folder / key
+    if (place / REFUSED).is_file():
+        return BoardScript(task, engine.name, key, None, (place / REFUSED).read_text(encoding="utf-8"))
     if not place.is_dir():
         try:
             _write_script(task, engine, place, timeout, children)
+        except NoExport as error:
+            place.mkdir(parents=True)
+            owned.write(place / REFUSED, str(error))
+            return BoardScript(task, engine.name, key, None, str(error))
         except InputError as error:  # asked for again the next time: a limit of time may have been too short
             return BoardScript(task, engine.name, key, None, str(error))
     return BoardScript(task, engine.name, key, read_case_script(place, timeout))

@@ -55,6 +55,10 @@ FILES = {
 }
 
 
+class NoExport(InputError):
+    """A mechanism that an engine's export cannot write, however often it is asked."""
+
+
 def write_reproduction(
     task: Task, engine: Engine, folder: Path, limit: float, children: ChildProcesses | None = None
 ) -> str:
@@ -62,11 +66,11 @@ def write_reproduction(
 
     limit : [s] for each of two processes; children : where these start, prepared ones where there are several reproductions
 
-    Raises InputError where there is no export for the engine or the mechanism, or where an engine fails.
+    Raises NoExport where there is no export for the engine or the mechanism, InputError where an engine fails.
     """
     where = f"{task.folder.name}/{task.case.name} in {engine.name}"
     if engine.exports is False:
-        raise InputError(f"{where}: there is no export for {engine.name}")
+        raise NoExport(f"{where}: there is no export for {engine.name}")
     mechanism = str(task.folder.resolve())
     request: CaseRequest = {"mechanism": mechanism, "case": task.case.name, "options": {"error": False}}
     if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
@@ -88,9 +92,10 @@ def write_reproduction(
             "expected": str(work / "expected"),
         }
         answer, ending = ask(job, limit, children)
-        problem = answer["problem"] if answer else ending.message
-        if problem:
-            raise InputError(f"{where}: {problem}")
+        if not answer:
+            raise InputError(f"{where}: {ending.message}")
+        if answer["problem"]:
+            raise NoExport(f"{where}: {answer['problem']}")
         words = {
             "mechanism": task.folder.name, "case": task.case.name, "title": task.case.title or task.mechanism.title,
             "engine": engine.name, "use": _describe_use(made, engine), "table": "\n".join(_list_file_rows(made, engine)),

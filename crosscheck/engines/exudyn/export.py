@@ -59,6 +59,25 @@ def section(massPerLength, inertia, stiffnessMatrix, dampingMatrix):
     made.massPerLength, made.inertia = massPerLength, np.array(inertia)
     made.stiffnessMatrix, made.dampingMatrix = np.array(stiffnessMatrix), np.array(dampingMatrix)
     return made
+
+
+def gas(rest, force, travel, exponent):
+    """Return the pull of a gas spring: force / (1 - (l - rest) / travel)^exponent, and its damping."""
+
+    def pull(mbs, t, item, longer, rate, stiffness, damping, offset):
+        return force * (1 - longer / travel) ** -exponent + damping * rate
+
+    return pull
+
+
+def pieces(rest, rows):
+    """Return the pull of a table: rows of a start and the coefficients of falling powers of l - start, and its damping."""
+
+    def pull(mbs, t, item, longer, rate, stiffness, damping, offset):
+        start, *powers = ([rows[0]] + [row for row in rows[1:] if rest + longer >= row[0]])[-1]
+        return float(np.polyval(powers, rest + longer - start)) + damping * rate
+
+    return pull
 '''
 PLAIN = {"error": False}  # the runs that the result itself needs
 COORDINATES = ("revolute", "continuous", "prismatic")

@@ -15,6 +15,9 @@ from typing import Any
 import exudyn as exu
 import numpy as np
 
+from flexinv.model.attachments import GasLaw, Spring, TableLaw
+
+SPRING = "spring"  # attribute of a user function: the spring whose law it is
 ADDED = ("AddNode", "AddObject", "AddMarker", "AddLoad", "AddSensor")
 
 
@@ -105,10 +108,21 @@ def write_model_code(run: RecordedSolve) -> str:
 def _format_item(item: Any) -> str:
     stated = vars(item)
     usual = vars(type(item)())
-    # user functions are put in before the run, from tables
+    # laws of springs are written as they are; other user functions are put in before the run, from tables
     said = {k: v for k, v in stated.items() if k != "visualization" and not callable(v)}
     words = [f"{k}={_format_value(v)}" for k, v in said.items() if _format_value(v) != _format_value(usual[k])]
+    words += [f"{k}={format_law(getattr(v, SPRING))}" for k, v in stated.items() if hasattr(v, SPRING)]
     return f"{type(item).__name__}({', '.join(words)})"
+
+
+def format_law(spring: Spring) -> str:
+    """Return the call that makes the user function of a spring with a law, as `HEAD` of the export defines it."""
+    law = spring.law
+    if isinstance(law, GasLaw):
+        return f"gas({spring.rest!r}, {law.force!r}, {law.travel!r}, {law.exponent!r})"
+    assert isinstance(law, TableLaw)
+    first, *others = law.list_pieces().tolist()
+    return f"pieces({spring.rest!r}, {[[others[0][0], *first[1:]], *others]!r})"
 
 
 def _format_value(value: Any) -> str:

@@ -32,6 +32,7 @@ from crosscheck.engines.shared.export_files import (
 )
 from crosscheck.engines.shared.urdf_text import has_implicit_root, write_urdf
 from flexinv.files.load_cases import Case
+from flexinv.model.attachments import GasLaw, Spring
 from flexinv.model.mechanism import Attachment, Closure, Joint, Mechanism
 
 Indices = NDArray[np.intp]
@@ -71,8 +72,22 @@ class ClosureRow(TypedDict):
     coupled: NotRequired[list[FactorRow]]
 
 
+class GasRow(TypedDict):
+    """The law of a gas spring: force / (1 - (l - rest) / travel)^exponent [N], [m], [-]."""
+
+    force: float
+    travel: float
+    exponent: float
+
+
+class TableRow(TypedDict):
+    """The law of a table: start [m] (null for the first), and coefficients of falling powers of l - start, of each piece."""
+
+    pieces: list[list[float | None]]
+
+
 class SpringRow(TypedDict):
-    """A spring between two points [N/m], [m], [N s/m]."""
+    """A spring between two points [N/m], [m], [N s/m]; law : of one that is not linear."""
 
     name: str
     first: AttachmentRow
@@ -80,6 +95,7 @@ class SpringRow(TypedDict):
     stiffness: float
     rest: float
     damping: float
+    law: GasRow | TableRow | None
 
 
 class ForceRow(TypedDict):
@@ -170,6 +186,7 @@ def _collect_loop_parts(mechanism: Mechanism, q_at: Indices, v_at: Indices) -> L
                 "stiffness": s.stiffness,
                 "rest": s.rest,
                 "damping": s.damping,
+                "law": _convert_law(s),
             }
             for s in mechanism.springs
         ],
@@ -180,6 +197,16 @@ def _collect_loop_parts(mechanism: Mechanism, q_at: Indices, v_at: Indices) -> L
         ],
         "forces": [{"name": f.name, "at": _convert_attachment(f.at), "follower": f.follower} for f in mechanism.forces],
     }
+
+
+def _convert_law(spring: Spring) -> GasRow | TableRow | None:
+    """Return the law of a spring in numbers, None for a linear one."""
+    if spring.law is None:
+        return None
+    if isinstance(spring.law, GasLaw):
+        return {"force": spring.law.force, "travel": spring.law.travel, "exponent": spring.law.exponent}
+    first, *others = spring.law.list_pieces().tolist()
+    return {"pieces": [[None, *first[1:]], *others]}
 
 
 def _convert_closure(mechanism: Mechanism, closure: Closure, number: Callable[[str], CoordinatePlaces]) -> ClosureRow:

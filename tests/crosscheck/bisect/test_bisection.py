@@ -152,11 +152,12 @@ def test_what_cannot_run_any_more_is_the_answer(make: Make) -> None:
 
 
 def test_each_release_can_be_tried(make: Make) -> None:
-    gone = "raise ImportError('gone')"
+    gone = "raise ImportError('libgone.so.1: cannot open shared object file')"
     answer = answered(make(FALL, values=[1.0, 3.0, 1.0, gone], plan=Plan(each=True, repeats=1)))
     assert [(change.before, change.after) for change in answer.changes] == [("1.0", "1.1"), ("1.1", "1.2")]
     assert answer.words[0].startswith("ball: cannot run from 1.3 on (1.2 is the last that runs)")
     assert answer.costs.environments == answer.costs.bound == 4
+    assert any("an older one by --beside may help" in note for note in answer.notes)
 
 
 def test_a_range_of_which_neither_end_runs_is_refused(make: Make) -> None:

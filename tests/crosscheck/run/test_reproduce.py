@@ -34,6 +34,7 @@ from flexinv.files.load_cases import Case, load_cases
 from flexinv.files.load_mechanism import load_mechanism
 from flexinv.kernels.so3 import exp_so3
 from flexinv.kinematics.nodal_motion import integrate_configuration
+from flexinv.model.attachments import GasLaw, TableLaw
 from flexinv.model.mechanism import Mechanism, Placement
 from flexinv.model.motion import Motion
 from flexinv.typing import Array
@@ -132,6 +133,28 @@ def test_loops_springs_and_forces(engine: str, name: str, tmp_path: Path) -> Non
     result = run(tmp_path)
     assert len(result) == mechanism.nv
     assert max(result.values()) < NEAR[engine]
+
+
+LAWS = {
+    "gas": GasLaw(12.0, 0.9, 1.4),
+    "table": TableLaw(np.array([0.3, 0.5, 0.6, 0.8]), np.array([-3.0, 1.0, 4.0, 20.0])),
+}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("engine", ["pinocchio", "exudyn-dae"])
+@pytest.mark.parametrize("law", LAWS)
+def test_springs_that_are_not_linear_are_exported_with_their_law(
+    engine: str, law: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The lengths of this motion reach from 0.2 m to 0.9 m, beyond both ends of the table; MuJoCo has no such springs."""
+    monkeypatch.setattr(exudyn_loops, "STEPS", 500)
+    mechanism, case = examples.loaded_tree()
+    spring = replace(mechanism.springs[0], stiffness=0.0, law=LAWS[law])
+    mechanism = replace(mechanism, springs=(spring,))
+    exported(mechanism, engine, tmp_path, case, posed(mechanism, case))
+    # in time: what test_engine_exudyn_loops asks of these steps, and the corners of a table's slope beside
+    assert max(run(tmp_path).values()) < {"pinocchio": NEAR["pinocchio"], "exudyn-dae": 1e-4}[engine]
 
 
 @pytest.mark.parametrize(("engine", "file"), [("pinocchio", "model.urdf"), ("mujoco", "model.xml")])

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import os
+import shlex
 import subprocess
 import sys
 from pathlib import Path
 
+import click
 import pytest
 import yaml
 from click.testing import CliRunner
@@ -109,3 +111,15 @@ def test_recipes_leave_out_no_language() -> None:
     text = (Path(__file__).resolve().parents[3] / "docs" / "workflows" / "pull-request.yml").read_text()
     events = yaml.safe_load(text)[True]["pull_request"]  # YAML reads the word on as True
     assert events == {"paths-ignore": ["docs/**", "**.md"]}
+
+
+def test_the_command_of_the_board_is_understood(root: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """It installs releases from an index, which tests have not: its words are read, and it is not run."""
+    (command,) = list_commands(root / "docs" / "workflows" / "board.yml")
+    (tmp_path / "models").mkdir()
+    monkeypatch.chdir(tmp_path)
+    program, name, *words = shlex.split(command.partition("||")[0])
+    assert program == "crosscheck"
+    known = main.get_command(click.Context(main), name)
+    assert known is not None
+    assert known.make_context(name, words).params["count"] == 5

@@ -25,6 +25,7 @@ from crosscheck.engines.exudyn.models import chain as exudyn_chain
 from crosscheck.engines.exudyn.models.frames import Array, build_frame_along, compose
 from crosscheck.engines.exudyn.models.layout import Frame, Layout, find_attachment_frame, list_attachments
 from crosscheck.engines.exudyn.models.parts import Model
+from crosscheck.engines.exudyn.script import SPRING
 from crosscheck.engines.shared.loop_closure import REDUNDANT, FrameMotion, compute_direction_row, compute_position_row
 from crosscheck.engines.shared.wrenches import evaluate_wrench
 from flexinv.files.load_cases import Case
@@ -190,6 +191,7 @@ def _make_spring_law(spring: Spring) -> Any:
     ) -> float:
         return float(spring.evaluate_pull(np.asarray(spring.rest + longer))) + damping * rate
 
+    setattr(evaluate_pull, SPRING, spring)  # an export writes its law
     return evaluate_pull
 
 
