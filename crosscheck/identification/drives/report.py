@@ -117,9 +117,10 @@ def list_drive_words(report: DriveReport) -> Iterator[str]:
     yield from (one.words for one in report.couplings)
     for one in report.laws:
         if one.chosen and not one.free:
+            size = f"{format_short(one.size)} {one.unit}".removesuffix(" -")
             yield (
                 f"friction of {one.joint}: the logs speak for a term that is not free, {one.term} ({one.kind}), of "
-                f'{format_short(one.size)} {one.unit}: {one.words}; write friction = "evidence" into identify.toml, or the table '
+                f'{size}: {one.words}; write friction = "evidence" into identify.toml, or the table '
                 f'[[free]] with parameter = "{one.kind}"'
             )
     for ripple in report.ripples:
