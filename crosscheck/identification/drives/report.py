@@ -282,9 +282,9 @@ def _compute_change(terms: Terms, c: int, more: list[FrictionTerm]) -> Array:
     wider = join_chosen_terms(terms, more)
     change = solve_terms(wider)[0]
     place = terms.machine.channels[c].place
-    own = [k for k, one in enumerate(terms.machine.space.parameters) if one.place == place and one.kind in FRICTION]
-    own += range(len(terms.z), len(change))
-    return np.asarray(wider.slopes[c][:, own] @ change[own] / terms.weights[c])
+    of_law = [k for k, one in enumerate(terms.machine.space.parameters) if one.place == place and one.kind in FRICTION]
+    of_law += range(len(terms.z), len(change))
+    return np.asarray(wider.slopes[c][:, of_law] @ change[of_law] / terms.weights[c])
 
 
 def _list_edges(places: Array) -> Array:
