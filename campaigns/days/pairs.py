@@ -111,7 +111,7 @@ def _list_rows(found: Identification) -> list[Row | DayRow]:
 
 
 def _list_causes(known: str, found: Identification, log: Path) -> Iterator[Check]:
-    """Yield whether an untouched day has no cause but its friction, warming and offsets, and whether nothing unknown is said."""
+    """Yield whether an untouched day has no cause but its friction, its warming and offsets, and nothing unknown is said."""
     names = [(NAMES.get(one.name, one.name), one.place) for one in find_causes(found, read_log(log))]
     wrong = [f"{name} of {place}" for name, place in names if name not in (*FRICTION, WARMING, UNKNOWN)]
     yield Check(f"no false cause by {known}", "; ".join(wrong), not wrong)

@@ -304,8 +304,8 @@ def _fill_coupled_motors(
 ) -> Iterator[tuple[str, str]]:
     """A motor that follows several joints: a frame of its own with rotor and friction, and a coupling that turns it."""
     values = identification.machine.space.compute_values(identification.fit.z)
-    for name, own in identification.machine.settings.joints.items():
-        if not own.follows or layer.prefix or "drive" in layer.joints.get(name, {}):
+    for name, columns in identification.machine.settings.joints.items():
+        if not columns.follows or layer.prefix or "drive" in layer.joints.get(name, {}):
             continue
         joint = layer.mechanism.joint_of[name]
         motor = f"{name}_motor"
@@ -319,7 +319,7 @@ def _fill_coupled_motors(
         tables[layer.format_table_name("joints", motor)] = place | law
         passive = tables.setdefault(layer.format_table_name("joints", name), {})
         passive |= dict.fromkeys(law, (0.0, f"of {motor}")) | {"actuated": (False, f"{motor} moves it")}
-        parts = {o: resolve_value(identification.machine, values, COUPLING, f"{name}/{o}") for o in own.follows}
+        parts = {o: resolve_value(identification.machine, values, COUPLING, f"{name}/{o}") for o in columns.follows}
         factors = {motor: 1.0, name: -1.0} | {other: -part for other, part in parts.items()}
         told = "; ".join(
             _describe_row(rows[COUPLING, f"{name}/{o}"]) for o in parts if (COUPLING, f"{name}/{o}") in rows

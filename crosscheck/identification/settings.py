@@ -334,17 +334,17 @@ def _check_joints(table: IdentifyTable, mechanism: Mechanism, top: Location) -> 
 
 def _check_drive(table: IdentifyTable, name: str, where: Location) -> None:
     """Raise InputError where a current is said to be measured behind the gear, or a motor follows what no column measures."""
-    own = table.joints[name]
-    if own.effort is not None and own.effort.side == "link" and own.effort.unit == "A":
+    columns = table.joints[name]
+    if columns.effort is not None and columns.effort.side == "link" and columns.effort.unit == "A":
         expected = "a torque or force behind the gear; a current is the motor's"
         raise where.make_error("effort", 'side = "link" with unit = "A"', expected, 'side = "joint"')
     others = [other for other in table.joints if other != name]
-    for other in own.follows:
+    for other in columns.follows:
         if other not in others:
             near = find_nearest_word(other, others) or "OTHER"
             expected = f"another joint of which a column measures the angle: {', '.join(others)}"
             raise where.make_error("follows", f'"{other}"', expected, f"follows = {{ {near} = 1.0 }}")
-    if own.follows and own.has_link_sensor:
+    if columns.follows and columns.has_link_sensor:
         given = 'follows with side = "link"'
         raise where.make_error(
             "follows", given, "an effort of a motor: a sensor behind the gear sees one joint", 'side = "joint"'
@@ -417,8 +417,10 @@ def list_matching_names(patterns: list[str], names: list[str]) -> list[str]:
 def move_efforts_behind_gears(table: IdentifyTable) -> IdentifyTable:
     """Return the settings of a machine whose efforts are all measured behind the gears [-]: no rotor, no friction is free."""
     joints = {
-        name: own.model_copy(update={"effort": own.effort and own.effort.model_copy(update={"side": "link"})})
-        for name, own in table.joints.items()
+        name: columns.model_copy(
+            update={"effort": columns.effort and columns.effort.model_copy(update={"side": "link"})}
+        )
+        for name, columns in table.joints.items()
     }
     free = [one for one in table.free if one.parameter not in OF_DRIVES]
     return table.model_copy(update={"joints": joints, "free": free})

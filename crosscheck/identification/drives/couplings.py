@@ -72,10 +72,10 @@ def _is_suspect(terms: Terms, channel: Channel, other: str, beside: Channel | No
         machine = terms.machine
         k = run.motion.names.index(other)
         j = run.motion.names.index(channel.place)
-        own = machine.channels.index(channel)
+        shown_in = machine.channels.index(channel)
         out = np.zeros((len(run.time), len(machine.channels), 3))
-        out[:, own, 0] = run.motion.qd[:, k] / channel.ratio
-        out[:, own, 1] = np.tanh(run.motion.qd[:, k] / machine.settings.still_rad_per_s) / channel.ratio
+        out[:, shown_in, 0] = run.motion.qd[:, k] / channel.ratio
+        out[:, shown_in, 1] = np.tanh(run.motion.qd[:, k] / machine.settings.still_rad_per_s) / channel.ratio
         if beside is not None:
             values = machine.space.compute_values(terms.z[: len(machine.space.parameters)], run.load)
             out[:, machine.channels.index(beside), 2] = run.response(values)[0][:, j] / beside.ratio
@@ -86,8 +86,8 @@ def _is_suspect(terms: Terms, channel: Channel, other: str, beside: Channel | No
 
 def _add_coupling(machine: Machine, joint: str, other: str, factor: float, free: bool = False) -> Machine:
     """The machine whose motor of a joint follows another one, too [-]."""
-    own = machine.settings.joints[joint]
-    joints = {**machine.settings.joints, joint: own.model_copy(update={"follows": {**own.follows, other: factor}})}
+    table = machine.settings.joints[joint]
+    joints = {**machine.settings.joints, joint: table.model_copy(update={"follows": {**table.follows, other: factor}})}
     settings = machine.settings.model_copy(update={"joints": joints})
     if not free:
         return replace(machine, settings=settings)

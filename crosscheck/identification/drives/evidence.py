@@ -83,10 +83,10 @@ def build_terms(task: Problem, days: DayFits) -> Terms:
     machine = task.machine
     found = days.own[0] if len(days.own) == 1 else days.machine
     moved = list(task.moved)
-    own = [fit.z - found.z for fit in days.own] if moved else []
-    z = np.concatenate([found.z, *(one[moved] for one in own)])
+    of_days = [fit.z - found.z for fit in days.own] if moved else []
+    z = np.concatenate([found.z, *(one[moved] for one in of_days)])
     deviations = compute_day_deviations(machine, found.z, days.widths)
-    root = np.concatenate([np.ones(len(found.z)), *(1.0 / deviations[moved] for _ in own)])
+    root = np.concatenate([np.ones(len(found.z)), *(1.0 / deviations[moved] for _ in of_days)])
     weights = 1.0 / (found.spread * np.sqrt(found.agree))
     left = [_compute_residual(task, run, days.own[day]) for run, day in zip(task.runs, task.days, strict=True)]
     residuals = [w * r for w, r in zip(weights, task.collect_counted_samples(left), strict=True)]
@@ -176,8 +176,8 @@ def judge_term(terms: Terms, columns: Sequence[Array]) -> TermEvidence:
     wider = add_columns(terms, columns)
     gain = 0.0
     by_part: dict[float, float] = {}
-    for c, (without, own) in enumerate(zip(terms.held, wider.held, strict=True)):
-        beside = own * (terms.weights[c] / wider.weights[c])
+    for c, (without, held) in enumerate(zip(terms.held, wider.held, strict=True)):
+        beside = held * (terms.weights[c] / wider.weights[c])
         news = 1.0 / count_agreeing_samples(beside)
         before = float(without @ without)
         after = float(beside @ beside)
@@ -220,11 +220,11 @@ def _fill_held_residuals(terms: Terms) -> Terms:
     hessian, pull = _build_normal_equations(terms)
     held = [np.zeros_like(r) for r in terms.residuals]
     for part in np.unique(np.concatenate(terms.parts)):
-        rows = [own == part for own in terms.parts]
-        inside = [j[own] for j, own in zip(terms.slopes, rows, strict=True)]
+        rows = [numbers == part for numbers in terms.parts]
+        inside = [j[k] for j, k in zip(terms.slopes, rows, strict=True)]
         less = sum((j.T @ j for j in inside), np.zeros_like(hessian))
-        own = sum((j.T @ r[k] for j, r, k in zip(inside, terms.residuals, rows, strict=True)), np.zeros_like(pull))
-        change = np.linalg.solve(hessian - less, pull - own)
+        taken = sum((j.T @ r[k] for j, r, k in zip(inside, terms.residuals, rows, strict=True)), np.zeros_like(pull))
+        change = np.linalg.solve(hessian - less, pull - taken)
         for h, r, j, k in zip(held, terms.residuals, inside, rows, strict=True):
             h[k] = r[k] - j @ change
     return replace(terms, held=tuple(held))

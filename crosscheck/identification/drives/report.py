@@ -117,9 +117,10 @@ def list_drive_words(report: DriveReport) -> Iterator[str]:
     yield from (one.words for one in report.couplings)
     for one in report.laws:
         if one.chosen and not one.free:
+            size = f"{format_short(one.size)} {one.unit}".removesuffix(" -")
             yield (
                 f"friction of {one.joint}: the logs speak for a term that is not free, {one.term} ({one.kind}), of "
-                f'{format_short(one.size)} {one.unit}: {one.words}; write friction = "evidence" into identify.toml, or the table '
+                f'{size}: {one.words}; write friction = "evidence" into identify.toml, or the table '
                 f'[[free]] with parameter = "{one.kind}"'
             )
     for ripple in report.ripples:
@@ -281,9 +282,9 @@ def _compute_change(terms: Terms, c: int, more: list[FrictionTerm]) -> Array:
     wider = join_chosen_terms(terms, more)
     change = solve_terms(wider)[0]
     place = terms.machine.channels[c].place
-    own = [k for k, one in enumerate(terms.machine.space.parameters) if one.place == place and one.kind in FRICTION]
-    own += range(len(terms.z), len(change))
-    return np.asarray(wider.slopes[c][:, own] @ change[own] / terms.weights[c])
+    of_law = [k for k, one in enumerate(terms.machine.space.parameters) if one.place == place and one.kind in FRICTION]
+    of_law += range(len(terms.z), len(change))
+    return np.asarray(wider.slopes[c][:, of_law] @ change[of_law] / terms.weights[c])
 
 
 def _list_edges(places: Array) -> Array:

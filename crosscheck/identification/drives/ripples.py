@@ -187,10 +187,10 @@ def compute_order_drops(x: Array, left: Array, slopes: Array, covariance: Array)
     """
     pull = (x.T @ left).reshape(-1, 2)
     pairs = x.reshape(len(x), -1, 2)  # (sample, order, 2)
-    own = np.einsum("toi,toj->oij", pairs, pairs, optimize=True)
+    information = np.einsum("toi,toj->oij", pairs, pairs, optimize=True)
     beside = (slopes.T @ x).reshape(slopes.shape[1], -1, 2)  # (parameter, order, 2)
     taken = np.einsum("poi,pq,qoj->oij", beside, covariance, beside, optimize=True)
-    size = np.linalg.solve(own - taken + LEAST * np.eye(2), pull[:, :, None])[:, :, 0]
+    size = np.linalg.solve(information - taken + LEAST * np.eye(2), pull[:, :, None])[:, :, 0]
     return np.asarray(np.sum(size * pull, axis=1)), np.asarray(size)
 
 
