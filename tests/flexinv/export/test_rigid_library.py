@@ -11,14 +11,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from c_library import Block, needs_compiler, undefined_symbols
+from c_library import Block, assert_needs_nothing, needs_compiler
 from rigid_trees import tree
 
 import flexinv
 from flexinv.errors import InputError
 from flexinv.export.export_c import ExportedLibrary, export_c
-from flexinv.export.machine_code import NEEDED
-from flexinv.export.rigid_plan import plan_rigid_library
+from flexinv.export.rigid.rigid_plan import plan_rigid_library
 from flexinv.model.links import Body
 from flexinv.model.mechanism import Inertia, Mechanism
 from flexinv.rnea.loop_plan import sample_configurations
@@ -174,10 +173,7 @@ def test_threads_with_blocks_of_their_own_do_not_disturb_each_other(
 
 def test_the_objects_need_mathematics_and_moves_of_bytes_only(made: ExportedLibrary) -> None:
     """No Python, no memory, no file, no thread."""
-    objects = sorted((made.folder / "lib" / "native").glob("*.o"))
-    assert len(objects) == 2
-    own = {f"{made.name}_{name}" for name in ("kernel_torques", "model", "relocations")} | {"_GLOBAL_OFFSET_TABLE_"}
-    assert all(undefined_symbols(one) <= NEEDED | own for one in objects)
+    assert_needs_nothing(made)
 
 
 def test_no_call_takes_memory(made: ExportedLibrary, tmp_path: Path) -> None:
@@ -236,13 +232,6 @@ def test_names_that_are_one_in_c_are_refused_before_anything_is_written(tmp_path
     twice = replace(made, joints=tuple(replace(j, kind="revolute") if j.name[0] == "a" else j for j in joints))
     with pytest.raises(InputError, match=r"coordinates 'a b' and 'a-b' both become A_B in C; rename"):
         export_c(twice, tmp_path / "out")
-    assert not (tmp_path / "out").exists()
-
-
-@pytest.mark.parametrize(("model", "step"), [("four_bar", None), ("four_bar_flexible", 1e-3)])
-def test_closures_are_refused_before_anything_is_written(model: str, step: float | None, tmp_path: Path) -> None:
-    with pytest.raises(InputError, match=rf"mechanism '{model}' has .*closures \(.*from Python"):
-        export_c(flexinv.load_mechanism(f"models/{model}"), tmp_path / "out", step=step)
     assert not (tmp_path / "out").exists()
 
 

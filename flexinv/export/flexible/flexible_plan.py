@@ -2,7 +2,7 @@
 
     place the joints          `fill_given` in the plane, `fill_relative` in space
     march one time step       `integrate_planar_motion` or `integrate_instants`
-    tau = L T P, guarded      `evaluate_guarded_torques`
+    tau = L T P, guarded      `evaluate_guarded_torques`, with springs, forces or loops `evaluate_loaded_torques`
 
 The block is the work space of a controller that has been started in Python, as it stands then; so every library begins at the
 position, at rest, that it was made for.
@@ -11,41 +11,62 @@ position, at rest, that it was made for.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from flexinv.analysis.controller import Controller, FlexibleState
+from flexinv.dynamics.loaded_torques import evaluate_loaded_torques
 from flexinv.dynamics.stepper import SLIPPED, SUDDEN_START, TURNED_TOO_MUCH, integrate_instants
-from flexinv.errors import InputError
-from flexinv.export.library_plan import BLOCK_HEADER, GoldenSeries, LibraryPlan, refuse_parts
+from flexinv.errors import ConvergenceError, InputError
+from flexinv.export.flexible.parameters import add_payload_bodies, format_parameters
+from flexinv.export.flexible.readings import format_readings
+from flexinv.export.flexible.rest_plan import RestStart, plan_rest_start
+from flexinv.export.library_plan import BLOCK_HEADER, GoldenSeries, LibraryPlan
 from flexinv.export.machine_code import Entry, KernelCall, add_entry
 from flexinv.export.memory_image import MemoryImage, list_arrays
 from flexinv.export.names import format_numbers
-from flexinv.export.rest_plan import RestStart, plan_rest_start
 from flexinv.inverse.balance import REASON, compute_carried_energy, compute_energy_rounding, evaluate_guarded_torques
 from flexinv.kinematics.configuration import fill_given, fill_relative, integrate_array
-from flexinv.model.joint_kinds import KINDS
 from flexinv.model.mechanism import Mechanism
 from flexinv.planar.stepper import integrate_planar_motion
 from flexinv.typing import Array
 
+
+@dataclass(frozen=True)
+class MarchSettings:
+    """Settings of the march of a library.
+
+    step : between two calls [s]; start : (nq,) position in which it begins at rest [rad], [m]; initial : "static" or "consistent"
+    spectral_radius : as in `Controller` [-]; payloads : links that carry something that changes
+    """
+
+    step: float
+    start: Array
+    initial: str = "static"
+    spectral_radius: float = 0.8
+    payloads: tuple[str, ...] = ()
+
+
 REPLAYED_STEPS = 20  # steps of the self-test
-GOLDEN_SWING = 0.02  # way of every driven joint in it [rad], [m]
+GOLDEN_SWINGS = (
+    0.02,
+    2e-4,
+    0.0,
+)  # ways of every driven joint in it, of which the first is taken that can be made [rad], [m]
 # Of the self-test, in parts of the largest effort: a rounding of the position of 0.4 m is 7e-12 of the peak acceleration at steps
 # of 5e-4 s, and marches on.  On this processor no digit differs.
 MARCH_TOLERANCE = 1e-9
 
 
-def plan_flexible_library(
-    mechanism: Mechanism, prefix: str, step: float, start: Array, initial: str, spectral_radius: float
-) -> LibraryPlan:
+def plan_flexible_library(mechanism: Mechanism, prefix: str, settings: MarchSettings) -> LibraryPlan:
     """Return the library [N m], [N] of a mechanism with beams, whose names begin with ``prefix``.
 
-    step : between two calls [s]; start : (nq,) position in which it begins at rest [rad], [m]; initial : "static" or "consistent"
     Raises InputError where none can be made, ConvergenceError where the position has no equilibrium.
     """
-    controller = _begin_controller(mechanism, step, start, initial, spectral_radius)
+    mechanism = add_payload_bodies(mechanism, settings.payloads)
+    controller = _begin_controller(mechanism, settings)
     state = controller.flexible
     assert state is not None
     motion = [np.zeros(size) for size in (mechanism.nq, mechanism.nv, mechanism.nv)]
@@ -61,30 +82,27 @@ def plan_flexible_library(
         "at_judged": entries[2].result, "too_much": TURNED_TOO_MUCH, "slipped": SLIPPED, "sudden": SUDDEN_START,
     }  # fmt: skip
     values = {name: str(value) for name, value in places.items()} | _format_guard(state)
-    values["start_numbers"] = format_numbers(start)
-    more: tuple[str, ...] = ()
+    begins = state.previous[0]  # with its loops closed
+    values |= format_readings(image, state, prefix)
+    values["start_numbers"] = format_numbers(begins)
+    values |= format_parameters(image, state, settings.payloads, prefix)
+    parts = ["flexible", "readings", "parameters", *(["bodies", "payloads"] if settings.payloads else [])]
     if rest is not None:
         values |= _format_rest(image, rest, entries[len(steps) :])
-        more = ("settle", rest.template, "rest")
-    golden = _make_step_series(controller, state, start)
-    return LibraryPlan("flexible", mechanism, entries, image, values, golden, more, start, step)
+        parts += ["settle", rest.template, "rest"]
+    golden = _make_step_series(controller, state, begins)
+    return LibraryPlan("flexible", mechanism, entries, image, values, golden, tuple(parts), begins, settings.step)
 
 
-def _begin_controller(mechanism: Mechanism, step: float, start: Array, initial: str, radius: float) -> Controller:
-    """A controller at rest at the start; raises InputError for what acts on the mechanism and has no kernel of one step."""
-    winding = [j for j in mechanism.joints if KINDS[j.kind].circle and j.stiffness and j.actuated]
-    parts: dict[str, Sequence[Any]] = {
-        "beams and closures": mechanism.closures, "beams and springs between points": mechanism.springs,
-        "beams and forces": mechanism.forces, "beams and springs in joints that turn without end": winding,
-    }  # fmt: skip
-    refuse_parts(mechanism, parts, "flexinv.Controller or flexinv.solve")
-    controller = Controller.of(mechanism, step=step, spectral_radius=radius)
+def _begin_controller(mechanism: Mechanism, settings: MarchSettings) -> Controller:
+    """A controller at rest at the start; raises InputError where it begins suddenly."""
+    controller = Controller.of(mechanism, step=settings.step, spectral_radius=settings.spectral_radius)
     still = np.zeros(mechanism.nv)
-    controller.start(start, still, still, initial)
+    controller.start(settings.start, still, still, settings.initial)
     if controller.flexible is not None and controller.flexible.early_steps:
         raise InputError(
-            f"export_c: mechanism {mechanism.name!r} begins suddenly at this position (initial = {initial!r}): its first steps "
-            "would be made in parts, for which the C library has no kernel; write initial='static', or a shorter step"
+            f"export_c: mechanism {mechanism.name!r} begins suddenly at this position (initial = {settings.initial!r}): its "
+            "first steps would be made in parts, for which the C library has no kernel; write initial='static', or a shorter step"
         )
     return controller
 
@@ -101,11 +119,12 @@ def _list_step_calls(state: FlexibleState, motion: list[Array], prefix: str) -> 
     """The kernels of one step, in the order in which `Controller.step` calls them."""
     place: Any = (fill_relative, state.joints) if state.flat is None else (fill_given, state.given[0])
     march: Any = integrate_instants if state.flat is None else integrate_planar_motion
-    torques = (*state.parts, tuple(motion), state.instant, state.tau)
+    evaluate = evaluate_guarded_torques if state.loads is None else evaluate_loaded_torques
+    torques = (*state.parts, tuple(motion), *state.loading, state.tau)
     return [
         KernelCall(f"{prefix}_kernel_place", place[0], (state.nodes, *motion, place[1])),
         KernelCall(f"{prefix}_kernel_march", march, (state.system, state.scheme, *state.arguments)),
-        KernelCall(f"{prefix}_kernel_torques", evaluate_guarded_torques, torques),
+        KernelCall(f"{prefix}_kernel_torques", evaluate, torques),
     ]
 
 
@@ -120,10 +139,25 @@ def _format_rest(image: MemoryImage, rest: RestStart, entries: Sequence[Entry]) 
 
 
 def _make_step_series(controller: Controller, state: FlexibleState, start: Array) -> GoldenSeries:
-    """A smooth move of all driven joints from rest, s = 10 x^3 - 15 x^4 + 6 x^5 of GOLDEN_SWING, and its efforts."""
+    """Efforts of a move from rest, as far as the march takes it: drives of one loop may hinder each other."""
+    kept = state.copy_state()
+    for way in GOLDEN_SWINGS:
+        try:
+            return _run_golden_march(controller, state, start, way)
+        except ConvergenceError:
+            state.replace_state(kept)
+            controller.begun = True
+    raise InputError(
+        f"export_c: mechanism {state.mechanism.name!r} does not even stand still at this position for {REPLAYED_STEPS} steps of "
+        f"{state.scheme.h:g} s; write a shorter step, or another start"
+    )
+
+
+def _run_golden_march(controller: Controller, state: FlexibleState, start: Array, swing: float) -> GoldenSeries:
+    """A smooth move of all driven joints from rest, s = 10 x^3 - 15 x^4 + 6 x^5 of a swing [rad], [m], and its efforts."""
     x = np.arange(1, REPLAYED_STEPS + 1) / REPLAYED_STEPS
     end = REPLAYED_STEPS * state.scheme.h
-    way = GOLDEN_SWING * state.mechanism.actuated
+    way = swing * state.mechanism.actuated
     place = x**3 * (10 - 15 * x + 6 * x**2)
     rate = 30 * x**2 * (1 - x) ** 2 / end
     acceleration = 60 * x * (1 - x) * (1 - 2 * x) / end**2
