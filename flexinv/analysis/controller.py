@@ -117,9 +117,8 @@ class FlexibleState:
         self.tau = tau
         self.passive = {j.name for j in mechanism.joints if j.nv and not j.actuated}
         self.solver = Solver.build_for(mesh, self.passive)
-        attached = bool(mechanism.springs or mechanism.forces or mechanism.closures)
-        in_space = isinstance(find_plane(mesh), NotPlanar) or self.passive or attached
-        self.flat = None if in_space else PlanarMarch.build_for(mesh, set())
+        in_space = isinstance(find_plane(mesh), NotPlanar)
+        self.flat = None if in_space else PlanarMarch.build_for(mesh, self.passive)
         self.joints = Joints(*(part.copy() for part in compute_joint_motion(mesh, mechanism.neutral, still, still)))
         self.frames = Frames(*(part[0] for part in self.solver.instant[:6]))
         self.instant = Instant(self.solver.instant.energy[0], driven, np.zeros((mesh.size, 6)), np.zeros(7))
@@ -127,7 +126,7 @@ class FlexibleState:
         self.scheme = scheme
         self.early = build_start_scheme(scheme)
         self._prepare_march()
-        self._prepare_torques(mesh, attached)
+        self._prepare_torques(mesh)
         self.early_steps = 0
         self.previous = list[Array]()
         self.last = tau.copy()
@@ -144,19 +143,22 @@ class FlexibleState:
         else:
             march_in = integrate_planar_motion
             self.system = self.flat.system
-            self.given = np.zeros((1, int((self.solver.mesh.v_index >= 0).sum()), 3))
+            self.prescribed = self.flat.model.tree.prescribed_column >= 0
+            self.given = np.zeros((1, int(self.prescribed.sum()), 3))
             row = np.zeros(1, dtype=np.int64)
             self.arguments = np.zeros((0, 3)), False, self.given, row, self.solver.instant
         self.march = NUMBA.resolve_compiled(march_in, self.system, self.scheme, *self.arguments)
 
-    def _prepare_torques(self, mesh: Mesh, attached: bool) -> None:
+    def _prepare_torques(self, mesh: Mesh) -> None:
         """Take the kernel of the second step, with what acts beside the joints, and what it is called with."""
+        m = self.mechanism
         driven = self.instant.driven
         masses = Masses(mesh.mass, mesh.inertia, self.solver.topology.gravity)
         self.parts = (self.nodes, _build_drives(mesh), masses, self.frames)
         now = (self.mechanism.neutral.copy(), driven, driven)
-        winds = any(KINDS[j.kind].circle and j.stiffness and j.actuated for j in self.mechanism.joints)
-        self.loads = build_instant_loads(mesh, self.solver.instant.multipliers[0]) if attached or winds else None
+        winds = any(KINDS[j.kind].circle and j.stiffness and j.actuated for j in m.joints)
+        acts = m.springs or m.forces or m.closures or winds
+        self.loads = build_instant_loads(mesh, self.solver.instant.multipliers[0]) if acts else None
         self.loading = (self.instant,) if self.loads is None else (self.instant, self.loads)
         kernel = evaluate_guarded_torques if self.loads is None else evaluate_loaded_torques
         self.torques = NUMBA.resolve_compiled(kernel, *self.parts, now, *self.loading, driven)
@@ -240,7 +242,7 @@ class FlexibleState:
     def integrate_step(self, scheme: Scheme, q: Array, qd: Array, qdd: Array) -> None:
         """Make one step, or a part of it, to the motion q (nq,), qd, qdd (nv,) of the joints [m, rad, s]."""
         if self.flat is not None:
-            fill_given(self.nodes, q, qd, qdd, self.given[0])
+            fill_given(self.nodes, q, qd, qdd, self.prescribed, self.given[0])
         else:
             fill_relative(self.nodes, q, qd, qdd, self.joints)
         status, _, count, size = self.march(self.system, scheme, *self.arguments)
@@ -318,7 +320,7 @@ class Controller:
         """Return the controller of a mechanism, rigid (as `prepare`) or with beams, its kernels compiled.
 
         step : time between two calls [s], of a mechanism with beams; spectral_radius : as in `solve` [-]
-        With springs between points, given forces, closures or joints without drives beams are marched in space.
+        With springs between points or given forces beams are marched in space.
         Raises InputError: forces that depend on time, no step for beams, beams with closures that act for a while or couple
             joints.
         """

@@ -17,12 +17,14 @@ from numpy.typing import NDArray
 from flexinv.dynamics.loads import TINY, build_law_tables, build_load_table, build_loads, evaluate_pull
 from flexinv.inverse.nodal_sums import add_outboard_forces
 from flexinv.kernels.jit import jit, jit_inner
+from flexinv.kernels.memory import make_contiguous
 from flexinv.kernels.records import send_by_address
 from flexinv.kernels.vec3 import ZERO, add, add_to, apply, cross, dot, mat, put, scale, sub, tapply, vec, vec_at
-from flexinv.kinematics.configuration import move_nodes
+from flexinv.kinematics.configuration import build_nodes, move_nodes
 from flexinv.kinematics.mesh import Mesh, find_attachment_node
-from flexinv.kinematics.tree import take_sample
+from flexinv.kinematics.tree import Frames, Joints, take_sample
 from flexinv.model.links import Attachment
+from flexinv.model.owned_cache import make_owner_cache
 from flexinv.typing import Array
 
 
@@ -55,6 +57,7 @@ class AppliedLoads(NamedTuple):
     pieces: Array
 
 
+@make_owner_cache()
 def build_applied_loads(mesh: Mesh) -> AppliedLoads:
     """Return the springs between points [N/m], [m], [N s/m] and the given forces at t = 0 [N], [N m] of a mesh."""
     forces = build_loads(mesh, 0)
@@ -152,3 +155,24 @@ def fill_applied_efforts(nodes, loads, motion, scratch, samples, out):
                 for i in range(nodes.freedoms[n]):
                     effort = dot(vec(nodes.slide[n, i]), force) + dot(vec(nodes.turn[n, i]), moment)
                     out[s, nodes.v_index[n] + i] = effort
+
+
+def compute_applied_efforts(mesh: Mesh, q: Array, qd: Array, qdd: Array) -> Array:
+    """Return the efforts that the joints of a rigid mechanism give against springs and forces [N m], [N], (samples, nv).
+
+    q : (samples, nq), qd, qdd : (samples, nv) [rad or m, s]
+    """
+    out = np.zeros(qd.shape)
+    motion = make_contiguous(q), make_contiguous(qd), make_contiguous(qdd)
+    loads = build_applied_loads(mesh)
+    fill_applied_efforts(build_nodes(mesh), loads, motion, make_scratch(mesh), len(out), out)
+    return out
+
+
+def make_scratch(mesh: Mesh) -> tuple[Joints, Frames, Array]:
+    """Return room for the motion of all nodes at one sample [m, rad, s], and for their wrenches [N], [N m]."""
+    vector = mesh.size, 3
+    matrix = mesh.size, 3, 3
+    joints = Joints(*(np.zeros(shape) for shape in (*3 * [vector], matrix, *2 * [vector])))
+    frames = Frames(*(np.zeros((1, *shape)) for shape in (vector, matrix, *4 * [vector])))
+    return joints, frames, np.zeros((mesh.size, 6))

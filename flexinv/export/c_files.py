@@ -42,6 +42,7 @@ def render_files(plan: LibraryPlan, prefix: str, targets: Sequence[str]) -> dict
     kind = plan.kind
     values = _collect_values(plan, prefix, targets)
     parts = plan.parts
+    values["but"] = "" if kind == "rigid" else "; `ENERGY` alone ends the block"
     values["notes"] = _join(parts, "md", values)
     values["functions"] = _join(parts, "h", values)
     return {

@@ -124,7 +124,7 @@ def plan_case(mechanism: Mechanism, case: Case) -> CasePlan:
         questions = [Question("torque", *row) for row in zip(*motion, strict=True)]
         return CasePlan(make_rigid_settings(mechanism, motion[0][0]), questions, 1)
     count = every * (len(sample_times(case)) - 1)
-    q, qd, qdd = case.motion.evaluate(mechanism, case.step * np.arange(count + 1), side="left")
+    q, qd, qdd = case.motion.evaluate(mechanism, case.step * np.arange(count + 1), "left")
     start = q[0] if mechanism.actuated.all() else _find_start(mechanism, case)
     settings = LibrarySettings(tuple(start.tolist()), case.step, case.initial, case.spectral_radius)
     names = ["last_torque", *count * ["step"]]

@@ -1,29 +1,32 @@
-"""Certificate of the exported library: gravity, mass matrix, damping, friction and springs, asked of the program itself."""
+"""Certificate of the exported library: gravity, mass matrix, losses and springs, or weight, asked of the program itself."""
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
-from crosscheck.engines.flexinv_c.adapter import make_program, make_rigid_settings
+from crosscheck.engines.flexinv_c.adapter import make_program, make_rigid_settings, plan_case
 from crosscheck.engines.flexinv_c.program import Array, Program, Question
 from crosscheck.engines.shared.probe_states import configurations
 from crosscheck.measures.certificate import Certificate
 from flexinv.errors import InputError
 from flexinv.files.load_cases import Case
 from flexinv.model.joint_kinds import KINDS
-from flexinv.model.mechanism import Joint, Mechanism
+from flexinv.model.mechanism import WORLD, Joint, Mechanism
 
 
 def certify(mechanism: Mechanism, case: Case, engine: str) -> Certificate:
-    """Return mass matrix [kg m^2], [kg], gravity torque [N m], [N], damping, friction and springs of a rigid tree's library."""
-    if not mechanism.is_rigid:
-        raise InputError(
-            "the library of a mechanism with beams gives torques of its steps and says nothing of its model"
-        )
+    """Return mass matrix [kg m^2], [kg], gravity torque [N m], [N], damping, friction and springs of a rigid tree's library.
+
+    Of a tree with beams its mass [kg], by what its roots hold at rest.  Raises InputError for closed loops.
+    """
     if mechanism.closures:
         raise InputError(
             "the library of closed loops shares the efforts of the tree out and says nothing of the tree alone"
         )
+    if not mechanism.is_rigid:
+        return Certificate(mass=_compute_mass(mechanism, case))
     program = make_program(mechanism, make_rigid_settings(mechanism, mechanism.neutral))
     q = configurations(mechanism, case)
     ask = [Question(name, *_list_state(mechanism, one)) for name in ("gravity", "mass_matrix") for one in q]
@@ -38,6 +41,25 @@ def certify(mechanism: Mechanism, case: Case, engine: str) -> Certificate:
         friction=friction,
         springs=_read_springs(program),
     )
+
+
+def _compute_mass(mechanism: Mechanism, case: Case) -> float:
+    """Mass of what moves [kg]: the forces on the joints that carry it, in equilibrium, over gravity."""
+    size = float(np.linalg.norm(mechanism.gravity))
+    if size == 0.0 or mechanism.springs or mechanism.forces:
+        raise InputError("the library of a mechanism with beams is weighed, which takes gravity and nothing beside it")
+    program = make_program(mechanism, replace(plan_case(mechanism, case).settings, initial="static"))
+    held = {WORLD}
+    roots = list[int]()
+    for k, joint in enumerate(mechanism.joints):
+        if joint.parent in held and joint.nv == 0:
+            held.add(joint.child)
+        elif joint.parent in held:
+            roots.append(k)
+    answers = program.ask(
+        [Question("joint_wrench", *_list_state(mechanism, mechanism.neutral, float(k))) for k in roots]
+    )
+    return sum(float(np.linalg.norm(wrench[:3])) for wrench in answers) / size
 
 
 def _list_state(mechanism: Mechanism, q: Array, rate: float = 0.0) -> tuple[Array, Array, Array]:

@@ -30,7 +30,7 @@ NO_COMPILER = (
     "there is no C compiler here to link the exported library with (cc, gcc or clang and ar, or the wheel ziglang); "
     "write apt-get install gcc, or python -m pip install ziglang"
 )
-# Kind of library -> question -> call; `SQUARE` ones answer a matrix, all others a number for each rate.
+# Kind of library -> question -> call; those of `COUNTS` answer so many numbers as C says, all others one for each rate.
 QUESTIONS = {
     "rigid": {
         "torque": "torque(memory, q, qd, qdd, out)",
@@ -47,9 +47,10 @@ QUESTIONS = {
     "flexible": {
         "last_torque": "last_torque(memory, out)",
         "step": "step(memory, q, qd, qdd, out)",
+        "joint_wrench": "joint_wrench(memory, (size_t)qd[0], out)",  # of the joint with that number
     },
 }
-SQUARE = ("mass_matrix",)
+COUNTS = {"mass_matrix": "SQUARE", "joint_wrench": "6"}
 
 
 @dataclass(frozen=True)
@@ -108,7 +109,7 @@ class Program:
         answers = list[Array]()
         offset = 0
         for k, one in enumerate(questions):
-            count = nv * nv if one.name in SQUARE else nv
+            count = {"mass_matrix": nv * nv, "joint_wrench": 6}.get(one.name, nv)
             status = int(np.frombuffer(data, np.int64, 1, offset)[0])
             if status != 0:
                 word, said = list(STATUSES.items())[status]
@@ -148,7 +149,7 @@ def make_linked_program(mechanism: Mechanism, folder: Path, name: str) -> Progra
 
 def _write_driver(name: str, kind: str) -> str:
     cases = [
-        f"    case {k}: {'*count = WIDEST; ' if word in SQUARE else ''}return {name}_{call};"
+        f"    case {k}: {f'*count = {COUNTS[word]}; ' if word in COUNTS else ''}return {name}_{call};"
         for k, (word, call) in enumerate(QUESTIONS[kind].items())
     ]
     template = resources.files("crosscheck.engines.flexinv_c") / "driver.c.in"

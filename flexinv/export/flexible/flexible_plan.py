@@ -117,12 +117,12 @@ def _format_guard(state: FlexibleState) -> dict[str, str]:
 
 def _list_step_calls(state: FlexibleState, motion: list[Array], prefix: str) -> list[KernelCall]:
     """The kernels of one step, in the order in which `Controller.step` calls them."""
-    place: Any = (fill_relative, state.joints) if state.flat is None else (fill_given, state.given[0])
+    place: Any = (fill_relative, state.joints) if state.flat is None else (fill_given, state.prescribed, state.given[0])
     march: Any = integrate_instants if state.flat is None else integrate_planar_motion
     evaluate = evaluate_guarded_torques if state.loads is None else evaluate_loaded_torques
     torques = (*state.parts, tuple(motion), *state.loading, state.tau)
     return [
-        KernelCall(f"{prefix}_kernel_place", place[0], (state.nodes, *motion, place[1])),
+        KernelCall(f"{prefix}_kernel_place", place[0], (state.nodes, *motion, *place[1:])),
         KernelCall(f"{prefix}_kernel_march", march, (state.system, state.scheme, *state.arguments)),
         KernelCall(f"{prefix}_kernel_torques", evaluate, torques),
     ]

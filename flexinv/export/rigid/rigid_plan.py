@@ -18,7 +18,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from flexinv.dynamics.applied_wrenches import build_applied_loads, fill_applied_efforts
+from flexinv.dynamics.applied_wrenches import build_applied_loads, fill_applied_efforts, make_scratch
 from flexinv.errors import InputError
 from flexinv.export.library_plan import BLOCK_HEADER, GoldenSeries, LibraryPlan
 from flexinv.export.machine_code import Entry, KernelCall, add_entry
@@ -30,7 +30,6 @@ from flexinv.kernels.simd import BLOCK
 from flexinv.kernels.threads.worker_pool import CELLS
 from flexinv.kinematics.configuration import build_nodes
 from flexinv.kinematics.mesh import Mesh
-from flexinv.kinematics.tree import Frames, Joints
 from flexinv.model.mechanism import Mechanism
 from flexinv.model.owned_cache import make_read_only
 from flexinv.rigid.blocks import CALL_CELLS, compute_torque_blocks
@@ -131,14 +130,9 @@ def _make_applied_call(mesh: Mesh, torques: KernelCall, name: str) -> KernelCall
         return None
     widths = m.nq, m.nv, m.nv
     motion = tuple(one.reshape(BLOCK, width) for one, width in zip(torques.arguments[5:8], widths, strict=True))
-    vector = mesh.size, 3
-    matrix = mesh.size, 3, 3
-    joints = Joints(*(np.zeros(shape) for shape in (*3 * [vector], matrix, *2 * [vector])))
-    frames = Frames(*(np.zeros((1, *shape)) for shape in (vector, matrix, *4 * [vector])))
-    scratch = joints, frames, np.zeros((mesh.size, 6))
     out = np.zeros((BLOCK, m.nv))
     system = build_nodes(mesh), build_applied_loads(mesh)
-    return KernelCall(name, fill_applied_efforts, (*system, motion, scratch, 1, out))
+    return KernelCall(name, fill_applied_efforts, (*system, motion, make_scratch(mesh), 1, out))
 
 
 def _make_block_call(function: TorqueFunction, numbers: Array, name: str) -> KernelCall:
