@@ -13,6 +13,7 @@ which is carried on like the deformation.
 from __future__ import annotations
 
 from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import dataclass, fields, is_dataclass
 from math import isfinite
 from typing import Any, NamedTuple
@@ -343,10 +344,13 @@ class Controller:
         tau = np.zeros(mechanism.nv)
         flexible = FlexibleState(mechanism, scheme, tau)
         out = cls(mechanism, tau, None, flexible, spectral_radius=radius)
-        if not mechanism.closures:  # which need not close at zero coordinates
-            out.start(mechanism.neutral, *np.zeros((2, mechanism.nv)))
-            out.step(mechanism.neutral, *np.zeros((2, mechanism.nv)))
-            out.begun = False
+        still = mechanism.neutral, np.zeros(mechanism.nv), np.zeros(mechanism.nv)
+        with suppress(
+            ConvergenceError
+        ):  # loops need not close there, and a load may be too sudden: kernels are compiled anyhow
+            out.start(*still)
+            out.step(*still)
+        out.begun = False
         return out
 
     def __reduce__(self) -> tuple[Any, ...]:

@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike
 from flexinv.errors import InputError
 from flexinv.export.c_files import make_constants, render_files
 from flexinv.export.flexible.flexible_plan import MarchSettings, plan_flexible_library
+from flexinv.export.given_forces import replace_changing_forces
 from flexinv.export.library_plan import LibraryPlan
 from flexinv.export.link_library import find_compiler, list_link_commands, run_commands
 from flexinv.export.machine_code import NATIVE, check_target, write_object
@@ -58,6 +59,7 @@ def export_c(
     chosen = [check_target(target) for target in check_names("targets", targets, "processors")]
     if not chosen:
         raise InputError("export_c: targets is empty; write targets=('native',)")
+    mechanism = replace_changing_forces(mechanism)
     check_exportable(mechanism)
     folder = _check_folder(Path(check_path("out", out, "a folder")), check_flag("overwrite", overwrite))
     prefix = LIBRARY_PREFIX + make_word(mechanism.name).lower()

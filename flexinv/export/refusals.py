@@ -7,7 +7,6 @@ from collections.abc import Iterable
 from flexinv.errors import InputError
 from flexinv.export.machine_code import check_compiler
 from flexinv.export.names import make_words
-from flexinv.inverse.inverse_dynamics import check_constant
 from flexinv.model.mechanism import Mechanism
 from flexinv.rigid.prepare import prepare
 
@@ -21,7 +20,6 @@ def check_exportable(mechanism: Mechanism) -> None:
     make_words("coordinates", m.coordinate_names)
     make_words("rates", m.velocity_names)
     make_words("links", [link.name for link in m.links])
-    check_constant(m)
     phases = [c.name for c in m.closures if c.active]
     _refuse(
         m, "closures that act for a while", phases, "of which a call that knows no time cannot tell; call flexinv.solve"

@@ -27,10 +27,12 @@ from crosscheck.measures.record import Record, torque_series
 from flexinv import __version__
 from flexinv.analysis.solve import solve
 from flexinv.errors import InputError
+from flexinv.export.given_forces import list_moved_forces
 from flexinv.export.link_library import find_compiler
 from flexinv.export.machine_code import NATIVE
 from flexinv.export.refusals import check_exportable
 from flexinv.files.load_cases import Case
+from flexinv.kinematics.mesh import build
 from flexinv.model.joint_kinds import KINDS
 from flexinv.model.mechanism import Mechanism
 from flexinv.typing import Triple
@@ -121,14 +123,24 @@ def plan_case(mechanism: Mechanism, case: Case) -> CasePlan:
     every = round(case.sample / case.step)
     if mechanism.is_rigid:
         motion = _evaluate_rigid_motion(mechanism, case, every)
-        questions = [Question("torque", *row) for row in zip(*motion, strict=True)]
+        forces = _evaluate_forces(mechanism, sample_times(case))
+        questions = [Question("torque", *row) for row in zip(*motion, forces, strict=True)]
         return CasePlan(make_rigid_settings(mechanism, motion[0][0]), questions, 1)
     count = every * (len(sample_times(case)) - 1)
-    q, qd, qdd = case.motion.evaluate(mechanism, case.step * np.arange(count + 1), "left")
+    time = case.step * np.arange(count + 1)
+    q, qd, qdd = case.motion.evaluate(mechanism, time, "left")
     start = q[0] if mechanism.actuated.all() else _find_start(mechanism, case)
     settings = LibrarySettings(tuple(start.tolist()), case.step, case.initial, case.spectral_radius)
     names = ["last_torque", *count * ["step"]]
-    return CasePlan(settings, [Question(*one) for one in zip(names, q, qd, qdd, strict=True)], every)
+    rows = zip(names, q, qd, qdd, _evaluate_forces(mechanism, time), strict=True)
+    return CasePlan(settings, [Question(*row) for row in rows], every)
+
+
+def _evaluate_forces(mechanism: Mechanism, time: NDArray[np.floating]) -> Array:
+    """Wrenches of the given forces on links at some times (samples,), (samples, forces, 6) [N], [N m]."""
+    forces = list_moved_forces(build(mechanism))
+    made = [np.stack([np.interp(time, one.time, column) for column in one.wrench.T], axis=1) for one in forces]
+    return np.stack(made, axis=1) if made else np.zeros((len(time), 0, 6))
 
 
 def _evaluate_rigid_motion(mechanism: Mechanism, case: Case, every: int) -> Triple:

@@ -20,9 +20,11 @@ from numpy.typing import NDArray
 from flexinv.errors import FlexinvError
 from flexinv.export.c_files import STATUSES
 from flexinv.export.export_c import export_c
+from flexinv.export.given_forces import list_moved_forces
 from flexinv.export.link_library import C_OPTIONS, find_compiler
 from flexinv.export.machine_code import NATIVE
 from flexinv.export.memory_image import ALIGNMENT
+from flexinv.kinematics.mesh import build
 from flexinv.model.mechanism import Mechanism
 
 Array = NDArray[np.float64]
@@ -69,21 +71,29 @@ class LibrarySettings:
 
 @dataclass(frozen=True)
 class Question:
-    """A question by its name, with q [rad], [m], qd and qdd [rad/s], [m/s^2]; what a call does not take is not looked at."""
+    """A question by its name, with q [rad], [m], qd and qdd [rad/s], [m/s^2]; what a call does not take is not looked at.
+
+    wrenches : (forces, 6) of the given forces on links now [N], [N m], None for what they are at first
+    """
 
     name: str
     q: Array
     qd: Array
     qdd: Array
+    wrenches: Array | None = None
 
 
 @dataclass(frozen=True)
 class Program:
-    """A program that is linked: its bytes, so that no file of it is left behind, and the mechanism that it was made of."""
+    """A program that is linked: its bytes, so that no file of it is left behind, and the mechanism that it was made of.
+
+    wrenches : (forces, 6) of the given forces on links at first [N], [N m]
+    """
 
     mechanism: Mechanism
     kind: str
     data: bytes
+    wrenches: Array
 
     def ask(self, questions: Sequence[Question]) -> list[Array]:
         """Return the answers of one process to questions in their order [N m], [N], [kg m^2], [kg].
@@ -92,7 +102,8 @@ class Program:
         """
         numbers = {name: k for k, name in enumerate(QUESTIONS[self.kind])}
         given = b"".join(
-            np.uint64(numbers[one.name]).tobytes() + np.concatenate([one.q, one.qd, one.qdd]).tobytes()
+            np.uint64(numbers[one.name]).tobytes()
+            + np.concatenate([one.q, one.qd, one.qdd, self._list_forces(one)]).tobytes()
             for one in questions
         )
         with tempfile.TemporaryDirectory() as folder:
@@ -103,6 +114,9 @@ class Program:
         if done.returncode != 0:
             raise FlexinvError(f"the program around the exported library ended with {done.returncode}")
         return self._read_answers(questions, done.stdout)
+
+    def _list_forces(self, question: Question) -> Array:
+        return np.ravel(self.wrenches if question.wrenches is None else question.wrenches)
 
     def _read_answers(self, questions: Sequence[Question], data: bytes) -> list[Array]:
         nv = self.mechanism.nv
@@ -137,21 +151,29 @@ def make_linked_program(mechanism: Mechanism, folder: Path, name: str) -> Progra
     if compiler is None:
         raise FlexinvError(NO_COMPILER)
     source = folder / "driver.c"
-    source.write_text(_write_driver(name, kind), encoding="utf-8")
+    forces = list_moved_forces(build(mechanism))
+    source.write_text(_write_driver(name, kind, len(forces)), encoding="utf-8")
     out = folder / "driver"
     library = folder / "lib" / NATIVE / f"lib{name}.a"
     words = [*compiler.compile, *C_OPTIONS, f"-I{folder / 'include'}", source, library, "-lm", "-o", out]
     done = subprocess.run([str(word) for word in words], capture_output=True, text=True, check=False)
     if done.returncode != 0:
         raise FlexinvError(f"the driver of the exported library does not compile:\n{done.stderr.strip()}")
-    return Program(mechanism, kind, out.read_bytes())
+    first = np.array([force.wrench[0] for force in forces]).reshape(-1, 6)
+    return Program(mechanism, kind, out.read_bytes(), first)
 
 
-def _write_driver(name: str, kind: str) -> str:
+def _write_driver(name: str, kind: str, forces: int) -> str:
     cases = [
         f"    case {k}: {f'*count = {COUNTS[word]}; ' if word in COUNTS else ''}return {name}_{call};"
         for k, (word, call) in enumerate(QUESTIONS[kind].items())
     ]
     template = resources.files("crosscheck.engines.flexinv_c") / "driver.c.in"
-    values = {"name": name, "NAME": name.upper(), "alignment": str(ALIGNMENT), "questions": "\n".join(cases)}
+    give = (
+        f"    for (size_t k = 0; k < {forces}; ++k) {name}_set_force(memory, k, wrenches + 6 * k);\n" if forces else ""
+    )
+    values = {
+        "name": name, "NAME": name.upper(), "alignment": str(ALIGNMENT), "questions": "\n".join(cases), "forces": str(forces),
+        "set_forces": give,
+    }  # fmt: skip
     return Template(template.read_text(encoding="utf-8")).substitute(values)

@@ -23,6 +23,7 @@ from flexinv.errors import ConvergenceError, InputError
 from flexinv.export.flexible.parameters import add_payload_bodies, format_parameters
 from flexinv.export.flexible.readings import format_readings
 from flexinv.export.flexible.rest_plan import RestStart, plan_rest_start
+from flexinv.export.given_forces import format_forces, list_moved_forces
 from flexinv.export.library_plan import BLOCK_HEADER, GoldenSeries, LibraryPlan
 from flexinv.export.machine_code import Entry, KernelCall, add_entry
 from flexinv.export.memory_image import MemoryImage, list_arrays
@@ -75,23 +76,34 @@ def plan_flexible_library(mechanism: Mechanism, prefix: str, settings: MarchSett
     calls = [*steps, *(rest.calls if rest else ())]
     image = MemoryImage(BLOCK_HEADER, [one for call in calls for one in list_arrays(call.arguments)])
     entries = [add_entry(image, call) for call in calls]
+    values = _format_places(image, entries, state, motion) | _format_guard(state)
+    begins = state.previous[0]  # with its loops closed
+    values |= format_readings(image, state, prefix)
+    values["start_numbers"] = format_numbers(begins)
+    values |= format_parameters(image, state, settings.payloads, prefix)
+    parts = ["flexible", "readings", "parameters", *(["bodies", "payloads"] if settings.payloads else [])]
+    if state.loads is not None and list_moved_forces(state.solver.mesh):
+        tables = [state.loads.applied.wrench, state.arguments[0].table]
+        values |= format_forces(image, state.solver.mesh, tables, prefix)
+        parts.append("forces")
+    if rest is not None:
+        values |= _format_rest(image, rest, entries[len(steps) :])
+        parts += ["settle", rest.template, "rest"]
+    golden = _make_step_series(controller, state, begins)
+    return LibraryPlan("flexible", mechanism, entries, image, values, golden, tuple(parts), begins, settings.step)
+
+
+def _format_places(
+    image: MemoryImage, entries: Sequence[Entry], state: FlexibleState, motion: Sequence[Array]
+) -> dict[str, str]:
+    """Places of what a step is given and of what it leaves, and the numbers of what a march returns."""
     at_q, at_qd, at_qdd = map(image.find_place, motion)
     places = {
         "at_q": at_q, "at_qd": at_qd, "at_qdd": at_qdd, "at_tau": image.find_place(state.tau),
         "at_account": image.find_place(state.instant.account), "at_marched": entries[1].result,
         "at_judged": entries[2].result, "too_much": TURNED_TOO_MUCH, "slipped": SLIPPED, "sudden": SUDDEN_START,
     }  # fmt: skip
-    values = {name: str(value) for name, value in places.items()} | _format_guard(state)
-    begins = state.previous[0]  # with its loops closed
-    values |= format_readings(image, state, prefix)
-    values["start_numbers"] = format_numbers(begins)
-    values |= format_parameters(image, state, settings.payloads, prefix)
-    parts = ["flexible", "readings", "parameters", *(["bodies", "payloads"] if settings.payloads else [])]
-    if rest is not None:
-        values |= _format_rest(image, rest, entries[len(steps) :])
-        parts += ["settle", rest.template, "rest"]
-    golden = _make_step_series(controller, state, begins)
-    return LibraryPlan("flexible", mechanism, entries, image, values, golden, tuple(parts), begins, settings.step)
+    return {name: str(value) for name, value in places.items()}
 
 
 def _begin_controller(mechanism: Mechanism, settings: MarchSettings) -> Controller:

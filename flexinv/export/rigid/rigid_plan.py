@@ -20,6 +20,7 @@ import numpy as np
 
 from flexinv.dynamics.applied_wrenches import build_applied_loads, fill_applied_efforts, make_scratch
 from flexinv.errors import InputError
+from flexinv.export.given_forces import format_forces, list_moved_forces
 from flexinv.export.library_plan import BLOCK_HEADER, GoldenSeries, LibraryPlan
 from flexinv.export.machine_code import Entry, KernelCall, add_entry
 from flexinv.export.memory_image import WORD, MemoryImage, list_arrays
@@ -77,6 +78,9 @@ def plan_rigid_library(mechanism: Mechanism, prefix: str, guess: Array | None = 
     )
     values["gravity_terms"] = _format_gravity_terms(image, function)
     rest = ["loops"] if mechanism.closures else ["tree", *(["applied"] if applied else [])]
+    if list_moved_forces(function.mesh):
+        values |= format_forces(image, function.mesh, [build_applied_loads(function.mesh).wrench], prefix)
+        rest.append("forces")
     golden = _make_closed_series(function, guess) if mechanism.closures else _make_sample_series(function)
     start = golden.q[0] if mechanism.closures else None
     return LibraryPlan("rigid", mechanism, entries, image, values, golden, ("bodies", "rigid", *rest), start)

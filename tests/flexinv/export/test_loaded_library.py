@@ -206,3 +206,27 @@ def test_payloads_are_asked_for_by_names_of_links(in_plane: Mechanism, tmp_path:
     with pytest.raises(InputError, match=r"is rigid: any link takes a payload; leave out payloads"):
         export_c(flexinv.load_mechanism("models/rigid_3r"), tmp_path / "out", payloads=("link1",))
     assert not (tmp_path / "out").exists()
+
+
+def test_a_force_that_depends_on_time_is_given_before_each_step(tmp_path: Path) -> None:
+    """Steps are those of `solve`, in which the load grows; one that follows its link is given in the axes where it attacks."""
+    arm = flexinv.load_mechanism("models/spatial_arm")
+    turned = Placement(np.array([0.0, 0.1, 0.0]), np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]]))
+    tip = Attachment(arm.links[-1].name, turned, station=1.0)
+    time = np.array([0.0, 0.03, 0.06])
+    grows = np.outer([0.0, 1.0, 3.0], [0.4, -0.3, 0.2, 0.01, 0.0, 0.02])
+    arm = replace(arm, forces=tuple(Force(f"f{k}", tip, grows, time, follower=bool(k)) for k in range(2)))
+    motion = flexinv.Motion.point_to_point(arm.neutral, np.full(arm.nq, 0.3), 0.06, law="quintic")
+    solution = flexinv.solve(arm, motion, step=STEP, initial="static")
+    block = Block(export_c(arm, tmp_path / "library", step=STEP))
+    tau = np.zeros_like(solution.qd[1:])
+    rows = zip(solution.time[1:], solution.q[1:], solution.qd[1:], solution.qdd[1:], tau, strict=True)
+    for now, q, qd, qdd, out in rows:
+        wrench = np.array([np.interp(now, time, column) for column in grows.T])
+        assert all(block.call("set_force", k, wrench) == "OK" for k in range(2))
+        assert block.call("step", q, qd, qdd, out) == "OK"
+    expected = solution.torque_all[1:]
+    assert np.abs(tau - expected).max() <= MARCH * np.abs(expected).max()
+    assert block.call("set_force", 2, np.zeros(6)) == "BAD_VALUE"
+    assert block.call("set_force", 0, np.full(6, np.nan)) == "NOT_FINITE"
+    assert block.call("set_force", 0, None) == "NULL"

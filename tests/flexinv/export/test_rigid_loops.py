@@ -155,7 +155,20 @@ def test_what_knows_no_time_is_refused_before_anything_is_written(tmp_path: Path
         InputError, match=r"'walker' has closures that act for a while .*call flexinv.solve from Python"
     ):
         export_c(flexinv.load_mechanism("models/walker"), tmp_path / "out")
-    gust = Force("gust", Attachment("link1"), np.zeros((2, 6)), np.array([0.0, 1.0]))
-    with pytest.raises(InputError, match=r"force 'gust' depends on time"):
-        export_c(replace(flexinv.load_mechanism("models/rigid_3r"), forces=(gust,)), tmp_path / "out")
     assert not (tmp_path / "out").exists()
+
+
+def test_a_force_is_changed_from_call_to_call(tmp_path: Path) -> None:
+    """The torques of a mechanism that has the other force."""
+    arm = flexinv.load_mechanism("models/rigid_3r")
+    at = Attachment(arm.links[-1].name, Placement(np.array([0.2, 0.1, 0.0])))
+    one, other = np.arange(1.0, 7.0)[None], -np.arange(2.0, 8.0)[None]
+    pushed = replace(arm, forces=(Force("push", at, one, follower=True),))
+    block = Block(export_c(pushed, tmp_path / "library"))
+    motion = sample_states(arm, 4)
+    for wrench in (one, other):
+        assert block.call("set_force", 0, wrench[0].copy()) == "OK"
+        expected = flexinv.joint_torques(
+            replace(pushed, forces=(Force("push", at, wrench, follower=True),)), *motion, threads=1
+        )
+        assert np.array_equal(torques(block, motion), expected)
