@@ -77,7 +77,7 @@ ALONE = {
     "crosscheck.causes.repair": "full runs that prove a cause, apart from the words of a diagnosis",
     "flexinv.dynamics.idle_joints": "it needs the linearisation and the start, which need the solver that asks it",
     "flexinv.export.flexible.parameters": "numbers that change, which not every library has",
-    "flexinv.export.flexible.readings": "what is read of a block, apart from what makes its steps",
+    "flexinv.export.rigid.placing": "poses and wrenches, a kernel of their own",
     "flexinv.export.rigid.closed_samples": "motions that keep loops, apart from what is told of a library",
     "flexinv.export.flexible.rest_plan": "a start of its own, which not every library has",
     "flexinv.kernels.compiler.kernel_compiler": "Numba's compiler; keeping what it makes on the disk is another matter",

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexinv.dynamics.loads import TINY, build_law_tables, build_load_table, build_loads, evaluate_pull
-from flexinv.inverse.nodal_sums import add_outboard_forces
+from flexinv.inverse.nodal_sums import add_outboard_forces, fill_instant_forces
 from flexinv.kernels.jit import jit, jit_inner
 from flexinv.kernels.memory import make_contiguous
 from flexinv.kernels.records import send_by_address
@@ -155,6 +155,21 @@ def fill_applied_efforts(nodes, loads, motion, scratch, samples, out):
                 for i in range(nodes.freedoms[n]):
                     effort = dot(vec(nodes.slide[n, i]), force) + dot(vec(nodes.turn[n, i]), moment)
                     out[s, nodes.v_index[n] + i] = effort
+
+
+@jit
+def fill_link_wrenches(nodes, masses, loads, motion, scratch):
+    """Place all nodes of a rigid mechanism at one sample, and sum on and beyond each what must act on it [m, rad, s, N].
+
+    motion : q (1 or more, nq), qd, qdd, of which the first sample is taken; scratch : as of `fill_applied_efforts`
+    """
+    q, qd, qdd = motion
+    joints, frames, line = scratch
+    now = take_sample(frames, 0)
+    move_nodes(nodes, q[0], qd[0], qdd[0], joints, now)
+    fill_instant_forces(masses, now, line)
+    take_applied_wrenches(loads, now, line)
+    add_outboard_forces(nodes.parent, now.x, line)
 
 
 def compute_applied_efforts(mesh: Mesh, q: Array, qd: Array, qdd: Array) -> Array:

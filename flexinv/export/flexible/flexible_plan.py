@@ -20,14 +20,15 @@ from flexinv.analysis.controller import Controller, FlexibleState
 from flexinv.dynamics.loaded_torques import evaluate_loaded_torques
 from flexinv.dynamics.stepper import SLIPPED, SUDDEN_START, TURNED_TOO_MUCH, integrate_instants
 from flexinv.errors import ConvergenceError, InputError
-from flexinv.export.flexible.parameters import add_payload_bodies, format_parameters
-from flexinv.export.flexible.readings import format_readings
+from flexinv.export.flexible.parameters import format_parameters
 from flexinv.export.flexible.rest_plan import RestStart, plan_rest_start
 from flexinv.export.given_forces import format_forces, list_moved_forces
 from flexinv.export.library_plan import BLOCK_HEADER, GoldenSeries, LibraryPlan
 from flexinv.export.machine_code import Entry, KernelCall, add_entry
 from flexinv.export.memory_image import MemoryImage, list_arrays
 from flexinv.export.names import format_numbers
+from flexinv.export.payload_nodes import add_payload_bodies
+from flexinv.export.readings import format_beams, format_poses, format_wrenches
 from flexinv.inverse.balance import REASON, compute_carried_energy, compute_energy_rounding, evaluate_guarded_torques
 from flexinv.kinematics.configuration import fill_given, fill_relative, integrate_array
 from flexinv.model.mechanism import Mechanism
@@ -78,10 +79,18 @@ def plan_flexible_library(mechanism: Mechanism, prefix: str, settings: MarchSett
     entries = [add_entry(image, call) for call in calls]
     values = _format_places(image, entries, state, motion) | _format_guard(state)
     begins = state.previous[0]  # with its loops closed
-    values |= format_readings(image, state, prefix)
+    values |= _format_readings(image, state, prefix)
     values["start_numbers"] = format_numbers(begins)
     values |= format_parameters(image, state, settings.payloads, prefix)
-    parts = ["flexible", "readings", "parameters", *(["bodies", "payloads"] if settings.payloads else [])]
+    parts = [
+        "links",
+        "flexible",
+        "poses",
+        "wrenches",
+        "beams",
+        "parameters",
+        *(["bodies", "payloads"] if settings.payloads else []),
+    ]
     if state.loads is not None and list_moved_forces(state.solver.mesh):
         tables = [state.loads.applied.wrench, state.arguments[0].table]
         values |= format_forces(image, state.solver.mesh, tables, prefix)
@@ -104,6 +113,14 @@ def _format_places(
         "at_judged": entries[2].result, "too_much": TURNED_TOO_MUCH, "slipped": SLIPPED, "sudden": SUDDEN_START,
     }  # fmt: skip
     return {name: str(value) for name, value in places.items()}
+
+
+def _format_readings(image: MemoryImage, state: FlexibleState, prefix: str) -> dict[str, str]:
+    """Places and tables of what is read after a step."""
+    mesh = state.solver.mesh
+    poses = format_poses(image, mesh, state.frames, "Of the last step, or of the start.")
+    beams = format_beams(image, mesh, state.solver.instant.internal, prefix)
+    return poses | format_wrenches(image, mesh, state.instant.line, prefix) | beams
 
 
 def _begin_controller(mechanism: Mechanism, settings: MarchSettings) -> Controller:

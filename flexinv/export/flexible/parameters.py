@@ -1,8 +1,7 @@
 """Parameters of a mechanism with beams that change while it marches: gravity, losses of drives, payloads of some links.
 
-A payload is a node of its own: a body without mass, a hair's breadth beside the frame of its link, which the library then moves
-and loads.  Its mass, inertia and place stand in the block once for the march and for the torques, in a plane also as the plane
-has them.
+The mass, inertia and place of a payload (`payload_nodes`) stand in the block once for the march and for the torques, in a plane
+also as the plane has them.
 """
 
 from __future__ import annotations
@@ -12,30 +11,11 @@ from collections.abc import Sequence
 import numpy as np
 
 from flexinv.analysis.controller import FlexibleState
-from flexinv.errors import InputError
 from flexinv.export.memory_image import MemoryImage
 from flexinv.export.names import format_numbers, make_words
-from flexinv.model.links import Body, Inertia
-from flexinv.model.mechanism import Mechanism
+from flexinv.export.payload_nodes import PAYLOAD
 from flexinv.planar.detection import PLACEMENT_ROUNDING
 from flexinv.typing import Array
-from flexinv.validation import find_nearest_word
-
-PAYLOAD = "payload of the C library"
-NEXT_TO_IT = np.array(
-    [1e-300, 0.0, 0.0]
-)  # [m]: a place that is another one than the link's, and whose coordinates are zero
-
-
-def add_payload_bodies(mechanism: Mechanism, links: Sequence[str]) -> Mechanism:
-    """Return a mechanism with a body without mass [kg] on each of some links, of a beam at its tip; InputError for others."""
-    for name in links:
-        if name not in mechanism.link_of:
-            write = find_nearest_word(name, mechanism.link_of) or next(iter(mechanism.link_of))
-            raise InputError(f"export_c: payloads: there is no link {name!r}; write payloads=({write!r},)")
-        station = None if mechanism.link_of[name].beam is None else 1.0
-        mechanism = mechanism.with_body(name, Body(PAYLOAD, Inertia(0.0, NEXT_TO_IT), station))
-    return mechanism
 
 
 def format_parameters(image: MemoryImage, state: FlexibleState, links: Sequence[str], prefix: str) -> dict[str, str]:

@@ -25,7 +25,9 @@ from flexinv.export.library_plan import BLOCK_HEADER, GoldenSeries, LibraryPlan
 from flexinv.export.machine_code import Entry, KernelCall, add_entry
 from flexinv.export.memory_image import WORD, MemoryImage, list_arrays
 from flexinv.export.names import format_numbers
+from flexinv.export.payload_nodes import PAYLOAD
 from flexinv.export.rigid.closed_samples import list_closed_samples
+from flexinv.export.rigid.placing import build_loaded_mesh, format_placing, make_placing_call
 from flexinv.kernels.memory import LINE
 from flexinv.kernels.simd import BLOCK
 from flexinv.kernels.threads.worker_pool import CELLS
@@ -69,7 +71,8 @@ def plan_rigid_library(mechanism: Mechanism, prefix: str, guess: Array | None = 
     payloads = np.zeros((len(mechanism.links), 10))
     call = _make_block_call(function, tables[0], f"{prefix}_kernel_torques")
     applied = _make_applied_call(function.mesh, call, f"{prefix}_kernel_applied")
-    calls = [call, *([applied] if applied else [])]
+    placed = make_placing_call(mechanism, call, f"{prefix}_kernel_place")
+    calls = [call, placed, *([applied] if applied else [])]
     arrays = [*(one for each in calls for one in list_arrays(each.arguments)), tables, payloads]
     image = MemoryImage(BLOCK_HEADER, arrays)
     entries = [add_entry(image, one) for one in calls]
@@ -77,13 +80,23 @@ def plan_rigid_library(mechanism: Mechanism, prefix: str, guess: Array | None = 
         _format_places(image, entries, tables, payloads) | _format_tables(function) | _format_applied(image, entries)
     )
     values["gravity_terms"] = _format_gravity_terms(image, function)
-    rest = ["loops"] if mechanism.closures else ["tree", *(["applied"] if applied else [])]
+    values |= format_placing(image, mechanism, placed, prefix)
+    rest = ["loops"] if mechanism.closures else ["wrenches", "tree", *(["applied"] if applied else [])]
     if list_moved_forces(function.mesh):
         values |= format_forces(image, function.mesh, [build_applied_loads(function.mesh).wrench], prefix)
         rest.append("forces")
     golden = _make_closed_series(function, guess) if mechanism.closures else _make_sample_series(function)
     start = golden.q[0] if mechanism.closures else None
-    return LibraryPlan("rigid", mechanism, entries, image, values, golden, ("bodies", "rigid", *rest), start)
+    return LibraryPlan(
+        "rigid",
+        mechanism,
+        entries,
+        image,
+        values,
+        golden,
+        ("links", "bodies", "rigid", "placed", "poses", *rest),
+        start,
+    )
 
 
 def _format_places(image: MemoryImage, entries: Sequence[Entry], tables: Array, payloads: Array) -> dict[str, str]:
@@ -120,9 +133,9 @@ def _format_tables(function: TorqueFunction) -> dict[str, str]:
 
 def _format_applied(image: MemoryImage, entries: Sequence[Entry]) -> dict[str, str]:
     """Places of the efforts against springs between points and given forces, and of their number of samples; 0 without them."""
-    if len(entries) == 1:
+    if len(entries) < 3:
         return {"applied": "0", "at_applied": "0", "at_applied_samples": "0"}
-    call = entries[1]
+    call = entries[2]
     at = image.find_place(call.call.arguments[-1])
     return {"applied": "1", "at_applied": str(at), "at_applied_samples": str(call.find_argument(4))}
 
@@ -164,15 +177,17 @@ def _make_table(numbers: Array, mass: float, gravity: float, rotor: float, loss:
 
 
 def _format_links(mesh: Mesh, bodies: Bodies) -> Iterator[str]:
-    """The body that carries each link, and R [-], x [m] of the link's frame in the body's, as initialisers of C."""
+    """The body that carries each link, the node of its payload, and R [-], x [m] of its frame in the body's, as C has them."""
     carrier, turn, place = find_carrier_nodes(mesh)
     number = {int(node): i for i, node in enumerate(bodies.node)}
+    loaded = build_loaded_mesh(mesh.mechanism)
     above = {joint.child: mesh.joint_node[joint.name] for joint in mesh.mechanism.joints}
     for link in mesh.mechanism.links:
         n = above[link.name]
         body = number[int(carrier[n])]
         axes = bodies.axes[body].T
-        yield f"    {{{body}, {{{format_numbers((axes @ turn[n]).ravel())}}}, {{{format_numbers(axes @ place[n])}}}}}"
+        placement = f"{{{format_numbers((axes @ turn[n]).ravel())}}}, {{{format_numbers(axes @ place[n])}}}"
+        yield f"    {{{body}, {loaded.body_node[link.name, PAYLOAD]}, {placement}}}"
 
 
 def _find_bodies_of_rates(mesh: Mesh, bodies: Bodies) -> list[int]:

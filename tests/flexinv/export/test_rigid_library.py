@@ -107,6 +107,38 @@ def test_parameters_are_those_of_a_mechanism_that_has_them(
     assert abs(torques(Block(made), motion) - expected).max() > 0.1 * abs(expected).max()
 
 
+def test_poses_and_wrenches_are_those_of_all_nodes(
+    mechanism: Mechanism, made: ExportedLibrary, motion: tuple[Array, Array, Array]
+) -> None:
+    """Of a sample that was placed, with a payload and another gravity that the block was given."""
+    block = Block(made)
+    load = Inertia(2.5, np.array([0.1, -0.2, 0.3]), np.diag([0.02, 0.03, 0.04]))
+    link = [one.name for one in mechanism.links].index("flange")
+    gravity = np.array([0.5, -1.0, -1.62])
+    assert block.call("set_payload", link, load.mass, load.com, np.array([0.02, 0.03, 0.04, 0.0, 0.0, 0.0])) == "OK"
+    assert block.call("set_gravity", gravity) == "OK"
+    q, qd, qdd = (part[5].copy() for part in motion)
+    assert block.call("place", q, qd, qdd) == "OK"
+    other = replace(mechanism.with_body("flange", Body("load", load)), gravity=gravity)
+    expected = flexinv.prepare(other).nodal(q[None], qd[None], qdd[None])
+    place, turn, wrench = np.zeros(3), np.zeros((3, 3)), np.zeros(6)
+    largest = max(np.abs(one).max() for one in expected.wrench.values())
+    for k, one in enumerate(mechanism.links):
+        node = expected.node[one.name]
+        assert block.call("pose", k, place, turn) == "OK"
+        assert np.abs(place - expected.motion.x[0, node]).max() <= ROUNDING * np.abs(expected.motion.x).max()
+        assert np.abs(turn - expected.motion.rotation[0, node]).max() <= ROUNDING
+        tip = place + turn @ one.tip
+        assert block.call("tip", k, place) == "OK"
+        assert np.abs(place - tip).max() <= ROUNDING * np.abs(expected.motion.x).max()
+    for k, joint in enumerate(mechanism.joints):
+        assert block.call("joint_wrench", k, wrench) == "OK"
+        assert np.abs(wrench - expected.wrench[joint.name][0]).max() <= ROUNDING * largest
+    assert block.call("joint_wrench", len(mechanism.joints), wrench) == "BAD_VALUE"
+    assert block.call("place", q, np.full(mechanism.nv, np.inf), qdd) == "NOT_FINITE"
+    assert block.call("place", q, None, qdd) == "NULL"
+
+
 def test_what_cannot_be_is_a_status_and_the_next_call_works(
     mechanism: Mechanism, made: ExportedLibrary, motion: tuple[Array, Array, Array]
 ) -> None:
