@@ -17,17 +17,15 @@ from flexinv.model.mechanism import WORLD, Joint, Mechanism
 
 
 def certify(mechanism: Mechanism, case: Case, engine: str) -> Certificate:
-    """Return mass matrix [kg m^2], [kg], gravity torque [N m], [N], damping, friction and springs of a rigid tree's library.
+    """Return mass matrix [kg m^2], [kg], gravity torque [N m], [N], damping, friction and springs of a rigid library.
 
-    Of a tree with beams its mass [kg], by what its roots hold at rest.  Raises InputError for closed loops.
+    Of closed loops those of the cut tree, which is exported for that: the library of the loops shares its efforts out.  Of a
+    mechanism with beams its mass [kg], by what its roots hold at rest.  Raises InputError where that says nothing.
     """
-    if mechanism.closures:
-        raise InputError(
-            "the library of closed loops shares the efforts of the tree out and says nothing of the tree alone"
-        )
     if not mechanism.is_rigid:
         return Certificate(mass=_compute_mass(mechanism, case))
-    program = make_program(mechanism, make_rigid_settings(mechanism, mechanism.neutral))
+    tree = replace(mechanism, closures=(), springs=(), forces=())
+    program = make_program(tree, make_rigid_settings(tree, tree.neutral))
     q = configurations(mechanism, case)
     ask = [Question(name, *_list_state(mechanism, one)) for name in ("gravity", "mass_matrix") for one in q]
     answers = program.ask(ask)
@@ -46,8 +44,8 @@ def certify(mechanism: Mechanism, case: Case, engine: str) -> Certificate:
 def _compute_mass(mechanism: Mechanism, case: Case) -> float:
     """Mass of what moves [kg]: the forces on the joints that carry it, in equilibrium, over gravity."""
     size = float(np.linalg.norm(mechanism.gravity))
-    if size == 0.0 or mechanism.springs or mechanism.forces:
-        raise InputError("the library of a mechanism with beams is weighed, which takes gravity and nothing beside it")
+    if size == 0.0 or mechanism.springs or mechanism.forces or mechanism.closures:
+        raise InputError("the library of a mechanism with beams is weighed, which takes gravity and an open tree alone")
     program = make_program(mechanism, replace(plan_case(mechanism, case).settings, initial="static"))
     held = {WORLD}
     roots = list[int]()
