@@ -67,7 +67,7 @@ def test_model_has_a_second_engine(name: str) -> None:
     """At least one case is compared with an engine of others, or with a machine, in all that it states."""
     mechanism = load_mechanism(MODELS / name)
     others = [
-        e for e in ENGINES.values() if e.name != "flexinv" and not e.native and describe_missing_package(e) is None
+        e for e in ENGINES.values() if e.requires != "flexinv" and not e.native and describe_missing_package(e) is None
     ]
     result = [
         engine.name

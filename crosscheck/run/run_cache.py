@@ -93,6 +93,9 @@ def compute_surroundings_digest() -> str:
     """Return a digest of the versions of packages and of the sources of flexinv and crosscheck."""
     root = Path(__file__).resolve().parents[2]
     digest = sha256(json.dumps(list_versions(), sort_keys=True).encode())
-    for file in sorted(f for package in ("flexinv", "crosscheck") for f in (root / package).rglob("*.py")):
+    sources = (f for package in ("flexinv", "crosscheck") for f in (root / package).rglob("*"))
+    for file in sorted(
+        f for f in sources if f.suffix in (".py", ".in")
+    ):  # .in: programs in C that are filled and compiled
         digest.update(str(file.relative_to(root)).encode() + file.read_bytes())
     return digest.hexdigest()

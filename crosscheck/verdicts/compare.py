@@ -155,7 +155,7 @@ def _compare_group(pair: RecordPair, quantity: str, unit: str, names: Sequence[s
         return _make_row(pair, quantity, unit, "error", f"{wrong[0]} is in {ours[wrong[0]].unit}, not in {unit}")
     limit = _find_limit(pair, quantity)
     scale = scale_of(pair.reference, quantity, [theirs[n].values for n in names])
-    reference = choose_reference(pair.reference, common, None if limit is None else limit.maximum * scale)
+    reference = _take_reference(pair, common, None if limit is None else limit.maximum * scale)
     errors = {n: ours[n].values - reference.values[n] for n in common}
     worst = max(common, key=lambda n: float(np.abs(errors[n]).max()))
     at = int(np.abs(errors[worst]).argmax())
@@ -174,6 +174,16 @@ def _compare_group(pair: RecordPair, quantity: str, unit: str, names: Sequence[s
     words = f"{len(common)} of {len(names)} series; {gap[0]} is missing" if gap else ""
     bars = build_bars(pair.engine, pair.reference, reference, common, scale, 0.0 if limit is None else limit.maximum)
     return _judge_quantity(pair, quantity, unit, measured, words, bars)
+
+
+def _take_reference(pair: RecordPair, names: Sequence[str], allowed: float | None) -> Reference:
+    """Return the reference's values of some series [unit]: of an engine that makes the same steps as they are, without bars.
+
+    allowed : limit times range [unit], None without a limit
+    """
+    if pair.engine.engine in ENGINES and ENGINES[pair.engine.engine].same_steps:
+        return Reference({n: pair.reference.series[n].values for n in names}, dict.fromkeys(names))
+    return choose_reference(pair.reference, names, allowed)
 
 
 class ComparisonBars(TypedDict):

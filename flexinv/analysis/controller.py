@@ -13,6 +13,7 @@ which is carried on like the deformation.
 from __future__ import annotations
 
 from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import dataclass, fields, is_dataclass
 from math import isfinite
 from typing import Any, NamedTuple
@@ -21,28 +22,25 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from flexinv.analysis.initial_motion import begin_motion
+from flexinv.constraints.closures import build_constraint_rows
+from flexinv.constraints.continuation import solve_closed_start
 from flexinv.dynamics.generalized_alpha import EARLY, SUBSTEPS, Scheme, build_generalized_alpha, build_start_scheme
 from flexinv.dynamics.initial_state import begin_step, compute_joint_motion, end_early
+from flexinv.dynamics.loaded_torques import build_instant_loads, evaluate_loaded_torques
 from flexinv.dynamics.loads import build_load_table
 from flexinv.dynamics.solver import Solver, make_solve_error
-from flexinv.dynamics.stepper import CONVERGED, integrate_instants
+from flexinv.dynamics.stepper import CONVERGED, SUDDEN_START, integrate_instants
 from flexinv.dynamics.system import Instants, System
 from flexinv.errors import ConvergenceError, InputError
 from flexinv.inverse.balance import (
     Instant,
-    add_step,
     compute_carried_energy,
-    compute_instant_energies,
+    compute_energy_rounding,
     evaluate_guarded_torques,
     find_excessive_energies,
 )
-from flexinv.inverse.inverse_dynamics import (
-    check_constant,
-    compute_applied_forces,
-    compute_projected_efforts,
-    compute_winding_efforts,
-)
-from flexinv.inverse.nodal_sums import Drives, Masses, fill_instant_torques
+from flexinv.inverse.inverse_dynamics import check_constant
+from flexinv.inverse.nodal_sums import Drives, Masses
 from flexinv.kernels.compiler.choice import NUMBA
 from flexinv.kinematics.configuration import build_nodes, fill_given, fill_relative
 from flexinv.kinematics.mesh import Mesh, build
@@ -73,7 +71,6 @@ class WorkSpaceSnapshot(NamedTuple):
     numbers: list[Array]
     early_steps: int
     previous: list[Array]
-    wound: dict[str, float]
 
 
 def list_writable_arrays(part: Any) -> Iterator[Array]:
@@ -103,10 +100,11 @@ def _build_drives(mesh: Mesh) -> Drives:
 class FlexibleState:
     """State and work space of the time steps of a flexible mechanism, allocated once.
 
-    march, arguments : the compiled march, and what follows the scheme; torques : what `evaluate_guarded_torques` is compiled to
+    march, arguments : the compiled march, and what follows the scheme
+    loads : what acts beside the joints, None where nothing does; torques : compiled `evaluate_loaded_torques`, without loads
+        `evaluate_guarded_torques`, and parts, loading : its arguments before and behind the motion
     tau : (nv,) the efforts of the last step [N m], [N]; early_steps : that are still to be made in parts after a sudden start [-]
-    last : the efforts of the call before (nv,) [N m], [N]
-    previous : the motion at the last call; wound : angles of springs in continuous joints, whole turns included [rad]
+    last : the efforts of the call before (nv,) [N m], [N]; previous : the motion at the last call
     """
 
     def __init__(self, mechanism: Mechanism, scheme: Scheme, tau: Array) -> None:
@@ -119,11 +117,9 @@ class FlexibleState:
         self.nv = mechanism.nv
         self.tau = tau
         self.passive = {j.name for j in mechanism.joints if j.nv and not j.actuated}
-        self.applied = bool(mechanism.springs or mechanism.forces)
-        self.winds = any(KINDS[j.kind].circle and j.stiffness and j.actuated for j in mechanism.joints)
         self.solver = Solver.build_for(mesh, self.passive)
-        in_space = isinstance(find_plane(mesh), NotPlanar) or self.passive or self.applied
-        self.flat = None if in_space else PlanarMarch.build_for(mesh, set())
+        in_space = isinstance(find_plane(mesh), NotPlanar)
+        self.flat = None if in_space else PlanarMarch.build_for(mesh, self.passive)
         self.joints = Joints(*(part.copy() for part in compute_joint_motion(mesh, mechanism.neutral, still, still)))
         self.frames = Frames(*(part[0] for part in self.solver.instant[:6]))
         self.instant = Instant(self.solver.instant.energy[0], driven, np.zeros((mesh.size, 6)), np.zeros(7))
@@ -131,13 +127,9 @@ class FlexibleState:
         self.scheme = scheme
         self.early = build_start_scheme(scheme)
         self._prepare_march()
-        masses = Masses(mesh.mass, mesh.inertia, self.solver.topology.gravity)
-        self.parts = (self.nodes, _build_drives(mesh), masses, self.frames)
-        now = (mechanism.neutral.copy(), driven, driven)
-        self.torques = NUMBA.resolve_compiled(evaluate_guarded_torques, *self.parts, now, self.instant, driven)
+        self._prepare_torques(mesh)
         self.early_steps = 0
         self.previous = list[Array]()
-        self.wound = dict[str, float]()
         self.last = tau.copy()
 
     def _prepare_march(self) -> None:
@@ -152,10 +144,25 @@ class FlexibleState:
         else:
             march_in = integrate_planar_motion
             self.system = self.flat.system
-            self.given = np.zeros((1, int((self.solver.mesh.v_index >= 0).sum()), 3))
+            self.prescribed = self.flat.model.tree.prescribed_column >= 0
+            self.given = np.zeros((1, int(self.prescribed.sum()), 3))
             row = np.zeros(1, dtype=np.int64)
             self.arguments = np.zeros((0, 3)), False, self.given, row, self.solver.instant
         self.march = NUMBA.resolve_compiled(march_in, self.system, self.scheme, *self.arguments)
+
+    def _prepare_torques(self, mesh: Mesh) -> None:
+        """Take the kernel of the second step, with what acts beside the joints, and what it is called with."""
+        m = self.mechanism
+        driven = self.instant.driven
+        masses = Masses(mesh.mass, mesh.inertia, self.solver.topology.gravity)
+        self.parts = (self.nodes, _build_drives(mesh), masses, self.frames)
+        now = (self.mechanism.neutral.copy(), driven, driven)
+        winds = any(KINDS[j.kind].circle and j.stiffness and j.actuated for j in m.joints)
+        acts = m.springs or m.forces or m.closures or winds
+        self.loads = build_instant_loads(mesh, self.solver.instant.multipliers[0]) if acts else None
+        self.loading = (self.instant,) if self.loads is None else (self.instant, self.loads)
+        kernel = evaluate_guarded_torques if self.loads is None else evaluate_loaded_torques
+        self.torques = NUMBA.resolve_compiled(kernel, *self.parts, now, *self.loading, driven)
 
     def _make_spatial_arguments(self) -> tuple[Any, ...]:
         """The arguments of the march in space behind its scheme: one instant without loads, and where it is written."""
@@ -166,7 +173,7 @@ class FlexibleState:
     def copy_state(self) -> WorkSpaceSnapshot:
         """Return a copy of all that a step changes [m, rad, s, N]."""
         numbers = [part.copy() for part in self._list_step_arrays()]
-        return WorkSpaceSnapshot(numbers, self.early_steps, [part.copy() for part in self.previous], dict(self.wound))
+        return WorkSpaceSnapshot(numbers, self.early_steps, [part.copy() for part in self.previous])
 
     def replace_state(self, snapshot: WorkSpaceSnapshot) -> None:
         """Go on where another work space of the same mechanism was taken [m, rad, s, N]."""
@@ -174,8 +181,6 @@ class FlexibleState:
             array[...] = part
         self.early_steps = snapshot.early_steps
         self.previous = [part.copy() for part in snapshot.previous]
-        self.wound.clear()
-        self.wound.update(snapshot.wound)
 
     def _list_step_arrays(self) -> Iterator[Array]:
         """The arrays that a step writes, always in one order, some of them parts of others."""
@@ -183,24 +188,62 @@ class FlexibleState:
         yield from list_writable_arrays(
             (self.solver.system, self.solver.increment, self.solver.instant, self.joints, self.frames)
         )
-        yield from list_writable_arrays((self.instant, flat, self.arguments, self.tau))
+        yield from list_writable_arrays((self.loading, flat, self.arguments, self.tau))
 
     def begin_motion(self, now: list[Array], initial: str) -> Array:
         """Begin at a motion q (nq,), qd, qdd (nv,) [m, rad, s] and return its torques (nv,) [N m], [N]."""
-        self.wound.clear()
-        joints = begin_motion(self.solver, now, 0.0, initial, "at the start")
-        self._update_torques(*now)
-        self.instant.account[:] = *self._compute_energies(now[1]), 0.0, 0.0, 0.0, self.scheme.h
-        self.early_steps = EARLY * begin_step(self.solver, joints, self.scheme, "at the start")
+        if self.mechanism.closures:
+            now = self._close_loops(now)
+        if self.flat is not None and initial == "consistent":
+            sudden = self._begin_in_plane(self.flat, now)
+            self._begin_account(now)
+        else:
+            joints = begin_motion(self.solver, now, 0.0, initial, "at the start")
+            self._begin_account(now)
+            sudden = begin_step(self.solver, joints, self.scheme, "at the start")
+            if self.flat is not None:
+                self.flat.copy_from_space(self.solver.state, self.solver.border.ties)
+        self.early_steps = EARLY * sudden
         self.previous = now
-        if self.flat is not None:
-            self.flat.copy_from_space(self.solver.state, self.solver.border.ties)
         return self.tau
+
+    def _close_loops(self, now: list[Array]) -> list[Array]:
+        """The motion with joints without drives where the undeformed loops close; what is given of them is a guess."""
+        mesh = self.solver.mesh
+        unknown = ~self.mechanism.actuated
+        closed = solve_closed_start(mesh, (now[0], now[1], now[2]), 0.0, unknown, build_constraint_rows(mesh))
+        self.solver.border.ties.multiplier[:] = 0.0
+        return [np.array(part) for part in closed]
+
+    def _begin_in_plane(self, flat: PlanarMarch, now: list[Array]) -> bool:
+        """Begin undeformed in the plane, where kernels of space are not needed; return whether that is sudden."""
+        q, qd, qdd = (part[None] for part in now)
+        none = q[:0], qd[:0], qdd[:0]
+        flat.system.ties.multiplier[:] = 0.0
+        flat.system.masses.over[:] = flat.model.masses.over
+        row = np.zeros(1, dtype=np.int64)
+        arguments = flat.prepare_arguments(self.scheme, (q, qd, qdd), none, row, self.solver.instant)
+        status, _, count, size = integrate_planar_motion(*arguments)
+        if status not in (CONVERGED, SUDDEN_START):
+            raise make_solve_error(self.solver.mesh, self.passive, (status, count, size), "at the start")
+        return bool(status == SUDDEN_START)
+
+    def _begin_account(self, now: list[Array]) -> None:
+        """Set the torques of the start, and the account of energy [J] that steps are held against."""
+        if self.loads is not None:
+            self.loads.wound[:] = 0.0
+        account = self.instant.account
+        account[:] = 0.0
+        _, holds, potential = self.torques(*self.parts, (now[0], now[1], now[2]), *self.loading, self.tau)
+        nothing = compute_energy_rounding(
+            self.solver.mesh
+        )  # of an arm that rests undeformed: no step is in doubt for less
+        account[:] = holds + nothing, potential, account[2], 0.0, 0.0, 0.0, self.scheme.h
 
     def integrate_step(self, scheme: Scheme, q: Array, qd: Array, qdd: Array) -> None:
         """Make one step, or a part of it, to the motion q (nq,), qd, qdd (nv,) of the joints [m, rad, s]."""
         if self.flat is not None:
-            fill_given(self.nodes, q, qd, qdd, self.given[0])
+            fill_given(self.nodes, q, qd, qdd, self.prescribed, self.given[0])
         else:
             fill_relative(self.nodes, q, qd, qdd, self.joints)
         status, _, count, size = self.march(self.system, scheme, *self.arguments)
@@ -229,12 +272,7 @@ class FlexibleState:
 
     def compute_checked_torques(self, q: Array, qd: Array, qdd: Array) -> Array:
         """Return the torques (nv,) [N m], [N] of a step; raises ConvergenceError where its energy [J] comes from nowhere."""
-        if self.applied or self.winds:
-            self._update_torques(q, qd, qdd)
-            holds, potential, power = self._compute_energies(qd)
-            doubtful = add_step(self.instant.account, holds, potential, power)
-        else:
-            doubtful, holds, potential = self.torques(*self.parts, (q, qd, qdd), self.instant, self.tau)
+        doubtful, holds, potential = self.torques(*self.parts, (q, qd, qdd), *self.loading, self.tau)
         if doubtful:
             self._judge(holds, potential, qd)
         return self.tau
@@ -255,28 +293,6 @@ class FlexibleState:
                 f"left the motion; write step = {step / 4:.3g}, or check forces, moments and stiffness.  The torques stay those "
                 "of the call before; controller.start(q, qd, qdd) begins again"
             )
-
-    def _compute_energies(self, qd: Array) -> tuple[float, float, float]:
-        """Kinetic and elastic energy, potential energy [J], and the power of drives and of given forces [W]."""
-        one = self.instant
-        motion = self.solver.instant.motion
-        _, _, *masses = self.parts
-        held, potential, power = compute_instant_energies(*masses, one.stored, one.driven, self.tau, qd)
-        if (applied := compute_applied_forces(self.solver.mesh, motion, np.zeros(1))) is not None:
-            turned = np.einsum("nij,nj->ni", motion.rotation[0], motion.omega[0])
-            power += float((applied.force[0] * motion.v[0]).sum() + (applied.moment[0] * turned).sum())
-        return held, potential, power
-
-    def _update_torques(self, q: Array, qd: Array, qdd: Array) -> None:
-        """Set the torques, with springs in joints that turn on, less what springs between points and given forces do."""
-        motion = self.solver.instant.motion
-        mesh = self.solver.mesh
-        driven = self.mechanism.actuated
-        fill_instant_torques(*self.parts, self.instant.line, (q, qd, qdd), self.tau)
-        if self.winds:
-            self.tau += np.where(driven, compute_winding_efforts(self.mechanism, q[None], self.wound), 0.0)
-        if (applied := compute_applied_forces(mesh, motion, np.zeros(1))) is not None:
-            self.tau -= np.where(driven, compute_projected_efforts(mesh, motion, applied)[0], 0.0)
 
 
 @dataclass(eq=False)
@@ -305,8 +321,9 @@ class Controller:
         """Return the controller of a mechanism, rigid (as `prepare`) or with beams, its kernels compiled.
 
         step : time between two calls [s], of a mechanism with beams; spectral_radius : as in `solve` [-]
-        With springs between points, given forces or joints without drives beams are marched in space.
-        Raises InputError: closures with beams, forces that depend on time, no step for beams.
+        With springs between points or given forces beams are marched in space.
+        Raises InputError: forces that depend on time, no step for beams, beams with closures that act for a while or couple
+            joints.
         """
         check_kind("mechanism", mechanism, Mechanism)
         if step is not None:
@@ -318,9 +335,7 @@ class Controller:
         if mechanism.is_rigid:
             return cls(mechanism, np.zeros(mechanism.nv), prepare(mechanism, threads=1), None)
         check_constant(mechanism)
-        if mechanism.closures:
-            why = "which are not marched step by step; write flexinv.solve(mechanism, motion, step=...) instead"
-            raise InputError(f"controller: mechanism '{mechanism.name}' has beams and closures, {why}")
+        _check_closures(mechanism)
         if step is None:
             why = (
                 "whose deformation is carried on from call to call; write step = the time between two calls in seconds"
@@ -329,8 +344,12 @@ class Controller:
         tau = np.zeros(mechanism.nv)
         flexible = FlexibleState(mechanism, scheme, tau)
         out = cls(mechanism, tau, None, flexible, spectral_radius=radius)
-        out.start(mechanism.neutral, *np.zeros((2, mechanism.nv)))
-        out.step(mechanism.neutral, *np.zeros((2, mechanism.nv)))
+        still = mechanism.neutral, np.zeros(mechanism.nv), np.zeros(mechanism.nv)
+        with suppress(
+            ConvergenceError
+        ):  # loops need not close there, and a load may be too sudden: kernels are compiled anyhow
+            out.start(*still)
+            out.step(*still)
         out.begun = False
         return out
 
@@ -350,7 +369,8 @@ class Controller:
     def start(self, q: ArrayLike, qd: ArrayLike, qdd: ArrayLike, initial: str = "consistent") -> Array:
         """Begin at a motion and return its torques (nv,) [N m], [N]; beams begin undeformed or ("static") in equilibrium.
 
-        Joints without drives begin (with beams) where q and qd say, or where the equilibrium has them.
+        Joints without drives begin (with beams) where q and qd say, where the undeformed loops close next to that, or where the
+        equilibrium has them.
         Raises InputError for wrong shapes or ``initial``, ConvergenceError where no equilibrium is found.
         """
         now = self._copy_checked_arrays(q, qd, qdd)
@@ -362,7 +382,7 @@ class Controller:
         """Return the torques (nv,) [N m], [N] of the next instant, always in the same array; nothing else is allocated.
 
         q : (nq,) [rad], [m]; qd, qdd : (nv,), contiguous arrays of floats; those of joints without drives are not looked at where
-            there are beams, and their efforts are zero.  (Springs between points and given forces do allocate.)
+            there are beams, and their efforts are zero.
         Raises ConvergenceError where a step of the march fails, InputError for what is not finite or was not started.  The array
         then keeps the torques of the call before.  A step that found no solution leaves the state as it was, and the next call
         may go on; one whose energy comes from nowhere is over: `start` begins again.
@@ -415,6 +435,18 @@ def _build_resumed_controller(
     if resumed_controller.flexible is not None and snapshot is not None:
         resumed_controller.flexible.replace_state(snapshot)
     return resumed_controller
+
+
+def _check_closures(mechanism: Mechanism) -> None:
+    """Raise InputError for closures that single steps of beams know nothing of."""
+    passing = [c.name for c in mechanism.closures if c.active]
+    coupling = [c.name for c in mechanism.closures if c.kind == "coupling"]
+    for names, what in ((passing, "that acts for a while"), (coupling, "that couples joints")):
+        if names:
+            write = "which single steps do not know; write flexinv.solve(mechanism, motion, step=...) instead"
+            raise InputError(
+                f"controller: mechanism '{mechanism.name}' has beams and a closure {what} ({names[0]!r}), {write}"
+            )
 
 
 def _is_plain(a: Array, size: int) -> bool:

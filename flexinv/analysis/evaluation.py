@@ -95,7 +95,7 @@ def _split_by_beam(mesh: Mesh, resultants: Array) -> tuple[dict[str, Array], dic
     """Stress resultants (samples, points, 6) of each beam, from those of all elements, and where its points are."""
     internal = dict[str, Array]()
     stations = dict[str, Array]()
-    for name, points, order, station in _list_section_points(mesh):
+    for name, points, order, station in list_section_points(mesh):
         part = resultants[:, points]
         stations[name] = station.copy()
         if (order == part.shape[2]).all():  # not copied where they stand so in memory
@@ -209,8 +209,8 @@ def _compute_friction_direction(mechanism: Mechanism, qd: Array, smooth_of: Coll
 
 
 @make_owner_cache()
-def _list_section_points(mesh: Mesh) -> list[tuple[str, slice, NDArray[np.int64], Array]]:
-    """Name of each beam, which elements are its own, their orders, and where their points are."""
+def list_section_points(mesh: Mesh) -> list[tuple[str, slice, NDArray[np.int64], Array]]:
+    """Return for each beam its name, which elements are its own, their orders, and where their points are, of its length [-]."""
     e = mesh.elements
     out = []
     for index, link in enumerate(mesh.mechanism.links):

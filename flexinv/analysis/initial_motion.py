@@ -87,7 +87,9 @@ def _begin_at_equilibrium(solver: Solver, q: Array, when: str) -> None:
     stable = _list_stable_positions(solver.mesh)
     if len(solver.topology.scale) > MOST_JUDGED or here in stable:
         return
+    forces = ties.multiplier.copy()
     unstable, _ = count_unstable_motions(solver, joints)
+    ties.multiplier[:] = forces  # a start that is judged has the digits of one whose position was judged before
     if not unstable:
         stable.clear()
         stable.add(here)

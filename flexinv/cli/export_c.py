@@ -22,11 +22,17 @@ from flexinv.files.robot_file import read_robot_file
 )  # fmt: skip
 @click.option("--step", type=float, help="Links that bend: time between two calls [s].")
 @click.option(
-    "--start", metavar="NUMBERS", help="Links that bend: q where they begin at rest [rad], [m]: --start 0.5,-1."
+    "--start",
+    metavar="NUMBERS",
+    help="Links that bend: q where they begin at rest [rad], [m]: --start 0.5,-1; loops: near it.",
 )
 @click.option(
     "--undeformed", is_flag=True, help="Links that bend: begin undeformed; else in equilibrium under gravity."
 )
+@click.option(
+    "--payload", "payloads", multiple=True, metavar="LINK",
+    help="Links that bend, or are carried by some: LINK carries something that changes while the library runs (may be repeated).",
+)  # fmt: skip
 @click.option("--overwrite", is_flag=True, help="Write into a folder that has files in it.")
 def write_c_library(
     model: Path,
@@ -35,6 +41,7 @@ def write_c_library(
     step: float | None,
     start: str | None,
     undeformed: bool,
+    payloads: tuple[str, ...],
     overwrite: bool,
 ) -> None:
     """Write the inverse dynamics of a MODEL (mechanism file, its folder, or URDF) as a C library: no Python, no allocation.
@@ -48,7 +55,7 @@ def write_c_library(
     """
     made = export_c(
         read_robot_file(model), out, targets=targets, overwrite=overwrite, step=step, start=_parse_start(start),
-        initial="consistent" if undeformed else "static",
+        initial="consistent" if undeformed else "static", payloads=payloads,
     )  # fmt: skip
     click.echo(f"wrote {made.name}, {len(made.files)} files, into {made.folder}")
     if made.to_link:

@@ -139,12 +139,13 @@ def build_pulls(mesh: Mesh, constraints: Ties) -> SpringRows:
     values = np.array([(s.stiffness, s.rest, s.damping) for s in springs], dtype=float).reshape(-1, 3)
     rows = np.arange(len(constraints.a) - 3 * len(springs), len(constraints.a), 3, dtype=np.int64)
     stiffness, rest, damping = (np.ascontiguousarray(column) for column in values.T)
-    return SpringRows(rows, stiffness, rest, damping, *_build_law_tables(springs), np.zeros((len(springs), 3, 6)))
+    return SpringRows(rows, stiffness, rest, damping, *build_law_tables(springs), np.zeros((len(springs), 3, 6)))
 
 
-def _build_law_tables(
+def build_law_tables(
     springs: Sequence[Spring],
 ) -> tuple[NDArray[np.int64], Array, NDArray[np.int64], NDArray[np.int64], Array]:
+    """Return law [-], gas [N], [m], [-], first, last [-] and pieces [m], [N/m^3] ... [N] of springs, as of `SpringRows`."""
     laws = [spring.law for spring in springs]
     kind = np.array([LINEAR if x is None else GAS if isinstance(x, GasLaw) else TABLE for x in laws], dtype=np.int64)
     gas = [(x.force, x.travel, x.exponent) if isinstance(x, GasLaw) else (0.0, 1.0, 1.0) for x in laws]

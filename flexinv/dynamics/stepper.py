@@ -193,6 +193,7 @@ def integrate_instants(system, scheme, instants, y, out):
             predicted = False
             state.order[0] = 0
         if status != CONVERGED:
+            copy(ties.saved_multiplier, ties.multiplier)  # which may be none: what comes next begins where this one has
             return status, sample, count, size
         _write_instant(system, j, y, sample, moves, out)
         out.iterations[sample] = count

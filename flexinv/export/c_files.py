@@ -14,7 +14,7 @@ from flexinv.export.names import format_comment, format_markdown, format_numbers
 from flexinv.kinematics.nodal_motion import list_sliding_coordinates
 from flexinv.model.mechanism import Mechanism
 
-LAYOUT = 1  # of the block; another number wherever the header's functions or the meaning of the block change
+LAYOUT = 2  # of the block; another number wherever the header's functions or the meaning of the block change
 # Name -> meaning, in the order of their numbers.
 STATUSES = {
     "OK": "done",
@@ -29,7 +29,10 @@ STATUSES = {
     "OUT_OF_RANGE": "cosine and sine or a quaternion are no rotation, or an effort is too large for a number",
     "NO_SOLUTION": "the step found no solution; the block stands where it stood before, give a shorter motion",
     "BENT_TOO_FAR": "a beam turns too far within one element; the block stands where it stood before",
-    "ENERGY": "energy comes from nowhere: the march has left the motion, call start()",
+    "ENERGY": "energy comes from nowhere: the step has left the motion, and the block is over until start() or a copy()",
+    "NOT_CLOSED": "q, qd or qdd do not keep the closed loops; give the consistent motion of all joints",
+    "SINGULAR": "a closed loop is so near a singular position that its forces are not certain; keep away from it",
+    "OUT_OF_PLANE": "gravity or a payload would leave the plane in which the library marches",
     "FAILED": "the machine code gave up, which it never should",
 }
 
@@ -38,7 +41,8 @@ def render_files(plan: LibraryPlan, prefix: str, targets: Sequence[str]) -> dict
     """Return path in the folder -> text [-] of all files that a C compiler and a reader need."""
     kind = plan.kind
     values = _collect_values(plan, prefix, targets)
-    parts = [kind, *plan.more]
+    parts = plan.parts
+    values["but"] = "" if kind == "rigid" else "; `ENERGY` alone ends the block"
     values["notes"] = _join(parts, "md", values)
     values["functions"] = _join(parts, "h", values)
     return {

@@ -12,12 +12,14 @@ from numpy.typing import ArrayLike
 
 from flexinv.errors import InputError
 from flexinv.export.c_files import make_constants, render_files
-from flexinv.export.flexible_plan import plan_flexible_library
+from flexinv.export.flexible.flexible_plan import MarchSettings, plan_flexible_library
+from flexinv.export.given_forces import replace_changing_forces
 from flexinv.export.library_plan import LibraryPlan
 from flexinv.export.link_library import find_compiler, list_link_commands, run_commands
-from flexinv.export.machine_code import NATIVE, check_compiler, check_target, write_object
+from flexinv.export.machine_code import NATIVE, check_target, write_object
 from flexinv.export.names import LIBRARY_PREFIX, make_word
-from flexinv.export.rigid_plan import plan_rigid_library
+from flexinv.export.refusals import check_exportable
+from flexinv.export.rigid.rigid_plan import plan_rigid_library
 from flexinv.model.mechanism import Mechanism
 from flexinv.typing import Array
 from flexinv.validation import check_finite_array, check_flag, check_kind, check_names, check_path, check_seconds
@@ -40,37 +42,48 @@ class ExportedLibrary:
 def export_c(
     mechanism: Mechanism, out: str | Path, targets: Sequence[str] = (NATIVE,), overwrite: bool = False,
     step: float | None = None, start: ArrayLike | None = None, initial: str = "static", spectral_radius: float = 0.8,
+    payloads: Sequence[str] = (),
 ) -> ExportedLibrary:  # fmt: skip
     """Write the inverse dynamics of a mechanism as a C library into a folder; return what was written [-].
 
     out : the folder, which is made; targets : processors, of `machine_code.TARGETS`
     overwrite : the folder may have files in it already
     step : of a mechanism with beams, the time between two calls [s]; spectral_radius : as in `Controller` [-]
-    start : (nq,) the position [rad], [m] in which it begins at rest, by default the neutral one; initial : in equilibrium
-        ("static") or undeformed ("consistent")
+    start : (nq,) the position [rad], [m] in which it begins at rest, by default the neutral one; of closed loops of rigid links
+        one near which they close, for the self-test
+    initial : in equilibrium ("static") or undeformed ("consistent")
+    payloads : links of a mechanism with beams that carry something that changes; of a rigid one all may
     Raises InputError before anything is written: for what cannot be exported, names that are one in C, an unknown target.
     """
     check_kind("mechanism", mechanism, Mechanism)
     chosen = [check_target(target) for target in check_names("targets", targets, "processors")]
     if not chosen:
         raise InputError("export_c: targets is empty; write targets=('native',)")
-    if mechanism.nv == 0:
-        raise InputError(f"export_c: mechanism {mechanism.name!r} has no joint that moves, and so no torques")
-    check_compiler()
+    mechanism = replace_changing_forces(mechanism)
+    check_exportable(mechanism)
     folder = _check_folder(Path(check_path("out", out, "a folder")), check_flag("overwrite", overwrite))
     prefix = LIBRARY_PREFIX + make_word(mechanism.name).lower()
+    beginning = _check_start(mechanism, start)
     if mechanism.is_rigid:
-        if step is not None or start is not None:
-            raise InputError(
-                f"export_c: mechanism {mechanism.name!r} is rigid and has no state; leave out step and start"
-            )
-        plan = plan_rigid_library(mechanism, prefix)
+        _check_stateless(mechanism, step, start, payloads)
+        plan = plan_rigid_library(mechanism, prefix, None if start is None else beginning)
     else:
-        beginning = _check_start(mechanism, start)
-        plan = plan_flexible_library(
-            mechanism, prefix, _check_step(mechanism, step), beginning, initial, spectral_radius
-        )
+        time = _check_step(mechanism, step)
+        settings = MarchSettings(time, beginning, initial, spectral_radius, check_names("payloads", payloads, "links"))
+        plan = plan_flexible_library(mechanism, prefix, settings)
     return _write_library(plan, prefix, folder, chosen)
+
+
+def _check_stateless(
+    mechanism: Mechanism, step: float | None, start: ArrayLike | None, payloads: Sequence[str]
+) -> None:
+    """Refuse what is said of time of a rigid mechanism, and of a start where it has no loops to close."""
+    if payloads:
+        raise InputError(
+            f"export_c: mechanism {mechanism.name!r} is rigid: any link takes a payload; leave out payloads"
+        )
+    if step is not None or (start is not None and not mechanism.closures):
+        raise InputError(f"export_c: mechanism {mechanism.name!r} is rigid and has no state; leave out step and start")
 
 
 def _check_folder(folder: Path, overwrite: bool) -> Path:

@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
 
-from flexinv.errors import InputError
 from flexinv.export.machine_code import Entry
 from flexinv.export.memory_image import MemoryImage
 from flexinv.model.mechanism import Mechanism
@@ -38,7 +36,7 @@ class LibraryPlan:
 
     kind : of the templates, "rigid" or "flexible"; entries : functions of machine code; image : the block of memory
     values : name in the templates -> text; golden : series for the self-test
-    more : templates of what only some libraries of a kind have
+    parts : templates of its header, source and page, in their order
     start : (nq,) position in which a flexible mechanism begins [rad], [m]; step : of its march [s]
     """
 
@@ -48,20 +46,6 @@ class LibraryPlan:
     image: MemoryImage
     values: Mapping[str, str]
     golden: GoldenSeries
-    more: tuple[str, ...] = ()
+    parts: tuple[str, ...]
     start: Array | None = None
     step: float | None = None
-
-
-def refuse_parts(mechanism: Mechanism, parts: Mapping[str, Sequence[Any]], instead: str) -> None:
-    """Raise InputError [-] where a mechanism has parts for which there is no kernel that C may call.
-
-    parts : kind of part -> those that the mechanism has; instead : what to call from Python
-    """
-    for kind, found in parts.items():
-        if found:
-            names = ", ".join(repr(one.name) for one in found)
-            raise InputError(
-                f"export_c: mechanism {mechanism.name!r} has {kind} ({names}), which the C library cannot take; call {instead} "
-                "from Python, or export the mechanism without them"
-            )

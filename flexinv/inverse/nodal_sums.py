@@ -111,9 +111,16 @@ def fill_instant_torques(nodes, drives, masses, frames, line, motion, tau):
     P = M (a - g), summed from the leaves (line : (nodes, 6) scratch), along the axes; plus what the drive takes
     motion : q (nq,), qd, qdd (nv,)
     """
+    fill_instant_forces(masses, frames, line)
+    add_outboard_forces(nodes.parent, frames.x, line)
+    fill_projected_efforts(nodes, drives, frames, line, motion, tau)
+
+
+@jit_inner
+def fill_instant_forces(masses, frames, line):
+    """Set P and Q of every node at one instant, ``line`` (nodes, 6) [N], [N m]."""
     gravity = vec(masses.gravity)
-    q, qd, qdd = motion
-    for n in range(nodes.parent.shape[0]):
+    for n in range(line.shape[0]):
         r = frames.r[n]
         w = frames.w[n]
         a = frames.a[n]
@@ -121,7 +128,12 @@ def fill_instant_torques(nodes, drives, masses, frames, line, motion, tau):
         force, moment = compute_nodal_force(masses.mass[n], masses.inertia[n], gravity, r, w, a, al)
         put(line[n], 0, force)
         put(line[n], 3, moment)
-    add_outboard_forces(nodes.parent, frames.x, line)
+
+
+@jit_inner
+def fill_projected_efforts(nodes, drives, frames, line, motion, tau):
+    """Set the efforts of driven joints (nv,) [N m], [N] by sums ``line`` (nodes, 6) on and beyond their nodes, and their laws."""
+    q, qd, qdd = motion
     for n in range(nodes.parent.shape[0]):
         if drives.freedoms[n] > 0:
             turned = mat(frames.r[n])

@@ -205,11 +205,14 @@ def fill_relative(nodes, q, qd, qdd, joints):
 
 
 @jit
-def fill_given(nodes, q, qd, qdd, given):
-    """Set coordinate, rate and its rate [rad], [m], [1/s] of all joints that turn or slide, (joints, 3) in the order of nodes."""
+def fill_given(nodes, q, qd, qdd, prescribed, given):
+    """Set coordinate, rate and its rate [rad], [m], [1/s] of joints that turn or slide, (joints, 3) in the order of nodes.
+
+    prescribed : (nodes,) whether a node has a joint with a motion that is given
+    """
     k = 0
     for n in range(nodes.parent.shape[0]):
-        if nodes.v_index[n] >= 0:
+        if prescribed[n]:
             v = nodes.v_index[n]
             given[k, 0] = read_coordinate(n, nodes, q)
             given[k, 1] = qd[v]

@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 from flexinv.constraints.allocation import OPEN, OPEN_ACCELERATION, OPEN_RATE, PrescribedLoops
 from flexinv.constraints.closures import build_constraint_rows
 from flexinv.constraints.reactions import compute_closure_wrenches
+from flexinv.dynamics.applied_wrenches import compute_applied_efforts
 from flexinv.inverse import inverse_dynamics as nodal_dynamics
 from flexinv.inverse.inverse_dynamics import check_constant, compute_applied_forces, compute_spring_efforts
 from flexinv.kernels.memory import LINE, make_aligned_zeros
@@ -43,7 +44,6 @@ THREADS = "1 or more, or None for one per processor"
 # 1 us) and of one that sleeps (within 30 us).
 WORTH_HELP = 2_000
 WORTH_WAKING = 16_000
-NODAL_SAMPLES = 512  # samples whose nodal motion is in memory at once, where springs and given forces act on nodes
 
 _ONE = np.uint64(1)
 _ONE_SAMPLE = np.ones((4, 2), dtype=np.uint64)
@@ -257,16 +257,11 @@ class TorqueFunction(ByValue):
         return HELPERS.prepare_mailboxes(self.threads - 1, size > WORTH_WAKING)
 
     def _add_applied(self, motion: Sequence[Array], tau: Array) -> None:
-        """Subtract what springs between points and given forces do for the joints."""
+        """Add what joints give against springs between points and given forces."""
         m = self.mechanism
         if not (m.springs or m.forces):
             return
-        for start in range(0, len(tau), NODAL_SAMPLES):
-            part = slice(start, start + NODAL_SAMPLES)
-            nodes = compute_rigid_motion(self.mesh, *(a[part] for a in motion))
-            loads = compute_applied_forces(self.mesh, nodes, np.zeros(len(nodes.x)))
-            if loads is not None:
-                tau[part] -= nodal_dynamics.compute_projected_efforts(self.mesh, nodes, loads)
+        tau += compute_applied_efforts(self.mesh, *motion)
 
 
 def prepare(mechanism: Mechanism, passive: bool = True, threads: int | None = None) -> TorqueFunction:

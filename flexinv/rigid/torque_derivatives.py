@@ -15,10 +15,12 @@ from flexinv.model.by_value import ByValue
 from flexinv.model.mechanism import Mechanism
 from flexinv.rigid.derivative_kernel import AXIS_CELLS, BODY_CELLS, CarriedBodies, fill_torque_derivatives
 from flexinv.rigid.joint_arrays import convert_to_states
-from flexinv.rigid.prepare import NODAL_SAMPLES, prepare
+from flexinv.rigid.prepare import prepare
 from flexinv.rnea.body_table import Bodies
 from flexinv.typing import Array
 from flexinv.validation import check_flag
+
+NODAL_SAMPLES = 512  # samples whose nodal motion is in memory at once, where springs and given forces act on nodes
 
 
 @dataclass(frozen=True, eq=False)

@@ -13,6 +13,7 @@ import pytest
 
 from flexinv.export.c_files import LAYOUT, STATUSES
 from flexinv.export.export_c import ExportedLibrary
+from flexinv.export.machine_code import NEEDED
 from flexinv.typing import Array
 
 needs_compiler = pytest.mark.skipif(shutil.which("cc") is None, reason="there is no C compiler (cc) to link with")
@@ -70,6 +71,17 @@ def convert(argument: Array | int | float | None) -> object:
 
 def undefined_symbols(file: Path) -> set[str]:
     """Return what an object needs of others."""
-
     lines = subprocess.run(["nm", "-u", str(file)], capture_output=True, text=True, check=True).stdout.splitlines()
     return {line.split()[-1].partition("@")[0] for line in lines if line.strip()}
+
+
+def assert_needs_nothing(made: ExportedLibrary) -> None:
+    """Every object of a library needs mathematics and moves of bytes, and what stands in the other one: no Python, no memory."""
+    objects = sorted((made.folder / "lib").rglob("*.o"))
+    assert len(objects) == 2
+    own = set[str]()
+    for one in objects:
+        lines = subprocess.run(["nm", "--defined-only", str(one)], capture_output=True, text=True, check=True).stdout
+        own |= {line.split()[-1] for line in lines.splitlines() if line.strip()}
+    for one in objects:
+        assert undefined_symbols(one) - own <= NEEDED | {"_GLOBAL_OFFSET_TABLE_"}

@@ -84,11 +84,12 @@ def test_it_stands_in_the_table_of_feed_forwards(root: Path, tmp_path: Path, kin
     (task,) = load_tasks(folder, mechanism).values()
     settings = {"fmu": str(file), "cases": ["rigid_3r/*"]}
     job = {"module": registry.FMU, "settings": settings, "engine": "plant"}
-    rows = list(feedforward.list_task_rows(mechanism, task, [{**job, "mechanism": str(folder)}]))
+    rows = list(feedforward.list_task_rows(mechanism, task, [job], str(folder)))
     (row,) = [row for row in rows if row["engine"] == "plant"]
     assert row["verdict"] == "within"
-    elsewhere = [{**job, "mechanism": str(root / "models" / "rigid_one_link")}]
-    (row,) = [row for row in feedforward.list_task_rows(mechanism, task, elsewhere) if row["engine"] == "plant"]
+    elsewhere = str(root / "models" / "rigid_one_link")
+    rows = list(feedforward.list_task_rows(mechanism, task, [job], elsewhere))
+    (row,) = [row for row in rows if row["engine"] == "plant"]
     assert (row["verdict"], row["message"]) == ("skipped", "crosscheck.toml asks it for rigid_3r/* only")
 
 

@@ -309,3 +309,13 @@ def test_a_rung_has_a_largest_bar_and_says_how_wide_bars_were() -> None:
     assert "wider than the 0.02 that this rung admits: refine" in rung(wide).message
     told = replace(one, verdict="within", message="", engine_bar=None, error_bar=None, stated_bar=0.099 * RANGE)
     assert "mine none (states 0.099 by itself, unchecked)" in rung(told).message
+
+
+def test_an_engine_with_the_same_steps_is_held_against_the_values_themselves() -> None:
+    """Its difference is no discretisation error, and no bar of the reference excuses it or hides it."""
+    theirs = record("flexinv", 1e-2)
+    same = Record("flexinv-c", time=TIME, series=series(NAME, "N m", theirs.series[NAME].values))
+    assert row(same, theirs).verdict == "within"
+    assert row(replace(same, engine="mine"), theirs).verdict == "deviation"  # refined, the reference is elsewhere
+    off = theirs.series[NAME].values + 1e-3 * RANGE
+    assert row(replace(same, series=series(NAME, "N m", off)), theirs).verdict == "deviation"

@@ -9,16 +9,15 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from c_library import Block, needs_compiler, undefined_symbols
+from c_library import Block, assert_needs_nothing, needs_compiler
 from hub_arm import hub_arm
 from reader_pages import ROOT, blocks
 
 import flexinv
 from flexinv.errors import InputError
 from flexinv.export.export_c import ExportedLibrary, export_c
-from flexinv.export.machine_code import NEEDED
-from flexinv.export.rest_plan import plan_rest_start
-from flexinv.model.mechanism import Attachment, Force, Mechanism
+from flexinv.export.flexible.rest_plan import plan_rest_start
+from flexinv.model.mechanism import Mechanism
 from flexinv.typing import Array
 
 pytestmark = needs_compiler
@@ -84,9 +83,7 @@ def test_steps_in_space_have_the_digits_of_a_controller(tmp_path: Path) -> None:
     rows = swing(arm, other)
     expected = controlled(arm, other, rows)
     np.testing.assert_allclose(stepped(block, rows), expected, rtol=0, atol=REST * np.ptp(expected))
-    assert undefined_symbols(made.folder / "lib" / "native" / f"lib{made.name}.so") <= {
-        *NEEDED, "_ITM_deregisterTMCloneTable", "_ITM_registerTMCloneTable", "__cxa_finalize", "__gmon_start__",
-    }  # fmt: skip
+    assert_needs_nothing(made)
 
 
 def test_a_joint_that_could_sink_is_given_no_start_anywhere() -> None:
@@ -181,11 +178,4 @@ def test_what_a_march_needs_is_asked_for(
 ) -> None:
     with pytest.raises(InputError, match=words):
         export_c(in_plane, tmp_path / "out", **options)  # type: ignore[arg-type]
-    assert not (tmp_path / "out").exists()
-
-
-def test_given_forces_are_refused(in_plane: Mechanism, tmp_path: Path) -> None:
-    force = Force("gust", Attachment(in_plane.links[-1].name), wrench=np.eye(6)[:1])
-    with pytest.raises(InputError, match=r"mechanism 'flex_two_link' has beams and forces \('gust'\)"):
-        export_c(replace(in_plane, forces=(force,)), tmp_path / "out", step=STEP)
     assert not (tmp_path / "out").exists()

@@ -11,14 +11,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from c_library import Block, needs_compiler, undefined_symbols
+from c_library import Block, assert_needs_nothing, needs_compiler
 from rigid_trees import tree
 
 import flexinv
 from flexinv.errors import InputError
 from flexinv.export.export_c import ExportedLibrary, export_c
-from flexinv.export.machine_code import NEEDED
-from flexinv.export.rigid_plan import plan_rigid_library
+from flexinv.export.rigid.rigid_plan import plan_rigid_library
 from flexinv.model.links import Body
 from flexinv.model.mechanism import Inertia, Mechanism
 from flexinv.rnea.loop_plan import sample_configurations
@@ -108,6 +107,38 @@ def test_parameters_are_those_of_a_mechanism_that_has_them(
     assert abs(torques(Block(made), motion) - expected).max() > 0.1 * abs(expected).max()
 
 
+def test_poses_and_wrenches_are_those_of_all_nodes(
+    mechanism: Mechanism, made: ExportedLibrary, motion: tuple[Array, Array, Array]
+) -> None:
+    """Of a sample that was placed, with a payload and another gravity that the block was given."""
+    block = Block(made)
+    load = Inertia(2.5, np.array([0.1, -0.2, 0.3]), np.diag([0.02, 0.03, 0.04]))
+    link = [one.name for one in mechanism.links].index("flange")
+    gravity = np.array([0.5, -1.0, -1.62])
+    assert block.call("set_payload", link, load.mass, load.com, np.array([0.02, 0.03, 0.04, 0.0, 0.0, 0.0])) == "OK"
+    assert block.call("set_gravity", gravity) == "OK"
+    q, qd, qdd = (part[5].copy() for part in motion)
+    assert block.call("place", q, qd, qdd) == "OK"
+    other = replace(mechanism.with_body("flange", Body("load", load)), gravity=gravity)
+    expected = flexinv.prepare(other).nodal(q[None], qd[None], qdd[None])
+    place, turn, wrench = np.zeros(3), np.zeros((3, 3)), np.zeros(6)
+    largest = max(np.abs(one).max() for one in expected.wrench.values())
+    for k, one in enumerate(mechanism.links):
+        node = expected.node[one.name]
+        assert block.call("pose", k, place, turn) == "OK"
+        assert np.abs(place - expected.motion.x[0, node]).max() <= ROUNDING * np.abs(expected.motion.x).max()
+        assert np.abs(turn - expected.motion.rotation[0, node]).max() <= ROUNDING
+        tip = place + turn @ one.tip
+        assert block.call("tip", k, place) == "OK"
+        assert np.abs(place - tip).max() <= ROUNDING * np.abs(expected.motion.x).max()
+    for k, joint in enumerate(mechanism.joints):
+        assert block.call("joint_wrench", k, wrench) == "OK"
+        assert np.abs(wrench - expected.wrench[joint.name][0]).max() <= ROUNDING * largest
+    assert block.call("joint_wrench", len(mechanism.joints), wrench) == "BAD_VALUE"
+    assert block.call("place", q, np.full(mechanism.nv, np.inf), qdd) == "NOT_FINITE"
+    assert block.call("place", q, None, qdd) == "NULL"
+
+
 def test_what_cannot_be_is_a_status_and_the_next_call_works(
     mechanism: Mechanism, made: ExportedLibrary, motion: tuple[Array, Array, Array]
 ) -> None:
@@ -174,10 +205,7 @@ def test_threads_with_blocks_of_their_own_do_not_disturb_each_other(
 
 def test_the_objects_need_mathematics_and_moves_of_bytes_only(made: ExportedLibrary) -> None:
     """No Python, no memory, no file, no thread."""
-    objects = sorted((made.folder / "lib" / "native").glob("*.o"))
-    assert len(objects) == 2
-    own = {f"{made.name}_{name}" for name in ("kernel_torques", "model", "relocations")} | {"_GLOBAL_OFFSET_TABLE_"}
-    assert all(undefined_symbols(one) <= NEEDED | own for one in objects)
+    assert_needs_nothing(made)
 
 
 def test_no_call_takes_memory(made: ExportedLibrary, tmp_path: Path) -> None:
@@ -236,13 +264,6 @@ def test_names_that_are_one_in_c_are_refused_before_anything_is_written(tmp_path
     twice = replace(made, joints=tuple(replace(j, kind="revolute") if j.name[0] == "a" else j for j in joints))
     with pytest.raises(InputError, match=r"coordinates 'a b' and 'a-b' both become A_B in C; rename"):
         export_c(twice, tmp_path / "out")
-    assert not (tmp_path / "out").exists()
-
-
-@pytest.mark.parametrize(("model", "step"), [("four_bar", None), ("four_bar_flexible", 1e-3)])
-def test_closures_are_refused_before_anything_is_written(model: str, step: float | None, tmp_path: Path) -> None:
-    with pytest.raises(InputError, match=rf"mechanism '{model}' has .*closures \(.*from Python"):
-        export_c(flexinv.load_mechanism(f"models/{model}"), tmp_path / "out", step=step)
     assert not (tmp_path / "out").exists()
 
 

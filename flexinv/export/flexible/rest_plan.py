@@ -8,7 +8,7 @@ drives could sink, a long step may pass a rest position by, and no such start is
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -42,13 +42,14 @@ class RestStart:
 
 
 def plan_rest_start(state: FlexibleState, motion: list[Array], prefix: str) -> RestStart | None:
-    """Return the start at rest [m, rad] of a work space, None where joints without drives could sink.
+    """Return the start at rest [m, rad] of a work space, None where joints without drives could sink or loops are to be closed.
 
     motion : q, qd, qdd of the step, which are where the start has its position
     """
-    if state.passive:
+    if state.passive or state.mechanism.closures:
         return None
-    return _plan_in_space(state, motion, prefix) if state.flat is None else _plan_in_plane(state, prefix)
+    rest = _plan_in_space(state, motion, prefix) if state.flat is None else _plan_in_plane(state, prefix)
+    return rest if state.loads is None else replace(rest, still=[*rest.still, state.loads.wound])
 
 
 def _plan_in_plane(state: FlexibleState, prefix: str) -> RestStart:

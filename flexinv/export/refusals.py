@@ -1,0 +1,53 @@
+"""Refusals of mechanisms that cannot be exported as a C library, before anything is written."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+from flexinv.errors import InputError
+from flexinv.export.machine_code import check_compiler
+from flexinv.export.names import make_words
+from flexinv.model.mechanism import Mechanism
+from flexinv.rigid.prepare import prepare
+
+
+def check_exportable(mechanism: Mechanism) -> None:
+    """Raise InputError [-] for a mechanism that has no C library: names that are one in C, parts for which there is no kernel."""
+    m = mechanism
+    if m.nv == 0:
+        raise InputError(f"export_c: mechanism {m.name!r} has no joint that moves, and so no torques")
+    check_compiler()
+    make_words("coordinates", m.coordinate_names)
+    make_words("rates", m.velocity_names)
+    make_words("links", [link.name for link in m.links])
+    phases = [c.name for c in m.closures if c.active]
+    _refuse(
+        m, "closures that act for a while", phases, "of which a call that knows no time cannot tell; call flexinv.solve"
+    )
+    if m.is_rigid:
+        _check_loops(m)
+        return
+    coupling = [c.name for c in m.closures if c.kind == "coupling"]
+    _refuse(
+        m,
+        "beams and closures that couple joints",
+        coupling,
+        "for which a single step has no kernel; call flexinv.solve",
+    )
+
+
+def _check_loops(mechanism: Mechanism) -> None:
+    """Refuse rigid loops whose efforts the kernel leaves to singular values in Python, all of them."""
+    if mechanism.closures and not prepare(mechanism, threads=1).plan.sizes:
+        names = [closure.name for closure in mechanism.closures]
+        why = "whose efforts no fixed order of elimination shares out (too few drives, or another rank from place to place)"
+        _refuse(mechanism, "closures", names, f"{why}; call flexinv.prepare(mechanism)")
+
+
+def _refuse(mechanism: Mechanism, parts: str, names: Iterable[str], why: str) -> None:
+    """Raise InputError where a mechanism has ``parts``, by their names; why : and what to call instead."""
+    if listed := ", ".join(map(repr, names)):
+        raise InputError(
+            f"export_c: mechanism {mechanism.name!r} has {parts} ({listed}), {why} from Python, or export the mechanism without "
+            "them"
+        )

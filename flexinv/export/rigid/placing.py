@@ -1,0 +1,50 @@
+"""Placing of a rigid mechanism at one sample, for poses of its links and wrenches at its joints: a kernel over all nodes.
+
+Each link has the node of a payload, so that what the library puts there is felt in the wrenches, too.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from flexinv.dynamics.applied_wrenches import build_applied_loads, fill_link_wrenches, make_scratch
+from flexinv.export.machine_code import KernelCall
+from flexinv.export.memory_image import MemoryImage
+from flexinv.export.payload_nodes import add_payload_bodies
+from flexinv.export.readings import format_poses, format_wrenches
+from flexinv.inverse.nodal_sums import Masses
+from flexinv.kernels.simd import BLOCK
+from flexinv.kinematics.configuration import build_nodes
+from flexinv.kinematics.mesh import Mesh, build
+from flexinv.kinematics.tree import Frames
+from flexinv.model.mechanism import Mechanism
+from flexinv.model.owned_cache import make_owner_cache
+
+
+@make_owner_cache()
+def build_loaded_mesh(mechanism: Mechanism) -> Mesh:
+    """Return the nodes [m], [kg] of a mechanism with a payload without mass on each link."""
+    return build(add_payload_bodies(mechanism, [link.name for link in mechanism.links]))
+
+
+def make_placing_call(mechanism: Mechanism, torques: KernelCall, name: str) -> KernelCall:
+    """Return the call that places all links [m, rad, s, N] where the first sample stands that ``torques`` is given."""
+    mesh = build_loaded_mesh(mechanism)
+    widths = mechanism.nq, mechanism.nv, mechanism.nv
+    motion = tuple(one.reshape(BLOCK, width) for one, width in zip(torques.arguments[5:8], widths, strict=True))
+    masses = Masses(mesh.mass, mesh.inertia, np.array(mechanism.gravity, dtype=float))
+    system = build_nodes(mesh), masses, build_applied_loads(mesh)
+    return KernelCall(name, fill_link_wrenches, (*system, motion, make_scratch(mesh)))
+
+
+def format_placing(image: MemoryImage, mechanism: Mechanism, call: KernelCall, prefix: str) -> dict[str, str]:
+    """Return places in the block of what is read and of what payloads change, for the templates of readings [-]."""
+    mesh = build_loaded_mesh(mechanism)
+    nodes, masses, _, _, (_, frames, line) = call.arguments
+    one = Frames(*(part[0] for part in frames))
+    values = {
+        "at_nodal_mass": masses.mass, "at_nodal_inertia": masses.inertia, "at_nodal_offset": nodes.offset,
+        "at_nodal_gravity": masses.gravity,
+    }  # fmt: skip
+    places = {name: str(image.find_place(part)) for name, part in values.items()}
+    return places | format_poses(image, mesh, one, "Of the last `place`.") | format_wrenches(image, mesh, line, prefix)
