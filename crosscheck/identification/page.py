@@ -226,10 +226,10 @@ def _build_time_figure(identification: Identification, run: Run, told: Predictio
     by_channel: dict[str, dict[float, float]] = {}
     for row in rows:
         by_channel.setdefault(row.channel, {})[0.5 * (row.start + row.end)] = row.left
-    most = max((len(own) for own in by_channel.values()), default=0)
-    shown = {name: own for name, own in by_channel.items() if len(own) > MOSTLY * most}
-    places = sorted(set.intersection(*(set(own) for own in shown.values()))) if shown else []
-    curves = {name: np.array([own[place] for place in places]) for name, own in shown.items()}
+    most = max((len(by_place) for by_place in by_channel.values()), default=0)
+    shown = {name: by_place for name, by_place in by_channel.items() if len(by_place) > MOSTLY * most}
+    places = sorted(set.intersection(*(set(by_place) for by_place in shown.values()))) if shown else []
+    curves = {name: np.array([by_place[place] for place in places]) for name, by_place in shown.items()}
     title = f"How well each part of {run.name} is told"
     y = "RMS error over spread of the reading [-]"
     return LogFigure(run.name, "errors over time", title, "time [s]", y, np.array(places), curves, POINTS)

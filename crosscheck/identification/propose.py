@@ -75,7 +75,7 @@ def format_identify_toml(
 
 def _find_link_sensors(columns: Found) -> set[str]:
     """The joints of which an effort is no current: a torque behind the gear."""
-    return {name for name, own in columns.items() if "effort" in own and own["effort"].unit != "A"}
+    return {name for name, kinds in columns.items() if "effort" in kinds and kinds["effort"].unit != "A"}
 
 
 def _format_head(log: Log, columns: Found, time: str, unit: tuple[str, str]) -> Iterator[str]:

@@ -53,8 +53,8 @@ def format_beams(image: MemoryImage, mesh: Mesh, internal: Array, prefix: str) -
     offsets = WORD * 6 * np.arange(elements * points).reshape(elements, points)
     rows = list[str]()
     first = [0]
-    for _, own, order, station in list_section_points(mesh):
-        places = np.concatenate([offsets[k, :n] for k, n in zip(range(own.start, own.stop), order, strict=True)])
+    for _, span, order, station in list_section_points(mesh):
+        places = np.concatenate([offsets[k, :n] for k, n in zip(range(span.start, span.stop), order, strict=True)])
         rows += [f"    {{{float(at).hex()}, {place}}}" for at, place in zip(station, places.tolist(), strict=True)]
         first.append(len(rows))
     return {

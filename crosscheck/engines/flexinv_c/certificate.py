@@ -92,6 +92,6 @@ def _read_springs(program: Program) -> dict[str, float]:
 def _make_place(mechanism: Mechanism, joint: Joint, value: float) -> Array:
     """Coordinates with one joint at a value [rad], [m]."""
     q = mechanism.neutral.copy()
-    own = mechanism.q_slices[joint.name]
-    q[own] = (np.cos(value), np.sin(value)) if KINDS[joint.kind].circle else value
+    columns = mechanism.q_slices[joint.name]
+    q[columns] = (np.cos(value), np.sin(value)) if KINDS[joint.kind].circle else value
     return q

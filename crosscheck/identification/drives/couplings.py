@@ -91,8 +91,8 @@ def _add_coupling(machine: Machine, joint: str, other: str, factor: float, free:
     settings = machine.settings.model_copy(update={"joints": joints})
     if not free:
         return replace(machine, settings=settings)
-    table = FreeTable(parameter=COUPLING, place=[f"{joint}/{other}"], error=WIDE)
-    wider = settings.model_copy(update={"free": [*settings.free, table]})
+    coupling = FreeTable(parameter=COUPLING, place=[f"{joint}/{other}"], error=WIDE)
+    wider = settings.model_copy(update={"free": [*settings.free, coupling]})
     return Machine(machine.mechanism, wider, build_space(machine.mechanism, wider, machine.space.loads))
 
 

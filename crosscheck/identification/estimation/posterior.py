@@ -126,7 +126,7 @@ class _Cost:
         return z, error <= CLOSE
 
     def _take_halved_step(self, z: Array, step: Array, u: Array, inverse: Array) -> tuple[NDArray[np.bool_], Array]:
-        """Whether a step (chains, parameters), halved, leads to where the next one is smaller, and the z there."""
+        """Return true where the step after a halved one (chains, parameters) is shorter than it, and the z there."""
         length = np.linalg.norm(step, axis=1)
         taken = step * np.minimum(1.0, FARTHEST / np.maximum(np.abs(step).max(axis=1, keepdims=True), FARTHEST))
         out = z.copy()
@@ -260,10 +260,10 @@ class _Effects:
 
     def compute_slopes(self, z: Array) -> tuple[Array, Array]:
         """Return the slopes of y by z: each by its own (samples, parameters), and of mass properties (samples, links, 10, 10)."""
-        own = np.ones_like(z)
-        own[:, self.values] = self.spread * self.known * np.exp(self.spread * z[:, self.values])
+        single = np.ones_like(z)
+        single[:, self.values] = self.spread * self.known * np.exp(self.spread * z[:, self.values])
         blocks = self.masses.compute_slopes(self.errors * z[:, self.rows]) * self.errors[:, None, :]
-        return own, blocks
+        return single, blocks
 
     def apply_gain(self, gain: int | None, center: Array, z: Array, plain: Array) -> Array:
         """Return effects (samples, parameters) times the gain of number ``gain``; of what is no value only what is beyond z^."""

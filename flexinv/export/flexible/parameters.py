@@ -42,7 +42,9 @@ def format_parameters(image: MemoryImage, state: FlexibleState, links: Sequence[
         }  # fmt: skip
     words = make_words("payloads", list(links))
     return {name: str(value) for name, value in values.items()} | {
-        "rate_nodes": ", ".join(f"{{{n}, {int(own)}}}" for n, own in zip(node_of.tolist(), driven, strict=True)),
+        "rate_nodes": ", ".join(
+            f"{{{n}, {int(is_driven)}}}" for n, is_driven in zip(node_of.tolist(), driven, strict=True)
+        ),
         "payload_nodes": ",\n".join(_format_payload(state, mesh.body_node[name, PAYLOAD]) for name in links),
         "payloads_enum": ",\n".join(
             f"    {prefix.upper()}_PAYLOAD_{word} = {i}" for i, word in enumerate(words.values())
