@@ -38,6 +38,14 @@ class CaseScript:
     expected: Observation
 
 
+def resolve_engine(name: str) -> str:
+    """Return the engine of a name, which may be that of its package: pin stands for pinocchio.  Raises InputError."""
+    if name not in PACKAGES and name in PACKAGES.values():
+        return next(engine for engine, package in PACKAGES.items() if package == name)
+    find_package(name)
+    return name
+
+
 def find_package(engine: str) -> str:
     """Return the distribution that brings an engine.  Raises InputError where it is none of ours, or is no package."""
     if engine not in PACKAGES:

@@ -16,7 +16,14 @@ from rich.table import Table
 from crosscheck import output_folder as owned
 from crosscheck.bisect.answer import MOST_SHOWN, Answer
 from crosscheck.bisect.bisection import REPEATS, Plan
-from crosscheck.bisect.cases import BESIDE, find_package, make_case_criterion, make_case_reading, write_case_script
+from crosscheck.bisect.cases import (
+    BESIDE,
+    find_package,
+    make_case_criterion,
+    make_case_reading,
+    resolve_engine,
+    write_case_script,
+)
 from crosscheck.bisect.criteria import TOLERANCE, Criterion
 from crosscheck.bisect.environments import GIGABYTE, find_store_folder
 from crosscheck.bisect.installers import Index, choose_installer
@@ -205,7 +212,7 @@ def _make_wish(asked: BisectOptions, place: Path) -> Wish:
         raise InputError("write one of --engine NAME and --package NAME")
     index = Index(asked.index_url, asked.extra_index_url, asked.find_links, asked.no_index)
     wish = Wish(
-        package=asked.package or find_package(str(asked.engine)),
+        package=asked.package or find_package(resolve_engine(str(asked.engine))),
         range=asked.range_,
         beside=asked.beside,
         script=_make_script(asked),
@@ -275,7 +282,7 @@ def _is_case(asked: BisectOptions) -> bool:
 
 def _add_case(asked: BisectOptions, wish: Wish, place: Path) -> Wish:
     """Return the wish with the script that a case is exported as, and what judges it.  Raises InputError, Failure."""
-    engine = ENGINES[str(asked.engine)]
+    engine = ENGINES[resolve_engine(str(asked.engine))]
     if not asked.models.is_dir():
         raise InputError(
             f"there is no folder {asked.models}: write --models FOLDER, or -- SCRIPT for a script of your own"

@@ -13,7 +13,7 @@ import click
 from rich.markup import escape
 
 from crosscheck import output_folder as owned
-from crosscheck.bisect.cases import PACKAGES, find_package
+from crosscheck.bisect.cases import PACKAGES, find_package, resolve_engine
 from crosscheck.bisect.environments import GIGABYTE, EnvironmentStore, find_store_folder
 from crosscheck.bisect.installers import Index, choose_installer
 from crosscheck.bisect.pythons import find_pythons
@@ -126,9 +126,8 @@ def command(
 
 def _choose_engines(patterns: str) -> list[str]:
     """Return the engines by name.  Raises InputError for one that no package brings, or that is not installed here."""
-    chosen = split_patterns(patterns)
+    chosen = list(dict.fromkeys(resolve_engine(name) for name in split_patterns(patterns)))
     for name in chosen:
-        find_package(name)
         if (reason := describe_missing_package(ENGINES[name])) is not None:
             raise InputError(
                 f"{name} writes the scripts of its cases, with the release that is installed here: {reason}"

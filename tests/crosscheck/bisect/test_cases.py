@@ -12,7 +12,14 @@ from packaging.version import Version
 
 from crosscheck.bisect.answer import ChangeReport
 from crosscheck.bisect.bisection import Bisection, Plan
-from crosscheck.bisect.cases import CaseScript, find_package, make_case_criterion, make_case_reading, write_case_script
+from crosscheck.bisect.cases import (
+    CaseScript,
+    find_package,
+    make_case_criterion,
+    make_case_reading,
+    resolve_engine,
+    write_case_script,
+)
 from crosscheck.bisect.causes import describe_case_change
 from crosscheck.bisect.defaults import list_differences, read_defaults
 from crosscheck.bisect.environments import Environment, EnvironmentStore
@@ -91,6 +98,7 @@ def test_differences_name_what_is_only_on_one_side() -> None:
 
 def test_an_engine_that_is_no_package_and_a_case_without_a_limit_are_named(task: Task, made: CaseScript) -> None:
     assert find_package("pinocchio") == "pin"
+    assert [resolve_engine(name) for name in ("pin", "exudyn", "exudyn-ge")] == ["pinocchio", "exudyn", "exudyn-ge"]
     with pytest.raises(InputError, match="no package of the index brings 'flexinv'; expected one of mujoco, "):
         find_package("flexinv")
     bare = replace(task, case=replace(task.case, limits=()))

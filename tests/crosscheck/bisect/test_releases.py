@@ -4,14 +4,15 @@ from __future__ import annotations
 
 import os
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 
 import pytest
 from local_index import write_simple_index, write_wheel
 from packaging.version import Version
 
-from crosscheck.bisect import installers
-from crosscheck.bisect.installers import Index, InstallerError
+from crosscheck.bisect import installers, releases
+from crosscheck.bisect.installers import Index, InstallerError, ProgramAnswer
 from crosscheck.bisect.pythons import find_pythons
 from crosscheck.bisect.releases import (
     AVAILABLE,
@@ -54,11 +55,25 @@ def names(index: Index, **query: bool) -> dict[str, bool]:
 
 
 def test_releases_come_in_the_order_of_versions_with_those_that_have_no_wheel(index: Index) -> None:
-    assert list(names(index).items()) == [("1.0", False), ("1.2", True), ("1.10", True)]
+    """As pip itself lists them, with pre-releases and those that were taken back."""
+    found = names(index, pre=True, yanked=True)
+    assert found == {"1.0": False, "1.2": True, "1.3": True, "1.4rc1": True, "1.10": True}
+    assert list(found) == ["1.0", "1.2", "1.3", "1.4rc1", "1.10"]
 
 
-def test_prereleases_and_yanked_ones_are_taken_where_they_are_asked_for(index: Index) -> None:
-    assert list(names(index, pre=True, yanked=True)) == ["1.0", "1.2", "1.3", "1.4rc1", "1.10"]
+def test_prereleases_and_yanked_ones_count_where_they_are_asked_for(monkeypatch: pytest.MonkeyPatch) -> None:
+    def answer(python: str, words: Sequence[str], index: Index) -> ProgramAnswer:
+        if words[0] == "index":
+            listed = "1.0, 1.2, 1.4rc1" if "--pre" in words else "1.0, 1.2"
+            return ProgramAnswer(0, f"ball (1.2)\nAvailable versions: {listed}\n", "")
+        return ProgramAnswer(
+            1, "", "ERROR: no release (from versions: 1.2, 1.3, 1.4rc1)\n"
+        )  # as older pips: 1.3 among them
+
+    monkeypatch.setattr(releases, "run_pip", answer)
+    assert names(Index()) == {"1.0": False, "1.2": True}
+    assert names(Index(), yanked=True) == {"1.0": False, "1.2": True, "1.3": True}
+    assert list(names(Index(), pre=True)) == ["1.0", "1.2", "1.4rc1"]
 
 
 def test_a_package_that_the_index_does_not_have_is_named(index: Index) -> None:
