@@ -28,7 +28,7 @@ if __name__ == "__main__":
     sys.path[:0] = [str(ROOT), str(ROOT / "tests" / "shared")]
 
 import flexinv
-from crosscheck.engines.flexinv_c.adapter import plan_case
+from crosscheck.engines.flexinv_c.adapter import plan_case, unsupported
 from crosscheck.engines.flexinv_c.program import LibrarySettings, Question, make_linked_program
 from flexinv.errors import FlexinvError, InputError
 from flexinv.export.machine_code import NEEDED
@@ -82,7 +82,12 @@ def compare_case(mechanism: Mechanism, case: Case, folder: Path) -> Outcome:
 def compare_with_solve(
     name: str, mechanism: Mechanism, case: Case, questions: list[Question], answers: Array
 ) -> Outcome:
-    """Return what became of a case whose forces depend on time [N m], [N]: its steps beside those of `solve`."""
+    """Return what became of a case whose forces depend on time [N m], [N]: its steps beside those of `solve`.
+
+    Raises InputError for a case that single steps do not make, whose accelerations jump.
+    """
+    if (reason := unsupported(mechanism, case, "flexinv-c")) is not None:
+        raise InputError(reason)
     s = flexinv.solve(
         mechanism, case.motion, case.step, end=case.end, spectral_radius=case.spectral_radius, initial=case.initial,
         start=case.start,

@@ -347,6 +347,11 @@ def files() -> Iterator[Entrance]:
         "step": optional("number", 0.125), "initial": slot("choice", "static"),
     }  # fmt: skip
     yield Entrance("torques", lambda **given: flexinv.torques(**given).to_numpy(), request, 2.0)
+    yield Entrance("export_c", exported, {
+        "mechanism": slot("thing", model("flex_one_link")), "targets": slot("names", ["aarch64"]), "step": slot("number", 0.25),
+        "start": optional("numbers", [0.5]), "initial": slot("choice", "static"), "spectral_radius": slot("number", 0.5),
+        "payloads": slot("names", ["link"]), "overwrite": slot("flag", True),
+    }, 0.1)  # fmt: skip
     yield Entrance("write_torques", written, {**request, "rows": slot("whole", 2000)})
     judge = slot("names", ["rigid", "drive"])
     both = {"a": slot("thing", urdf), "b": slot("thing", urdf), "tolerance": slot("number", 1e-5), "judge": judge,
@@ -359,6 +364,13 @@ def files() -> Iterator[Entrance]:
     yield Entrance("crosscheck.identify", lambda **given: crosscheck.identify(**given), {
         "mechanism": slot("thing", MODELS / "rigid_3r"), "logs": slot("thing", ("missing.csv",)), "hold_out": slot("thing", ()),
     }, 0.6)  # fmt: skip
+
+
+def exported(**given: Any) -> Any:
+    """Return the sources of an exported library [-], by their paths."""
+    with tempfile.TemporaryDirectory() as folder:
+        made = flexinv.export_c(**given, out=Path(folder) / "library")
+        return {one: (made.folder / one).read_text() for one in made.files if one.endswith((".h", ".c", ".md"))}
 
 
 def tabled() -> pd.DataFrame:

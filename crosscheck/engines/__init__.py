@@ -107,9 +107,6 @@ ENGINES: dict[str, Engine] = {
     e.name: e
     for e in (
         _make_engine("flexinv", "flexinv.adapter", "flexinv", ".", exports=False),
-        _make_engine(
-            "flexinv-c", "flexinv_c.adapter", "flexinv", ".", exports=False, limits=(_EXPORTED,), same_steps=True
-        ),
         _make_engine("pinocchio", "pinocchio.adapter", "pinocchio", "pin"),
         _make_engine("mujoco", "mujoco.adapter", "mujoco", "mujoco"),
         _make_engine("mujoco-equality", "mujoco.adapter", "mujoco", "mujoco", native=True),
@@ -118,6 +115,9 @@ ENGINES: dict[str, Engine] = {
         _make_engine("exudyn-dae", "exudyn.adapter", "exudyn", "exudyn"),
         _make_engine("exudyn-ancf", "exudyn.adapter", "exudyn", "exudyn"),
         _make_engine("exudyn-ge", "exudyn.adapter", "exudyn", "exudyn"),
+        _make_engine(
+            "flexinv-c", "flexinv_c.adapter", "flexinv", ".", exports=False, limits=(_EXPORTED,), same_steps=True
+        ),
         _make_engine("measured", "measured.adapter", "numpy", ".", exports=False),
     )
 }

@@ -13,7 +13,6 @@ which is carried on like the deformation.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from contextlib import suppress
 from dataclasses import dataclass, fields, is_dataclass
 from math import isfinite
 from typing import Any, NamedTuple
@@ -344,14 +343,19 @@ class Controller:
         tau = np.zeros(mechanism.nv)
         flexible = FlexibleState(mechanism, scheme, tau)
         out = cls(mechanism, tau, None, flexible, spectral_radius=radius)
-        still = mechanism.neutral, np.zeros(mechanism.nv), np.zeros(mechanism.nv)
-        with suppress(
-            ConvergenceError
-        ):  # loops need not close there, and a load may be too sudden: kernels are compiled anyhow
-            out.start(*still)
-            out.step(*still)
-        out.begun = False
+        if not mechanism.closures:  # which need not close at zero coordinates
+            out._prepare_steps(flexible)
         return out
+
+    def _prepare_steps(self, flexible: FlexibleState) -> None:
+        """Begin and make one step at zero coordinates, so that kernels are compiled, and joints that nothing holds are found.
+
+        The energy of that step is not judged: loads may be too sudden there.
+        """
+        still = self.mechanism.neutral, np.zeros(self.mechanism.nv), np.zeros(self.mechanism.nv)
+        self.start(*still)
+        flexible.integrate_step(flexible.scheme, *still)
+        self.begun = False
 
     def __reduce__(self) -> tuple[Any, ...]:
         """A copy and a pickle are made anew, as kernels write into parts of shared arrays, and go on where this one stands."""
