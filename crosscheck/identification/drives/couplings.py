@@ -86,8 +86,11 @@ def _is_suspect(terms: Terms, channel: Channel, other: str, beside: Channel | No
 
 def _add_coupling(machine: Machine, joint: str, other: str, factor: float, free: bool = False) -> Machine:
     """The machine whose motor of a joint follows another one, too [-]."""
-    table = machine.settings.joints[joint]
-    joints = {**machine.settings.joints, joint: table.model_copy(update={"follows": {**table.follows, other: factor}})}
+    columns = machine.settings.joints[joint]
+    joints = {
+        **machine.settings.joints,
+        joint: columns.model_copy(update={"follows": {**columns.follows, other: factor}}),
+    }
     settings = machine.settings.model_copy(update={"joints": joints})
     if not free:
         return replace(machine, settings=settings)
