@@ -216,7 +216,7 @@ def test_a_page_that_leaves_before_its_end_is_found(tmp_path: Path) -> None:
 
 
 def test_a_name_that_only_tests_have_imported_is_found(tmp_path: Path) -> None:
-    """The module `flexinv.cli.commands` imports all of flexinv: a reader has not."""
+    """Other tests have imported all of flexinv in this process: a reader has not."""
     ran, words = ends_with(["\nimport flexinv\nflexinv.drives\n"], "page", tmp_path)
     assert ran == 0
     assert "no attribute 'drives'" in words

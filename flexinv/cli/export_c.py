@@ -13,7 +13,7 @@ from flexinv.export.machine_code import NATIVE, TARGETS
 from flexinv.files.robot_file import read_robot_file
 
 
-@click.command("export-c", short_help="Write the inverse dynamics of a mechanism as a C library.")
+@click.command("export-c")
 @MODEL
 @click.option("--out", type=click.Path(path_type=Path, file_okay=False), required=True, help="Folder for the library.")
 @click.option(

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 TIME = "time [s]"
 
 
-@click.command("simulate", short_help="Compute the motion that torques give.")
+@click.command("simulate")
 @MODEL
 @click.option(
     "--torque", type=FILE, help="CSV file with the column 'time [s]' and one for every drive, such as 'torque hub [N m]' or "
@@ -96,7 +96,7 @@ def _choose_task(tasks: dict[str, PathTask], name: str | None, model: Path) -> P
     raise InputError(f"{model}: {'give --task' if name is None else f'no task {name!r}'}; tasks there: {known}")
 
 
-@click.command("follow", short_help="Compute the torques with which a tip follows a path.")
+@click.command("follow")
 @MODEL
 @click.option("--task", "name", help="Which task of cases.toml; may be left out where there is only one.")
 @click.option(

@@ -19,7 +19,7 @@ from flexinv.typing import Array
 TICKS = 1000  # of the progress bar
 
 
-@click.command("torques", short_help="Compute the torques of a robot for a motion in a CSV file.")
+@click.command("torques")
 @click.argument("robot", type=click.Path(path_type=Path))
 @click.argument("motion", type=FILE)
 @click.option("--out", type=FILE, required=True, help="CSV file for times and efforts, a column for every joint.")

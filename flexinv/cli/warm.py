@@ -30,7 +30,7 @@ CHECKOUT = Path(__file__).resolve().parents[2] / "models"
 CPU_NAME = "NUMBA_CPU_NAME"
 
 
-@click.command("warm", short_help="Compile the kernels now, not with the first torque.")
+@click.command("warm")
 @click.option(
     "--models", type=click.Path(exists=True, file_okay=False, path_type=Path),
     help="Folder of the mechanisms that are computed for it.  [default: those of the checkout or of the installation]",

@@ -13,6 +13,11 @@ def make_printable(text: str) -> str:
     return "".join(char if char.isprintable() else "\ufffd" for char in " ".join(str(text).split()))
 
 
+def join_lines(message: object) -> str:
+    """Return the lines of a message [-] as one, with semicolons between them."""
+    return "; ".join(" ".join(line.split()) for line in str(message).splitlines() if line.strip())
+
+
 def take_start(text: str, width: int) -> str:
     """Return a text in one line of at most ``width`` characters [-]; what is cut off is marked."""
     line = make_printable(text)

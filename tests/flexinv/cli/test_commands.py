@@ -9,12 +9,13 @@ import subprocess
 import sys
 from pathlib import Path
 
+import click
 import numpy as np
 import pandas as pd
 import pytest
 
 from flexinv.analysis.solve import solve
-from flexinv.cli.commands import main
+from flexinv.cli.commands import COMMANDS, app, main
 from flexinv.files.load_cases import load_cases
 from flexinv.files.load_mechanism import load_mechanism
 from flexinv.model.link_mass import compute_link_mass
@@ -331,3 +332,19 @@ def test_a_plot_without_matplotlib_is_refused_before_the_work(
     ]
     assert "--plot needs matplotlib: write pip install 'flexinv[plot]'" in complaint(words, capsys)
     assert not (tmp_path / "x.csv").exists()
+
+
+def test_the_list_of_commands_imports_none_of_them() -> None:
+    """Help is there at once: neither arrays nor a compiler are loaded for it."""
+    code = "import sys; from flexinv.cli.commands import main; main(['--help']); print({'numpy', 'numba'} & {*sys.modules})"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.endswith("set()\n")
+    assert all(name in done.stdout for name in COMMANDS)
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_a_listed_command_is_there(name: str) -> None:
+    command = app.get_command(click.Context(app), name)
+    assert command is not None
+    assert command.name == name
+    assert command.help
