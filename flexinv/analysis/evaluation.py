@@ -24,7 +24,7 @@ from flexinv.inverse.inverse_dynamics import (
 from flexinv.inverse.nodal_sums import SecondStepArrays, SecondStepInputs, Skeleton, fill_second_step
 from flexinv.inverse.spring_lengths import InterpolatedMotion, check_spring_lengths
 from flexinv.kernels.memory import make_adjacent_arrays, make_contiguous
-from flexinv.kinematics.mesh import Mesh
+from flexinv.kinematics.mesh import Mesh, list_tips
 from flexinv.kinematics.nodal_motion import NodalMotion, compute_differenced_motion, compute_rigid_motion
 from flexinv.model.mechanism import Mechanism
 from flexinv.model.owned_cache import make_owner_cache
@@ -151,18 +151,17 @@ def list_array_shapes(mesh: Mesh, samples: int) -> list[tuple[int, ...]]:
 def build_skeleton(mesh: Mesh) -> Skeleton:
     """Return the data of a mesh that the second step reads [m], [kg]."""
     m = mesh.mechanism
-    tips = [(m.link_of[joint.child], mesh.joint_node[joint.name]) for joint in m.joints]
-    end = [(mesh.tip_node.get(link.name, node), np.zeros(3) if link.beam else link.tip) for link, node in tips]
+    tips = list_tips(mesh)
     straight = np.zeros((len(m.beams), 3))
     for place, link in zip(straight, m.beams, strict=True):
         turn = np.eye(3)
         for node in mesh.section_nodes[link.name][1:]:
             place += turn @ mesh.offset[node]
             turn = turn @ mesh.rotation[node]
-    numbers = [list(mesh.joint_node.values()), [n for n, _ in end]]
+    numbers = [list(mesh.joint_node.values()), [node for _, node, _ in tips]]
     numbers += [[int(mesh.section_nodes[link.name][k]) for link in m.beams] for k in (0, -1)]
     joint, tip, root, last = (np.array(nodes, dtype=np.int64) for nodes in numbers)
-    points = np.array([point for _, point in end], float).reshape(-1, 3)
+    points = np.array([point for _, _, point in tips], float).reshape(-1, 3)
     gravity = np.array(m.gravity, dtype=float)
     moved = mesh.freedoms, mesh.v_index, mesh.slide, mesh.turn
     return Skeleton(mesh.parent, mesh.mass, mesh.inertia, gravity, *moved, joint, tip, points, root, last, straight)

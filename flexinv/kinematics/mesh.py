@@ -102,6 +102,15 @@ class Mesh(MeshPlaces):
 _AT_ITS_PARENT = Placement()  # of the second axis of a joint on its first
 
 
+def list_tips(mesh: Mesh) -> list[tuple[str, int, Array]]:
+    """Return of each joint's child link its name, the node that its tip is on, and the tip in that node's frame (3,) [m]."""
+    m = mesh.mechanism
+    links = [(m.link_of[joint.child], mesh.joint_node[joint.name]) for joint in m.joints]
+    return [
+        (link.name, mesh.tip_node.get(link.name, node), np.zeros(3) if link.beam else link.tip) for link, node in links
+    ]
+
+
 @dataclass(frozen=True, eq=False)
 class _Builder(MeshPlaces):
     """Grows the node and element lists; becomes a Mesh at the end."""

@@ -22,7 +22,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from flexinv.errors import InputError
-from flexinv.kinematics.mesh import Mesh
+from flexinv.kinematics.mesh import Mesh, list_tips
 from flexinv.kinematics.nodal_motion import NodalMotion
 from flexinv.linearized.modes import Modes, compute_modes
 from flexinv.linearized.rest_position import compute_tip_displacements
@@ -113,7 +113,7 @@ def compute_residual_vibration(
         mesh, np.concatenate([modes.displacement, modes.rotation], axis=-1).real, modes.orientation
     )
     reach = {link: _find_reach(shape, cosine, sine) for link, shape in shapes.items()}
-    rest = _compute_tip_places(modes)
+    rest = {name: modes.position[node] + modes.orientation[node] @ tip for name, node, tip in list_tips(mesh)}
     missed = max(float(np.linalg.norm(tips[link][-1] - rest[link] - cosine @ shape)) for link, shape in shapes.items())
     largest = max(reach.values())
     return ResidualVibration(modes, cosine, sine, reach, missed / largest if largest else 0.0)
@@ -149,18 +149,6 @@ def _compute_projection(modes: Modes, velocity: Array, spin: Array) -> Array:
     return np.asarray(pushed + np.einsum("mni,ni->m", modes.rotation.real, turning))
 
 
-def _compute_tip_places(modes: Modes) -> dict[str, Array]:
-    """Link -> the place of its tip (3,) [m] at rest, as solutions have it."""
-    mesh = modes.mesh
-    out = {}
-    for joint in mesh.mechanism.joints:
-        link = mesh.mechanism.link_of[joint.child]
-        node = mesh.tip_node.get(link.name, mesh.joint_node[joint.name])
-        arm = np.zeros(3) if link.beam is not None else link.tip
-        out[link.name] = modes.position[node] + modes.orientation[node] @ arm
-    return out
-
-
 def _find_reach(shape: Array, cosine: Array, sine: Array) -> float:
     """The largest distance [m] of a tip with the shapes (modes, 3) from its rest place, all modes at their largest for it.
 
@@ -168,10 +156,10 @@ def _find_reach(shape: Array, cosine: Array, sine: Array) -> float:
     """
     arrows = np.stack([shape * cosine[:, None], shape * sine[:, None]], axis=1)  # (modes, 2, xyz)
     longest = np.argsort(np.linalg.norm(arrows.reshape(-1, 3), axis=1))[::-1][:ARROWS]
-    return max((_find_highest(arrows, arrows.reshape(-1, 3)[k]) for k in longest), default=0.0)
+    return max((_find_largest_sum(arrows, arrows.reshape(-1, 3)[k]) for k in longest), default=0.0)
 
 
-def _find_highest(arrows: Array, start: Array) -> float:
+def _find_largest_sum(arrows: Array, start: Array) -> float:
     """The largest sum [m] of arrows (modes, 2, 3) turned to their largest, from the direction of ``start`` on."""
     reached = start
     for _ in range(RISES):

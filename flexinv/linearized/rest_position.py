@@ -19,7 +19,7 @@ from flexinv.dynamics.initial_state import begin_undeformed, find_equilibrium
 from flexinv.dynamics.linearization import Matrices, compute_matrices
 from flexinv.dynamics.solver import Solver
 from flexinv.kernels.jit import jit
-from flexinv.kinematics.mesh import Mesh
+from flexinv.kinematics.mesh import Mesh, list_tips
 from flexinv.kinematics.tree import Joints
 from flexinv.linearized.closed_motions import (
     compute_tie_stiffness,
@@ -141,10 +141,7 @@ def compute_nodal_shapes(solver: Solver, shapes: NDArray[Any]) -> NDArray[Any]:
 
 def compute_tip_displacements(mesh: Mesh, moves: Array, orientation: Array) -> dict[str, Array]:
     """Return displacements of links' tips (motions, 3) [m] world from `compute_nodal_shapes`; orientation : (nodes, 3, 3) [-]."""
-    out = {}
-    for joint in mesh.mechanism.joints:
-        link = mesh.mechanism.link_of[joint.child]
-        node = mesh.tip_node.get(link.name, mesh.joint_node[joint.name])
-        arm = np.zeros(3) if link.beam is not None else link.tip
-        out[link.name] = moves[:, node, :3] + np.cross(moves[:, node, 3:], arm) @ orientation[node].T
-    return out
+    return {
+        name: moves[:, node, :3] + np.cross(moves[:, node, 3:], tip) @ orientation[node].T
+        for name, node, tip in list_tips(mesh)
+    }

@@ -22,11 +22,12 @@ import scipy  # its parts are loaded when they are asked for
 from numpy.typing import ArrayLike
 
 from flexinv.errors import InputError
-from flexinv.model.input_shaper import SUM_ERROR, InputShaper, check_ratio
+from flexinv.model.input_shaper import InputShaper, check_ratio
 from flexinv.typing import Array
 from flexinv.validation import check_choice, check_number, convert_to_floats
 
 MOST_DAMPED = 0.3  # beyond, EI shapers are not solved for: such modes end by themselves
+SOLVED = 1e-9  # defects of the six conditions; Newton's last step leaves 1e-13 of them where there is a shaper
 CONTINUED = 0.01  # steps of the damping ratio from the closed form without damping
 
 
@@ -94,7 +95,7 @@ def _find_insensitive(ratio: float, vibration: float) -> tuple[Array, Array]:
     found = np.array([(1.0 + vibration) / 4.0, (1.0 - vibration) / 2.0, 0.5, 1.0, side, 2.0 - side])
     for damped in np.linspace(0.0, ratio, 1 + int(np.ceil(ratio / CONTINUED)))[1:]:
         solved = scipy.optimize.root(_compute_defects, found, args=(float(damped), vibration), tol=1e-13)
-        if not np.abs(_compute_defects(solved.x, float(damped), vibration)).max() < SUM_ERROR:
+        if not np.abs(_compute_defects(solved.x, float(damped), vibration)).max() < SOLVED:
             raise InputError(f"EI: no shaper for ratio = {ratio:g} and vibration = {vibration:g}; write kind = 'ZVD'")
         found = solved.x
     first, second, middle, last = found[:4]

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from c_library import Block, assert_needs_nothing, needs_compiler
 from hub_arm import hub_arm
+from marched_library import STEP, controlled, stepped, swing
 from reader_pages import ROOT, blocks
 
 import flexinv
@@ -18,14 +19,10 @@ from flexinv.errors import InputError
 from flexinv.export.export_c import ExportedLibrary, export_c
 from flexinv.export.flexible.rest_plan import plan_rest_start
 from flexinv.model.mechanism import Mechanism
-from flexinv.typing import Array
 
 pytestmark = needs_compiler
-STEP = 2e-3
-STEPS = 50
 # Two ways to one equilibrium, to the last digits of positions: 1e-15 of them times the axial stiffness over the bending one, 1e6.
 REST = 1e-9
-Rows = list[tuple[Array, Array, Array]]
 
 
 @pytest.fixture(scope="module")
@@ -37,28 +34,6 @@ def in_plane() -> Mechanism:
 @pytest.fixture(scope="module")
 def made_in_plane(in_plane: Mechanism, tmp_path_factory: pytest.TempPathFactory) -> ExportedLibrary:
     return export_c(in_plane, tmp_path_factory.mktemp("plane") / "library", step=STEP)
-
-
-def swing(mechanism: Mechanism, start: Array) -> Rows:
-    """Driven joints turn by 0.3 and back, smoothly, from rest."""
-    t = np.arange(1, STEPS + 1)[:, None] * STEP
-    w = 2 * np.pi / (STEPS * STEP)
-    way = 0.15 * mechanism.actuated
-    parts = start + way * (1 - np.cos(w * t)), way * w * np.sin(w * t), way * w * w * np.cos(w * t)
-    return [tuple(np.ascontiguousarray(part[k]) for part in parts) for k in range(STEPS)]  # type: ignore[misc]
-
-
-def stepped(block: Block, rows: Rows) -> Array:
-    tau = np.zeros((len(rows), len(rows[0][1])))
-    for now, out in zip(rows, tau, strict=True):
-        assert block.call("step", *now, out) == "OK"
-    return tau
-
-
-def controlled(mechanism: Mechanism, start: Array, rows: Rows) -> Array:
-    controller = flexinv.Controller.of(mechanism, step=STEP)
-    controller.start(start, *np.zeros((2, mechanism.nv)), initial="static")
-    return np.array([controller.step(*now).copy() for now in rows])
 
 
 def test_steps_in_a_plane_have_the_digits_of_a_controller(in_plane: Mechanism, made_in_plane: ExportedLibrary) -> None:

@@ -10,6 +10,7 @@ import pytest
 from bending_four_bar import bending
 from c_library import Block, assert_needs_nothing, needs_compiler
 from four_bar_example import START
+from marched_library import STEP, controlled, stepped, swing
 
 import flexinv
 from flexinv.errors import InputError
@@ -19,35 +20,12 @@ from flexinv.model.mechanism import Attachment, Force, Inertia, Mechanism, Place
 from flexinv.typing import Array
 
 pytestmark = needs_compiler
-STEP = 2e-3
-STEPS = 30
 # Two equilibria found in other ways, as in test_flexible_library; a payload of its own node beside one that is merged.
 REST = 1e-9
 MARCH = 1e-9
 SETTLED = 1e-6  # of a torque: what is left of a vibration after some steps of which each takes most of it
-Rows = list[tuple[Array, Array, Array]]
-
-
-def swing(mechanism: Mechanism, start: Array, way: float = 0.1) -> Rows:
-    """Driven joints turn and come back, smoothly, from rest."""
-    t = np.arange(1, STEPS + 1)[:, None] * STEP
-    w = 2 * np.pi / (STEPS * STEP)
-    moved = way * mechanism.actuated
-    parts = start + moved * (1 - np.cos(w * t)), moved * w * np.sin(w * t), moved * w * w * np.cos(w * t)
-    return [tuple(np.ascontiguousarray(part[k]) for part in parts) for k in range(STEPS)]  # type: ignore[misc]
-
-
-def stepped(block: Block, rows: Rows) -> Array:
-    tau = np.zeros((len(rows), len(rows[0][1])))
-    for now, out in zip(rows, tau, strict=True):
-        assert block.call("step", *now, out) == "OK"
-    return tau
-
-
-def controlled(mechanism: Mechanism, start: Array, rows: Rows) -> Array:
-    controller = flexinv.Controller.of(mechanism, step=STEP)
-    controller.start(start, *np.zeros((2, mechanism.nv)), initial="static")
-    return np.array([controller.step(*now).copy() for now in rows])
+WAY = 0.1  # [rad]: a loop's beam bends by less
+STEPS = 30
 
 
 @pytest.fixture(scope="module")
@@ -85,7 +63,7 @@ def test_steps_of_a_loop_have_the_digits_of_a_controller(tmp_path: Path) -> None
     block = Block(made)
     begins = np.zeros(3)
     assert block.call_alone("start_position", begins) == "OK"
-    rows = swing(bar, begins)
+    rows = swing(bar, begins, WAY, STEPS)
     result = stepped(block, rows)
     assert np.array_equal(result, controlled(bar, guess, rows))
     assert (result[:, 1:] == 0.0).all()
@@ -103,11 +81,11 @@ def test_springs_and_forces_are_those_of_a_controller(tmp_path: Path) -> None:
     arm = replace(arm, springs=(spring,), forces=pushes)
     made = export_c(arm, tmp_path / "library", step=STEP)
     block = Block(made)
-    rows = swing(arm, arm.neutral)
+    rows = swing(arm, arm.neutral, WAY, STEPS)
     assert np.array_equal(stepped(block, rows), controlled(arm, arm.neutral, rows))
     other = np.full(arm.nq, 0.3)
     assert block.start_at(other) == "OK"
-    rows = swing(arm, other)
+    rows = swing(arm, other, WAY, STEPS)
     expected = controlled(arm, other, rows)
     np.testing.assert_allclose(stepped(block, rows), expected, rtol=0, atol=REST * np.ptp(expected))
     assert_needs_nothing(made)

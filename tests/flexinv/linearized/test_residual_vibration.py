@@ -10,6 +10,9 @@ import pytest
 
 import flexinv
 from flexinv.errors import InputError
+from flexinv.kinematics.mesh import build
+from flexinv.kinematics.nodal_motion import NodalMotion
+from flexinv.linearized.residual_vibration import compute_residual_vibration
 from flexinv.model.mechanism import Mechanism
 from flexinv.model.motion import Motion
 
@@ -93,6 +96,23 @@ def test_rigid_arms_and_unknown_joints_are_refused(arm: Mechanism) -> None:
         flexinv.solve(rigid, still, 1e-2).find_residual_vibration()
     with pytest.raises(InputError, match="free joint 'elbow'"):
         flexinv.solve(arm, _turn(0.01), STEP).find_residual_vibration(free=["elbow"])
+
+
+def test_closures_that_switch_are_refused() -> None:
+    bar = flexinv.load_mechanism(MODELS / "four_bar_flexible")
+    switched = replace(bar, closures=tuple(replace(one, active=((0.0, 1.0),)) for one in bar.closures))
+    still = np.zeros((1, bar.nv))
+    nodes = NodalMotion.make_uninitialized(1, 0)
+    with pytest.raises(InputError, match="its closures switch"):
+        compute_residual_vibration(build(switched), (np.zeros((1, bar.nq)), still, still), (), nodes, {})
+
+
+def test_an_arm_that_stands_on_a_free_hub_is_refused(arm: Mechanism) -> None:
+    """Gravity along the beam towards its hub: it falls, and swings about nothing."""
+    upright = replace(arm, gravity=np.array([-9.81, 0.0, 0.0]))
+    motion = Motion.point_to_point({"hub": 0.01}, {"hub": 0.0}, 0.05, hold=STEP)
+    with pytest.raises(InputError, match="divergence at the end of the motion"):
+        flexinv.solve(upright, motion, STEP).find_residual_vibration(free=["hub"])
 
 
 def test_a_free_joint_with_a_rotor_is_refused(arm: Mechanism) -> None:

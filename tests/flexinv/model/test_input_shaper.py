@@ -164,6 +164,17 @@ def test_shaping_twice_is_shaping_for_both() -> None:
     assert twice != motion.shaped(one)
 
 
+def test_a_motion_of_another_kind_is_not_shaped() -> None:
+    """Its own ``evaluate`` knows nothing of parts, and would leave them out."""
+
+    class Reversed(Motion):
+        pass
+
+    plain = Motion.point_to_point({"hinge": 0.0}, {"hinge": 1.0}, 0.3)
+    with pytest.raises(InputError, match="a Reversed has no parts"):
+        Reversed(plain.tracks, plain.duration).shaped(make_shaper("ZV", 2.0))
+
+
 @pytest.mark.parametrize(
     ("make", "words"),
     [
