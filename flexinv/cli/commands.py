@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import difflib
 import importlib
 import sys
 import warnings
@@ -42,6 +43,16 @@ class Commands(click.Group):
         command = cast(click.Command, getattr(importlib.import_module(f"flexinv.cli.{module}"), attribute))
         command.short_help = line
         return command
+
+    def resolve_command(
+        self, ctx: click.Context, args: list[str]
+    ) -> tuple[str | None, click.Command | None, list[str]]:
+        """Return the command that the first word names and the words behind it; one that is not known is told the nearest."""
+        if args and args[0] not in COMMANDS and not args[0].startswith("-"):
+            near = difflib.get_close_matches(args[0], COMMANDS, 1)
+            write = f"flexinv {near[0]}" if near else f"one of {', '.join(COMMANDS)}"
+            ctx.fail(f"No such command '{args[0]}'; write {write}")
+        return super().resolve_command(ctx, args)
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         """Write the list of all commands, of which none is imported for it."""

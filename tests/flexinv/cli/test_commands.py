@@ -348,3 +348,12 @@ def test_a_listed_command_is_there(name: str) -> None:
     assert command is not None
     assert command.name == name
     assert command.help
+
+
+@pytest.mark.parametrize(("word", "advice"), [("inf", "write flexinv info"), ("zzz", "write one of export-c, follow")])
+def test_a_command_that_there_is_not_is_told_the_nearest(
+    word: str, advice: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(SystemExit):
+        main([word])
+    assert advice in capsys.readouterr().err
