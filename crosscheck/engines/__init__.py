@@ -9,9 +9,10 @@ from __future__ import annotations
 
 import importlib
 import importlib.util
+import shutil
 import sys
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, NotRequired, TypedDict, cast
 
 from crosscheck.engines.base import Adapter
@@ -48,6 +49,7 @@ class Engine:
     exports : the adapter has a member ``export``; None of a Python object of others, which says that when it is asked
     settings : of a door: the adapter is what ``module.opened(name, folder of the mechanism, settings)`` returns; None: the module
     path : folder from which a module is imported that is not installed
+    tools : commands, or Python packages that bring one, of which one has to be there; none: it needs no tool
     limits : stated where the engine is (crosscheck.toml), heard after those of the case
     """
 
@@ -61,6 +63,12 @@ class Engine:
     path: str = ""
     limits: tuple[Limit, ...] = field(default=())
     same_steps: bool = False
+    tools: tuple[str, ...] = ()
+
+    @property
+    def has_tool(self) -> bool:
+        """Return True if this machine has the tool that the engine needs, or it needs none."""
+        return not self.tools or any(shutil.which(one) or importlib.util.find_spec(one) for one in self.tools)
 
     @property
     def adapter_key(self) -> str:
@@ -86,11 +94,10 @@ def _make_engine(
     native: bool = False,
     exports: bool = True,
     limits: tuple[Limit, ...] = (),
-    same_steps: bool = False,
 ) -> Engine:
     install = f"python -m pip install {package}"
     place = f"crosscheck.engines.{module}"
-    return Engine(name, place, requires, install, native, exports, limits=limits, same_steps=same_steps)
+    return Engine(name, place, requires, install, native, exports, limits=limits)
 
 
 # Machine code of the same kernels, which no mechanism needs to state a limit for.
@@ -115,8 +122,10 @@ ENGINES: dict[str, Engine] = {
         _make_engine("exudyn-dae", "exudyn.adapter", "exudyn", "exudyn"),
         _make_engine("exudyn-ancf", "exudyn.adapter", "exudyn", "exudyn"),
         _make_engine("exudyn-ge", "exudyn.adapter", "exudyn", "exudyn"),
-        _make_engine(
-            "flexinv-c", "flexinv_c.adapter", "flexinv", ".", exports=False, limits=(_EXPORTED,), same_steps=True
+        replace(
+            _make_engine("flexinv-c", "flexinv_c.adapter", "flexinv", ".", exports=False, limits=(_EXPORTED,)),
+            same_steps=True,
+            tools=("cc", "gcc", "clang", "ziglang"),
         ),
         _make_engine("measured", "measured.adapter", "numpy", ".", exports=False),
     )

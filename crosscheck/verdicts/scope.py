@@ -9,10 +9,14 @@ from fnmatch import fnmatchcase
 
 @dataclass(frozen=True)
 class Scope:
-    """Names of mechanisms or cases, none means all, and patterns of engines, of which every comparison takes two."""
+    """Names of mechanisms or cases, none means all, and patterns of engines, of which every comparison takes two.
+
+    absent : engines that need a tool which this machine has not: nothing is expected of them, and the run says why
+    """
 
     names: tuple[str, ...] = ()
     engines: tuple[str, ...] = ("*",)
+    absent: tuple[str, ...] = ()
 
     def has_comparison(self, key: Sequence[str]) -> bool:
         """Return True if a comparison is asked for.
@@ -24,7 +28,7 @@ class Scope:
         return named and self._has_engine(engine) and self._has_engine(reference)
 
     def _has_engine(self, engine: str) -> bool:
-        return any(fnmatchcase(engine, pattern) for pattern in self.engines)
+        return engine not in self.absent and any(fnmatchcase(engine, pattern) for pattern in self.engines)
 
 
 def is_case_named(name: str, mechanism: str, case: str) -> bool:

@@ -92,10 +92,11 @@ class RunSelection:
 
         Raises Failure where a name or a pattern leads to nothing, or a program is not trusted.
         """
-        scope = Scope(self.names, tuple(split_patterns(self.engines)))
-        options = Options(self.timeout, self.jobs, scheduler=self.scheduler, resume=self.resume, scope=scope)
         known = collect_engines(self.models, self.config, self.engine)
         engines = match_engines(known.engines, self.engines)
+        absent = tuple(name for name, engine in engines.items() if not engine.has_tool)
+        scope = Scope(self.names, tuple(split_patterns(self.engines)), absent)
+        options = Options(self.timeout, self.jobs, scheduler=self.scheduler, resume=self.resume, scope=scope)
         check_trust(known, engines, self.trust_commands, say)
         # a reader who names mechanisms wants those; the studies belong to the whole
         wanted = ("" if self.names else read_study_patterns(self.models)) if self.studies is None else self.studies

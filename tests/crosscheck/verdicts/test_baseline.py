@@ -102,6 +102,8 @@ def test_what_is_no_longer_compared_is_missed_after_a_run_over_everything() -> N
         (Scope(engines=("pinocchio", "flexinv")), False),
         (Scope(engines=("mujoco", "pinocchio")), False),  # its reference is not asked
         (Scope(names=("arm/turn", "leg")), False),
+        (Scope(absent=("mujoco",)), False),  # this machine has no tool for it
+        (Scope(absent=("pinocchio",)), True),
     ],
 )
 def test_a_model_that_is_not_there_any_more_is_missed_by_all_who_ask_for_it(

@@ -17,6 +17,8 @@ from crosscheck.engines.flexinv_c import adapter as library
 from crosscheck.measures.certificate import Certificate, checks
 from crosscheck.measures.record import Record
 from flexinv.errors import FlexinvError
+from flexinv.export.link_library import _list_names, find_compiler
+from flexinv.export.machine_code import NATIVE
 from flexinv.files.load_cases import Case, load_cases
 from flexinv.model.mechanism import Mechanism
 
@@ -95,3 +97,14 @@ def test_a_refused_call_and_a_program_that_breaks_are_errors() -> None:
     fails = Path(shutil.which("false") or "/bin/false").read_bytes()
     with pytest.raises(FlexinvError, match=r"the program around the exported library ended with 1"):
         replace(program, data=fails).ask(plan.questions[:1])
+
+
+def test_its_tools_are_the_compilers_that_an_export_looks_for(monkeypatch: pytest.MonkeyPatch) -> None:
+    """One list in the engine's row, which imports nothing, and one where libraries are linked."""
+    assert ENGINE.tools == (*_list_names(NATIVE), "ziglang")
+    assert ENGINE.has_tool == (find_compiler(NATIVE) is not None)
+    monkeypatch.setenv("PATH", "")
+    monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
+    assert not ENGINE.has_tool
+    assert find_compiler(NATIVE) is None
+    assert ENGINES["flexinv"].has_tool
