@@ -19,7 +19,15 @@ def low_pass(values: Array, spacing: float, bandwidth: float) -> Array:
 
     values : (samples,) [any unit]; spacing : [s]; the ends are continued by a point reflection over two periods of the bandwidth
     """
-    return apply_low_pass_all(np.asarray(values, dtype=np.float64)[:, None], spacing, bandwidth)[:, 0]
+    return _apply_kept_low_pass(np.asarray(values, dtype=np.float64).tobytes(), spacing, bandwidth)
+
+
+@lru_cache(maxsize=128)  # undoing a fault leaves most signals of a log as they were
+def _apply_kept_low_pass(values: bytes, spacing: float, bandwidth: float) -> Array:
+    """The signal (samples,) behind the low-pass, which nobody may write to."""
+    out = apply_low_pass_all(np.frombuffer(values)[:, None], spacing, bandwidth)[:, 0]
+    out.flags.writeable = False
+    return out
 
 
 def apply_low_pass_all(values: Array, spacing: float, bandwidth: float) -> Array:

@@ -14,9 +14,10 @@ from flexinv.errors import InputError
 from flexinv.export.c_files import make_constants, render_files
 from flexinv.export.flexible.flexible_plan import MarchSettings, plan_flexible_library
 from flexinv.export.given_forces import replace_changing_forces
+from flexinv.export.kernel_objects import make_kernel_object
 from flexinv.export.library_plan import LibraryPlan
 from flexinv.export.link_library import find_compiler, list_link_commands, run_commands
-from flexinv.export.machine_code import NATIVE, check_target, write_object
+from flexinv.export.machine_code import NATIVE, Processor, check_target, write_entries
 from flexinv.export.names import LIBRARY_PREFIX, make_word
 from flexinv.export.refusals import check_exportable
 from flexinv.export.rigid.rigid_plan import plan_rigid_library
@@ -116,7 +117,12 @@ def _write_library(plan: LibraryPlan, prefix: str, folder: Path, targets: Sequen
     """Write all files, first those that may still fail to be made."""
     constants = make_constants(plan, prefix)
     texts = render_files(plan, prefix, targets)
-    objects = {f"lib/{one}/{prefix}_kernels.o": write_object(plan.entries, constants, one) for one in targets}
+    objects = dict[str, bytes]()
+    for target in targets:
+        processor = Processor.build_for(target)
+        kernels = make_kernel_object(plan.entries, processor)
+        objects[f"lib/{target}/{prefix}_kernels.o"] = kernels.code
+        objects[f"lib/{target}/{prefix}_entries.o"] = write_entries(plan.entries, constants, processor, kernels.names)
     for path, data in {**{path: text.encode() for path, text in texts.items()}, **objects}.items():
         file = folder / path
         file.parent.mkdir(parents=True, exist_ok=True)

@@ -49,16 +49,16 @@ def _list_names(target: str) -> tuple[str, ...]:
 
 
 def list_link_commands(prefix: str, target: str, compiler: Compiler | None) -> list[list[str]]:
-    """Return the commands, run in the folder of a library, that make it of its object and its source [-]."""
+    """Return the commands, run in the folder of a library, that make it of its objects and its source [-]."""
     use = compiler or Compiler(_list_names(target)[:1], ("ar",))
     place = f"lib/{target}"
-    machine_code = f"{place}/{prefix}_kernels.o"
+    machine_code = [f"{place}/{prefix}_{part}.o" for part in ("entries", "kernels")]
     checks = f"{place}/{prefix}.o"
     library = f"{place}/lib{prefix}.a"
     return [
         [*use.compile, *C_OPTIONS, "-Iinclude", "-c", f"src/{prefix}.c", "-o", checks],
-        [*use.archive, "rcs", library, checks, machine_code],
-        [*use.compile, "-shared", checks, machine_code, "-lm", "-o", f"{place}/lib{prefix}.so"],
+        [*use.archive, "rcs", library, checks, *machine_code],
+        [*use.compile, "-shared", checks, *machine_code, "-lm", "-o", f"{place}/lib{prefix}.so"],
         [*use.compile, *C_OPTIONS, "-Iinclude", "src/selftest.c", library, "-lm", "-o", f"{place}/selftest"],
     ]
 

@@ -1,18 +1,16 @@
 """Machine code of kernels for programs without Python: the text that Numba has optimised for a process, as an object file.
 
-Nothing is compiled anew.  The final text of every kernel is linked with *entries*, small functions that take the block of
-`memory_image.MemoryImage` and call the kernel with what stands there:
+Nothing is compiled anew.  `kernel_objects` translates the final text of the kernels, which are the same for many mechanisms; here
+are *entries* of one mechanism, small functions that take the block of `memory_image.MemoryImage` and call a kernel with what
+stands there:
 
     int32_t NAME(char *block)           0, or not 0 where Numba would raise an exception
-
-Everything but the entries becomes internal, what nobody calls goes (Numba's wrappers for Python among it), and what is left is
-translated.  For this processor that gives the machine code of the process itself, and so its digits.
 """
 
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -40,7 +38,6 @@ NEEDED = frozenset({
     "acos", "asin", "atan", "atan2", "ceil", "cos", "exp", "fabs", "floor", "fmod", "ldexp", "log", "memcpy", "memmove", "memset",
     "pow", "rint", "round", "sin", "sincos", "sqrt", "tan", "tanh", "trunc",
 })  # fmt: skip
-_INTERNAL = {"linkonce_odr", "external", "common", "weak_odr"}
 _PAUSE = "llvm.x86.sse2.pause"  # waiting for a helper thread, of which there is none
 _BYTE = ir.IntType(8)
 _WORD = ir.IntType(64)
@@ -77,6 +74,43 @@ class Entry:
         return self.operands[number][0].offset
 
 
+@dataclass(frozen=True)
+class Processor:
+    """What code is made for: triple, name and features, as LLVM calls them, and what makes it."""
+
+    triple: str
+    name: str
+    features: str
+    maker: Any
+
+    @classmethod
+    def build_for(cls, target: str) -> Processor:
+        """Return the processor of a target, this one with all its own instructions.  Raises InputError for an unknown target."""
+        llvm.initialize_all_targets()
+        llvm.initialize_all_asmprinters()
+        triple, name = TARGETS[check_target(target)]
+        features = ""
+        if target == NATIVE:
+            triple = llvm.get_process_triple()
+            name = llvm.get_host_cpu_name()
+            features = llvm.get_host_cpu_features().flatten()
+        kind = llvm.Target.from_triple(triple)
+        maker = kind.create_target_machine(cpu=name, features=features, opt=3, reloc="pic", codemodel="small")
+        return cls(triple, name, features, maker)
+
+    def parse(self, text: str) -> Any:
+        """Return the module [-] of a text for another processor; one of another family has no instruction to pause."""
+        text = re.sub(r"^target (triple|datalayout) = .*$", "", text, flags=re.M)
+        head = f'target triple = "{self.maker.triple}"\ntarget datalayout = "{self.maker.target_data}"\n'
+        if not self.maker.triple.startswith("x86"):
+            text = re.sub(rf"^.*call void @{re.escape(_PAUSE)}\(\).*$", "", text, flags=re.M)
+        return llvm.parse_assembly(head + text)
+
+    def translate(self, module: Any) -> bytes:
+        """Return the object file [-] of a module."""
+        return bytes(self.maker.emit_object(module))
+
+
 def check_compiler() -> None:
     """Raise InputError where kernels are not compiled by the compiler that lays records out at addresses."""
     if not COMPILED or is_plain():
@@ -107,59 +141,21 @@ def add_entry(image: MemoryImage, call: KernelCall) -> Entry:
     return Entry(call, overload, operands, image.add_room(size))
 
 
-def write_object(entries: Sequence[Entry], constants: dict[str, bytes], target: str) -> bytes:
-    """Return an object file [-] for a target with the entries, and constant bytes by their names.
+def write_entries(
+    entries: Sequence[Entry], constants: dict[str, bytes], processor: Processor, names: Mapping[str, str]
+) -> bytes:
+    """Return an object file [-] for a processor with the entries, and constant bytes by their names.
 
-    Raises FlexinvError where the code needs more of the system than `NEEDED`.
+    names : of the functions that Numba has made -> those by which `kernel_objects` writes them
     """
-    machine = _make_machine(target)
-    whole = _join_modules(entries, constants, machine)
-    _remove_all_but([*(one.call.name for one in entries), *constants], whole)
-    check_needs(whole)
-    return bytes(machine.emit_object(whole))
+    module = processor.parse(str(_write_entry_module(entries, constants, names)))
+    module.verify()
+    for one in (*module.functions, *module.global_variables):
+        one.visibility = "hidden"  # seen by what is linked with it, and not beyond
+    return processor.translate(module)
 
 
-def _make_machine(target: str) -> Any:
-    """The maker of code for a target, with the processor's own instructions where it is this one."""
-    llvm.initialize_all_targets()
-    llvm.initialize_all_asmprinters()
-    triple, processor = TARGETS[check_target(target)]
-    features = ""
-    if target == NATIVE:
-        triple = llvm.get_process_triple()
-        processor = llvm.get_host_cpu_name()
-        features = llvm.get_host_cpu_features().flatten()
-    return llvm.Target.from_triple(triple).create_target_machine(
-        cpu=processor, features=features, opt=3, reloc="pic", codemodel="small"
-    )
-
-
-def _join_modules(entries: Sequence[Entry], constants: dict[str, bytes], machine: Any) -> Any:
-    """One module of the entries, the constants and the kernels."""
-    kernels = {one.overload.library.name: one.overload.library for one in entries}
-    texts = [str(one._get_module_for_linking()) for one in kernels.values()]
-    texts.insert(0, str(_write_entries(entries, constants)))
-    whole: Any = None
-    for text in texts:
-        module = llvm.parse_assembly(_replace_target(text, machine))
-        if whole is None:
-            whole = module
-        else:
-            whole.link_in(module)
-    whole.verify()
-    return whole
-
-
-def _replace_target(text: str, machine: Any) -> str:
-    """The text of a module for another machine; one that is not of this family has no instruction to pause."""
-    text = re.sub(r"^target (triple|datalayout) = .*$", "", text, flags=re.M)
-    head = f'target triple = "{machine.triple}"\ntarget datalayout = "{machine.target_data}"\n'
-    if not machine.triple.startswith("x86"):
-        text = re.sub(rf"^.*call void @{re.escape(_PAUSE)}\(\).*$", "", text, flags=re.M)
-    return head + text
-
-
-def _write_entries(entries: Sequence[Entry], constants: dict[str, bytes]) -> ir.Module:
+def _write_entry_module(entries: Sequence[Entry], constants: dict[str, bytes], names: Mapping[str, str]) -> ir.Module:
     """The text of the entries, and of the constants."""
     module = ir.Module(name="flexinv.export")
     for name, data in constants.items():
@@ -169,17 +165,16 @@ def _write_entries(entries: Sequence[Entry], constants: dict[str, bytes]) -> ir.
         constant.initializer = kind(bytearray(data))
         constant.align = 64
     for one in entries:
-        _write_entry(module, one)
+        _write_entry(module, one, names[one.overload.fndesc.llvm_func_name])
     return module
 
 
-def _write_entry(module: ir.Module, entry: Entry) -> None:
+def _write_entry(module: ir.Module, entry: Entry, name: str) -> None:
     """The function that reads the arguments of a kernel from a block, calls it, and leaves its result there."""
     context = cpu_target.target_context
     function_type = context.call_conv.get_function_type(
         entry.overload.signature.return_type, entry.overload.signature.args
     )
-    name = entry.overload.fndesc.llvm_func_name
     kernel = module.globals.get(name) or ir.Function(module, function_type, name)
     function = ir.Function(module, ir.FunctionType(_STATUS, [_BYTE.as_pointer()]), entry.call.name)
     builder = ir.IRBuilder(function.append_basic_block())
@@ -195,19 +190,6 @@ def _write_entry(module: ir.Module, entry: Entry) -> None:
             find_place(one.offset, kind) if one.is_address else builder.load(find_place(one.offset, kind.as_pointer()))
         )
     builder.ret(builder.call(kernel, given))
-
-
-def _remove_all_but(kept: Sequence[str], module: Any) -> None:
-    """Leave in a module what the ``kept`` names need; those are seen by what is linked with it, and not beyond."""
-    for one in (*module.functions, *module.global_variables):
-        if one.name in kept:
-            one.visibility = "hidden"
-        elif not one.is_declaration and one.linkage.name in _INTERNAL:
-            one.linkage = "internal"
-    passes = llvm.create_new_module_pass_manager()
-    passes.add_global_dead_code_eliminate_pass()
-    machine = llvm.Target.from_default_triple().create_target_machine()
-    passes.run(module, llvm.create_pass_builder(machine, llvm.create_pipeline_tuning_options()))
 
 
 def check_needs(module: Any) -> None:

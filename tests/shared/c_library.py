@@ -76,9 +76,9 @@ def undefined_symbols(file: Path) -> set[str]:
 
 
 def assert_needs_nothing(made: ExportedLibrary) -> None:
-    """Every object of a library needs mathematics and moves of bytes, and what stands in the other one: no Python, no memory."""
+    """Every object of a library needs mathematics and moves of bytes, and what stands in the others: no Python, no memory."""
     objects = sorted((made.folder / "lib").rglob("*.o"))
-    assert len(objects) == 2
+    assert len(objects) == 3
     own = set[str]()
     for one in objects:
         lines = subprocess.run(["nm", "--defined-only", str(one)], capture_output=True, text=True, check=True).stdout

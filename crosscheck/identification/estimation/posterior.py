@@ -24,6 +24,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
+import scipy  # its parts are loaded when they are asked for
 from numpy.typing import NDArray
 
 from crosscheck.identification.estimation.fit import Fit
@@ -47,6 +48,7 @@ ROUNDS = 15  # of Newton's method, at most: where there is no z(u) the move is n
 FARTHEST = 2.0  # widths of the priors that one step goes at most
 HALVINGS = 8  # of a step, at most
 SHORTER = 0.25  # by so much of the part that is taken the next step has to be shorter; a quarter is Deuflhard's
+REUSED = 6  # steps, at most, with the same slopes
 CLOSE = 1e-6  # error of u at which z is found
 OWN = 3.0  # information in widths of the prior by which one that is known but for this is narrowed to half: 1 / (1 + 3)^0.5
 LEAST = 1e-6  # part of the prior's variance that logs take away: below, what they say is rounding
@@ -109,23 +111,40 @@ class _Cost:
 
         A step is halved until the next one, with the slopes of this one, would be smaller.  The error in u itself grows at every
         step along the curved sets that the logs leave, and is no measure of a way (P. Deuflhard, "Newton Methods for Nonlinear
-        Problems", Springer 2004, 3.2).
+        Problems", Springer 2004, 3.2).  The same slopes serve as long as each step is `SHORTER` than the one before.
         """
         z = start.copy()
         error = np.full(len(z), np.inf)
         active = np.arange(len(z))
         for _ in range(ROUNDS):
             left = self._map(z[active]) - u[active]
-            inverse: Array = np.asarray(np.linalg.inv(self._compute_slopes(z[active])), dtype=np.float64)
-            step = -_apply_each(inverse, left @ self.back)
-            helped, z[active] = self._take_halved_step(z[active], step, u[active], inverse)
+            slopes = _Factors.build_from(self._compute_slopes(z[active]))
+            step = -slopes.solve(left @ self.back)
+            helped, z[active] = self._take_halved_step(z[active], step, u[active], slopes)
+            z[active] = self._go_on_with_slopes(z[active], step, u[active], slopes)
             error[active] = np.where(helped, np.sqrt(np.sum((self._map(z[active]) - u[active]) ** 2, axis=1)), np.inf)
             active = active[helped & (error[active] > CLOSE)]
             if not len(active):
                 break
         return z, error <= CLOSE
 
-    def _take_halved_step(self, z: Array, step: Array, u: Array, inverse: Array) -> tuple[NDArray[np.bool_], Array]:
+    def _go_on_with_slopes(self, z: Array, step: Array, u: Array, slopes: _Factors) -> Array:
+        """Return z (chains, parameters) after more steps with the slopes of a first one, as long as they get shorter."""
+        out = z.copy()
+        length = np.linalg.norm(step, axis=1)
+        open_ = np.arange(len(z))
+        for _ in range(REUSED):
+            following = -slopes.solve((self._map(out[open_]) - u[open_]) @ self.back, open_)
+            reached = np.linalg.norm(following, axis=1)
+            shorter = reached < SHORTER * length[open_]  # nan is not
+            open_ = open_[shorter]
+            out[open_] += following[shorter]
+            length[open_] = reached[shorter]
+            if not len(open_):
+                break
+        return out
+
+    def _take_halved_step(self, z: Array, step: Array, u: Array, slopes: _Factors) -> tuple[NDArray[np.bool_], Array]:
         """Return true where the step after a halved one (chains, parameters) is shorter than it, and the z there."""
         length = np.linalg.norm(step, axis=1)
         taken = step * np.minimum(1.0, FARTHEST / np.maximum(np.abs(step).max(axis=1, keepdims=True), FARTHEST))
@@ -134,7 +153,7 @@ class _Cost:
         for k in range(HALVINGS):
             part = 0.5**k
             tried = z[open_] + part * taken[open_]
-            following = _apply_each(inverse[open_], (self._map(tried) - u[open_]) @ self.back)
+            following = slopes.solve((self._map(tried) - u[open_]) @ self.back, open_)
             helped = np.linalg.norm(following, axis=1) < (1.0 - SHORTER * part) * length[open_]  # nan is no help
             out[open_[helped]] = tried[helped]
             open_ = open_[~helped]
@@ -184,9 +203,23 @@ class _Cost:
         return out
 
 
-def _apply_each(matrices: Array, vectors: Array) -> Array:
-    """The product of each matrix (samples, n, n) with its vector (samples, n)."""
-    return np.asarray((matrices @ vectors[..., None])[..., 0])
+@dataclass(frozen=True)
+class _Factors:
+    """Triangular factors of matrices, one by one: of hundred rows each that takes a third of the time of their inverses."""
+
+    factors: list[tuple[Array, NDArray[np.int32]]]
+
+    @classmethod
+    def build_from(cls, matrices: Array) -> _Factors:
+        """Return the factors of matrices (samples, n, n), which are overwritten."""
+        # A matrix by rows is its transpose by columns, as LAPACK has it.
+        return cls([scipy.linalg.lapack.dgetrf(one.T, overwrite_a=True)[:2] for one in matrices])
+
+    def solve(self, right: Array, rows: NDArray[np.int64] | None = None) -> Array:
+        """Return A^-1 b (samples, n) of the matrices, or those of ``rows``, for b (samples, n); nan where A is singular."""
+        chosen = self.factors if rows is None else [self.factors[k] for k in rows]
+        solved = [scipy.linalg.lapack.dgetrs(*one, b, trans=True)[0] for one, b in zip(chosen, right, strict=True)]
+        return np.array(solved).reshape(right.shape)
 
 
 def _build_cost(space: ParameterSpace, fit: Fit) -> _Cost:
