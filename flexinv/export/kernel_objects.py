@@ -20,7 +20,7 @@ from llvmlite import binding as llvm
 
 from flexinv.export.machine_code import Entry, Processor, check_needs
 
-DIGITS = 20  # of a digest, in names
+NAME_DIGITS = 20  # of a digest, in names
 _OTHERS = {"linkonce_odr", "external", "common", "weak_odr"}
 
 
@@ -41,12 +41,12 @@ def make_kernel_object(entries: Sequence[Entry], processor: Processor) -> Kernel
     modules = [kernels[name]._get_module_for_linking() for name in sorted(kernels)]
     digest = _compute_digest(modules, processor)
     called = sorted({one.overload.fndesc.llvm_func_name for one in entries})
-    names = {name: f"flexinv_{digest[:DIGITS]}_{number}" for number, name in enumerate(called)}
+    names = {name: f"flexinv_{digest[:NAME_DIGITS]}_{number}" for number, name in enumerate(called)}
     place = _find_place(entries, processor)
     code = _read_kept(place, digest)
     if code is None:
-        code = _translate(modules, names, processor)
-        _keep(place, digest, code)
+        code = _compile_modules(modules, names, processor)
+        _write_kept(place, digest, code)
     return KernelObject(code, names)
 
 
@@ -59,12 +59,12 @@ def _compute_digest(modules: Sequence[Any], processor: Processor) -> str:
     return out.hexdigest()
 
 
-def _translate(modules: Sequence[Any], names: Mapping[str, str], processor: Processor) -> bytes:
+def _compile_modules(modules: Sequence[Any], names: Mapping[str, str], processor: Processor) -> bytes:
     """The object file of modules, with the functions of these names under their new ones."""
     whole: Any = None
     for one in modules:
         module = processor.parse(str(one))
-        _share_kernels(names, module)
+        _rename_kernels(names, module)
         if whole is None:
             whole = module
         else:
@@ -72,10 +72,10 @@ def _translate(modules: Sequence[Any], names: Mapping[str, str], processor: Proc
     whole.verify()
     _remove_all_but(names.values(), whole)
     check_needs(whole)
-    return processor.translate(whole)
+    return processor.write_code(whole)
 
 
-def _share_kernels(names: Mapping[str, str], module: Any) -> None:
+def _rename_kernels(names: Mapping[str, str], module: Any) -> None:
     """Give the kernels of a module their new names; libraries that are linked share them, and what is linked sees no others."""
     for one in [one for one in module.functions if one.name in names]:
         one.name = names[one.name]
@@ -102,7 +102,7 @@ def _find_place(entries: Sequence[Entry], processor: Processor) -> Path | None:
         return None
     kernels = sorted({f"{one.overload.library.name.partition('$')[0]} {one.overload.signature}" for one in entries})
     which = sha256(repr((kernels, processor.triple, processor.name)).encode()).hexdigest()
-    return Path(folder) / f"export-{which[:DIGITS]}.o"
+    return Path(folder) / f"export-{which[:NAME_DIGITS]}.o"
 
 
 def _read_kept(place: Path | None, digest: str) -> bytes | None:
@@ -117,7 +117,7 @@ def _read_kept(place: Path | None, digest: str) -> bytes | None:
     return kept[len(head) :] if kept[: len(head)] == head else None
 
 
-def _keep(place: Path | None, digest: str, code: bytes) -> None:
+def _write_kept(place: Path | None, digest: str, code: bytes) -> None:
     """Write an object behind its digests, for the next export; a disk that is full costs the time of translating again."""
     if place is None:
         return

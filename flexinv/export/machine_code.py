@@ -76,7 +76,7 @@ class Entry:
 
 @dataclass(frozen=True)
 class Processor:
-    """What code is made for: triple, name and features, as LLVM calls them, and what makes it."""
+    """The processor that code is made for: triple, name and features, as LLVM calls them, and what makes it."""
 
     triple: str
     name: str
@@ -106,7 +106,7 @@ class Processor:
             text = re.sub(rf"^.*call void @{re.escape(_PAUSE)}\(\).*$", "", text, flags=re.M)
         return llvm.parse_assembly(head + text)
 
-    def translate(self, module: Any) -> bytes:
+    def write_code(self, module: Any) -> bytes:
         """Return the object file [-] of a module."""
         return bytes(self.maker.emit_object(module))
 
@@ -152,7 +152,7 @@ def write_entries(
     module.verify()
     for one in (*module.functions, *module.global_variables):
         one.visibility = "hidden"  # seen by what is linked with it, and not beyond
-    return processor.translate(module)
+    return processor.write_code(module)
 
 
 def _write_entry_module(entries: Sequence[Entry], constants: dict[str, bytes], names: Mapping[str, str]) -> ir.Module:

@@ -121,14 +121,14 @@ class _Cost:
             slopes = _Factors.build_from(self._compute_slopes(z[active]))
             step = -slopes.solve(left @ self.back)
             helped, z[active] = self._take_halved_step(z[active], step, u[active], slopes)
-            z[active] = self._go_on_with_slopes(z[active], step, u[active], slopes)
+            z[active] = self._take_more_steps(z[active], step, u[active], slopes)
             error[active] = np.where(helped, np.sqrt(np.sum((self._map(z[active]) - u[active]) ** 2, axis=1)), np.inf)
             active = active[helped & (error[active] > CLOSE)]
             if not len(active):
                 break
         return z, error <= CLOSE
 
-    def _go_on_with_slopes(self, z: Array, step: Array, u: Array, slopes: _Factors) -> Array:
+    def _take_more_steps(self, z: Array, step: Array, u: Array, slopes: _Factors) -> Array:
         """Return z (chains, parameters) after more steps with the slopes of a first one, as long as they get shorter."""
         out = z.copy()
         length = np.linalg.norm(step, axis=1)
