@@ -45,7 +45,7 @@ def make_kernel_object(entries: Sequence[Entry], processor: Processor) -> Kernel
     place = _find_place(entries, processor)
     code = _read_kept(place, digest)
     if code is None:
-        code = _compile_modules(modules, names, processor)
+        code = _make_object(modules, names, processor)
         _write_kept(place, digest, code)
     return KernelObject(code, names)
 
@@ -59,12 +59,12 @@ def _compute_digest(modules: Sequence[Any], processor: Processor) -> str:
     return out.hexdigest()
 
 
-def _compile_modules(modules: Sequence[Any], names: Mapping[str, str], processor: Processor) -> bytes:
+def _make_object(modules: Sequence[Any], names: Mapping[str, str], processor: Processor) -> bytes:
     """The object file of modules, with the functions of these names under their new ones."""
     whole: Any = None
     for one in modules:
         module = processor.parse(str(one))
-        _rename_kernels(names, module)
+        _replace_names(names, module)
         if whole is None:
             whole = module
         else:
@@ -75,7 +75,7 @@ def _compile_modules(modules: Sequence[Any], names: Mapping[str, str], processor
     return processor.write_code(whole)
 
 
-def _rename_kernels(names: Mapping[str, str], module: Any) -> None:
+def _replace_names(names: Mapping[str, str], module: Any) -> None:
     """Give the kernels of a module their new names; libraries that are linked share them, and what is linked sees no others."""
     for one in [one for one in module.functions if one.name in names]:
         one.name = names[one.name]

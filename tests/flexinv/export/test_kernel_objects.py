@@ -32,14 +32,14 @@ def place(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def kept_there(place: Path, monkeypatch: pytest.MonkeyPatch) -> list[str]:
     """Keep objects in a place of these tests, and list the kernels that are translated."""
     translated = list[str]()
-    translate = kernel_objects._compile_modules
+    translate = kernel_objects._make_object
 
     def note(modules: Sequence[Any], names: Mapping[str, str], processor: Processor) -> bytes:
         translated.extend(names)
         return translate(modules, names, processor)
 
     monkeypatch.setattr(kernel_objects, "_find_place", lambda *_: place)
-    monkeypatch.setattr(kernel_objects, "_compile_modules", note)
+    monkeypatch.setattr(kernel_objects, "_make_object", note)
     return translated
 
 
@@ -88,7 +88,7 @@ def test_an_object_that_was_spoiled_or_is_of_other_kernels_is_made_again(
     whole = place.read_bytes()
     place.write_bytes(spoil(whole))
     made = list[bytes]()
-    monkeypatch.setattr(kernel_objects, "_compile_modules", lambda *_: made.append(b"again") or read_kernels(first))
+    monkeypatch.setattr(kernel_objects, "_make_object", lambda *_: made.append(b"again") or read_kernels(first))
     again = export_c(replace(tree(), name="again"), tmp_path / "again")
     assert made == [b"again"]
     assert read_kernels(again) == read_kernels(first)
@@ -99,5 +99,5 @@ def test_a_folder_that_cannot_be_written_to_costs_time_only(
     first: ExportedLibrary, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(kernel_objects, "_find_place", lambda *_: tmp_path / "missing" / "kernels.o")
-    monkeypatch.setattr(kernel_objects, "_compile_modules", lambda *_: read_kernels(first))
+    monkeypatch.setattr(kernel_objects, "_make_object", lambda *_: read_kernels(first))
     assert read_kernels(export_c(replace(tree(), name="unkept"), tmp_path / "unkept")) == read_kernels(first)
