@@ -9,6 +9,7 @@ import scipy  # its parts are loaded when they are asked for
 
 from flexinv.typing import Array
 
+LONGEST_KEPT = 50_000  # samples of a signal that is kept, with its result: 128 of them take 100 MB
 ORDER = 4  # of the Butterworth filter; forth and back it is 8
 
 
@@ -19,15 +20,16 @@ def low_pass(values: Array, spacing: float, bandwidth: float) -> Array:
 
     values : (samples,) [any unit]; spacing : [s]; the ends are continued by a point reflection over two periods of the bandwidth
     """
-    return _apply_kept_low_pass(np.asarray(values, dtype=np.float64).tobytes(), spacing, bandwidth)
+    signal = np.asarray(values, dtype=np.float64)
+    if len(signal) > LONGEST_KEPT:
+        return apply_low_pass_all(signal[:, None], spacing, bandwidth)[:, 0]
+    return _apply_kept_low_pass(signal.tobytes(), spacing, bandwidth).copy()
 
 
 @lru_cache(maxsize=128)  # undoing a fault leaves most signals of a log as they were
 def _apply_kept_low_pass(values: bytes, spacing: float, bandwidth: float) -> Array:
-    """The signal (samples,) behind the low-pass, which nobody may write to."""
-    out = apply_low_pass_all(np.frombuffer(values)[:, None], spacing, bandwidth)[:, 0]
-    out.flags.writeable = False
-    return out
+    """The signal (samples,) behind the low-pass, as it is kept: whoever gives it away copies it."""
+    return apply_low_pass_all(np.frombuffer(values)[:, None], spacing, bandwidth)[:, 0]
 
 
 def apply_low_pass_all(values: Array, spacing: float, bandwidth: float) -> Array:

@@ -18,10 +18,10 @@ from typing import Any
 
 from llvmlite import binding as llvm
 
-from flexinv.export.machine_code import Entry, Processor, check_needs
+from flexinv.export.machine_code import NEEDED, Entry, Processor, check_needs
 
 NAME_DIGITS = 20  # of a digest, in names
-_OTHERS = {"linkonce_odr", "external", "common", "weak_odr"}
+_SEEN_OUTSIDE = {"linkonce_odr", "external", "common", "weak_odr"}
 
 
 @dataclass(frozen=True)
@@ -51,9 +51,10 @@ def make_kernel_object(entries: Sequence[Entry], processor: Processor) -> Kernel
 
 
 def _compute_digest(modules: Sequence[Any], processor: Processor) -> str:
-    """The digest of all that an object is made of: the text of its modules, the processor, and who translates."""
-    made_by = (llvm.llvm_version_info, processor.triple, processor.name, processor.features)
-    out = sha256(repr(made_by).encode())
+    """The digest of all that an object is made of: its modules, the processor, the compiler, this source, what may be needed."""
+    made_for = (processor.triple, processor.name, processor.features)
+    made_by = (llvm.llvm_version_info, Path(__file__).read_text(encoding="utf-8"), sorted(NEEDED))
+    out = sha256(repr((made_for, made_by)).encode())
     for one in modules:
         out.update(one.as_bitcode())
     return out.hexdigest()
@@ -87,7 +88,7 @@ def _replace_names(names: Mapping[str, str], module: Any) -> None:
 def _remove_all_but(kept: Collection[str], module: Any) -> None:
     """Leave in a module what the functions of these names need."""
     for one in (*module.functions, *module.global_variables):
-        if one.name not in kept and not one.is_declaration and one.linkage.name in _OTHERS:
+        if one.name not in kept and not one.is_declaration and one.linkage.name in _SEEN_OUTSIDE:
             one.linkage = "internal"
     passes = llvm.create_new_module_pass_manager()
     passes.add_global_dead_code_eliminate_pass()
@@ -100,9 +101,9 @@ def _find_place(entries: Sequence[Entry], processor: Processor) -> Path | None:
     folder = getattr(entries[0].call.kernel._cache, "cache_path", None)
     if not folder:
         return None
-    kernels = sorted({f"{one.overload.library.name.partition('$')[0]} {one.overload.signature}" for one in entries})
-    which = sha256(repr((kernels, processor.triple, processor.name)).encode()).hexdigest()
-    return Path(folder) / f"export-{which[:NAME_DIGITS]}.o"
+    kernels = sorted({f"{one.call.kernel.py_func.__qualname__} {one.overload.signature}" for one in entries})
+    wanted = sha256(repr((kernels, processor.triple, processor.name)).encode()).hexdigest()
+    return Path(folder) / f"export-{wanted[:NAME_DIGITS]}.o"
 
 
 def _read_kept(place: Path | None, digest: str) -> bytes | None:
@@ -113,15 +114,20 @@ def _read_kept(place: Path | None, digest: str) -> bytes | None:
         kept = place.read_bytes()
     except OSError:
         return None
-    head = digest.encode() + sha256(kept[2 * len(digest) :]).hexdigest().encode()
-    return kept[len(head) :] if kept[: len(head)] == head else None
+    code = kept[2 * len(digest) :]
+    return code if kept == _add_digests(digest, code) else None
 
 
 def _write_kept(place: Path | None, digest: str, code: bytes) -> None:
-    """Write an object behind its digests, for the next export; a disk that is full costs the time of translating again."""
+    """Write an object behind its digests, for the next export: a disk that is full costs the time of translating again."""
     if place is None:
         return
-    with suppress(OSError), tempfile.NamedTemporaryFile(dir=place.parent, prefix=place.stem, delete=False) as file:
-        file.write(digest.encode() + sha256(code).hexdigest().encode() + code)
-        file.close()
-        os.replace(file.name, place)
+    with suppress(OSError), tempfile.TemporaryDirectory(dir=place.parent, prefix=place.stem) as folder:
+        whole = Path(folder) / place.name
+        whole.write_bytes(_add_digests(digest, code))
+        os.replace(whole, place)
+
+
+def _add_digests(digest: str, code: bytes) -> bytes:
+    """A file of an object: the digest of what it is made of, that of the code, the code."""
+    return digest.encode() + sha256(code).hexdigest().encode() + code

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.signal import butter, sosfiltfilt
 
-from crosscheck.identification.filters import apply_lag, low_pass, undo_lag
+from crosscheck.identification.filters import LONGEST_KEPT, apply_lag, low_pass, undo_lag
 
 H = 0.004
 TIME = H * np.arange(2500)
@@ -43,7 +43,18 @@ def test_the_lag_can_be_undone() -> None:
 
 
 def test_the_low_pass_is_scipys_forth_and_back() -> None:
-    """To rounding: only the state in which the filter stands still is kept from call to call."""
+    """To rounding."""
     noise = np.random.default_rng(1).normal(size=400)
     section = butter(4, 15.0, fs=1.0 / H, output="sos")
     np.testing.assert_allclose(low_pass(noise, H, 15.0), sosfiltfilt(section, noise, padlen=34), rtol=0, atol=1e-13)
+
+
+@pytest.mark.parametrize("count", [400, LONGEST_KEPT + 1])
+def test_whoever_changes_a_filtered_signal_changes_no_other(count: int) -> None:
+    """Short signals are kept from call to call, long ones are not; callers see no difference."""
+    noise = np.random.default_rng(2).normal(size=count)
+    first = low_pass(noise, H, 15.0)
+    second = low_pass(noise, H, 15.0)
+    first += 1.0
+    np.testing.assert_array_equal(first - 1.0, second + 1.0 - 1.0)
+    np.testing.assert_array_equal(low_pass(noise, H, 15.0), second)

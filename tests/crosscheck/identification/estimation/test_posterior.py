@@ -10,7 +10,7 @@ from scipy.optimize import minimize
 
 import crosscheck
 from crosscheck.identification.estimation.fit import Fit
-from crosscheck.identification.estimation.posterior import sample_posterior
+from crosscheck.identification.estimation.posterior import _Factors, sample_posterior
 from crosscheck.identification.identify import Identification
 from crosscheck.identification.logs.log import Log
 from crosscheck.identification.parameters import Parameter, ParameterSpace
@@ -195,3 +195,19 @@ def test_a_free_gain_leaves_the_scale_to_the_masses(tmp_path: Path, seed: int) -
         below = np.log(row.value / row.low)
         above = np.log(row.high / row.value)
         assert 0.5 < below / above < 2.0
+
+
+def test_factors_solve_as_inverses_do_and_a_singular_matrix_spoils_no_other() -> None:
+    """Rounding of twelve equations with a condition number of some hundred; of a singular matrix there is no number."""
+    random = np.random.default_rng(3)
+    matrices = random.normal(size=(5, 12, 12))
+    matrices[2] = 0.0
+    right = random.normal(size=(5, 12))
+    factors = _Factors.build_from(matrices.copy())
+    every = factors.solve(right)
+    rows = np.array([4, 0, 1])
+    expected = np.linalg.solve(matrices[rows], right[rows, :, None])[..., 0]
+    np.testing.assert_allclose(factors.solve(right[rows], rows), expected, rtol=1e-10)
+    np.testing.assert_array_equal(every[rows], factors.solve(right[rows], rows))
+    assert not np.isfinite(every[2]).any()
+    assert factors.solve(right[:0], rows[:0]).shape == (0, 12)
