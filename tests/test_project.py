@@ -7,6 +7,7 @@ import shutil
 import subprocess
 import tomllib
 from pathlib import Path
+from typing import Any
 
 import pytest
 import yaml
@@ -146,7 +147,16 @@ def unsafe(text: str) -> list[str]:
     ]
     rights = [] if workflow.get("permissions") == {"contents": "read"} else ["permissions"]
     unbound = [name for name, job in workflow["jobs"].items() if "timeout-minutes" not in job]
-    return [*loose, *rights, *unbound]
+    more = [f"permissions of {name}" for name, job in workflow["jobs"].items() if not may_publish(job)]
+    return [*loose, *rights, *unbound, *more]
+
+
+def may_publish(job: dict[str, Any]) -> bool:
+    """Whether a job has no rights of its own, or those to publish a page, and then runs no command that could use them."""
+    if "permissions" not in job:
+        return True
+    alone = all("run" not in step for step in job["steps"]) and len(job["steps"]) == 1
+    return alone and job["permissions"] == {"pages": "write", "id-token": "write"}
 
 
 def test_workflows_pin_their_actions_and_may_only_read(root: Path) -> None:
@@ -158,6 +168,10 @@ def test_workflows_pin_their_actions_and_may_only_read(root: Path) -> None:
 def test_a_workflow_that_takes_what_a_name_means_today_is_found() -> None:
     text = "permissions: write-all\njobs:\n  a:\n    steps:\n      - uses: actions/checkout@v4\n"
     assert unsafe(text) == ["- uses: actions/checkout@v4", "permissions", "a"]
+    rights = {"pages": "write", "id-token": "write"}
+    assert may_publish({"permissions": rights, "steps": [{"uses": "actions/deploy-pages"}]})
+    assert not may_publish({"permissions": rights, "steps": [{"run": "make"}]})
+    assert not may_publish({"permissions": {"contents": "write"}, "steps": [{"uses": "actions/deploy-pages"}]})
 
 
 def list_wrong_changes(folder: Path, kinds: list[str]) -> list[str]:

@@ -72,6 +72,7 @@ CARD = "how a result is shown, apart from the result"
 # Modules that one other imports and that fit into it, and why they stay apart.
 ALONE = {
     "crosscheck.equivalence.card": CARD,
+    "crosscheck.board.jobs": "what is sent to the workers of a cluster, apart from what stays here",
     "crosscheck.bisect.dependencies": "one more environment, apart from the words of an answer",
     "crosscheck.studies.robot_sweep": "states and torques of many robots, which the benchmarks take, too",
     "crosscheck.causes.quantity_causes": "what no effort shows, a question of its own",
@@ -88,7 +89,6 @@ ALONE = {
     "crosscheck.identification.logs.bag": "a file format of its own",
     "crosscheck.doors.fmu_replay": "an FMU that torques drive, beside one that gives torques",
     "crosscheck.doors.program_files": "a walk through folders, apart from engines and their trust",
-    "crosscheck.run.cluster": "workers on other machines, which few runs have",
     "crosscheck.run.answer_stores": "answers of earlier runs, apart from the doing of jobs",
     "crosscheck.engines.exudyn.own_dynamics": ASKED,
     "crosscheck.engines.pinocchio.own_dynamics": ASKED,

@@ -10,6 +10,7 @@ import shutil
 import signal
 import subprocess
 import sys
+import threading
 import time as clock
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -135,10 +136,13 @@ def _compute_size(source: Path) -> int:
 
 
 @contextlib.contextmanager
-def run_script(script: Script, python: str, as_python: bool = False) -> Iterator[tuple[ScriptEnd, Path]]:
+def run_script(
+    script: Script, python: str, as_python: bool = False, stop: threading.Event | None = None
+) -> Iterator[tuple[ScriptEnd, Path]]:
     """Run a script in a fresh copy of its files; give its end and the folder, which is gone afterwards.
 
     python : of the environment; programs beside it come first on the path; as_python : whatever the name of the script ends in
+    stop : ends it where it is set meanwhile, by another thread
     """
     with open_scratch_folder() as place:
         work = place / "work"
@@ -148,7 +152,7 @@ def run_script(script: Script, python: str, as_python: bool = False) -> Iterator
         shutil.copyfile(LAUNCHER, launcher)
         command = _make_command(script, python, launcher, as_python)
         begun = clock.perf_counter()
-        code, trouble, processor = _run_command(script, command, python, place)
+        code, trouble, processor = _run_command(script, command, python, place, stop)
         wall = clock.perf_counter() - begun
         out = _read_end(place / "out.txt")
         errors = _read_end(place / "errors.txt")
@@ -175,7 +179,9 @@ def _make_command(script: Script, python: str, launcher: Path, as_python: bool) 
     return [python, *([str(launcher)] if script.judges else []), program.name, *arguments]
 
 
-def _run_command(script: Script, command: Sequence[str], python: str, place: Path) -> tuple[int, str, float]:
+def _run_command(
+    script: Script, command: Sequence[str], python: str, place: Path, stop: threading.Event | None
+) -> tuple[int, str, float]:
     """Return exit code, trouble and processor time [s] of a command in a process group of its own."""
     folder = Path(python).parent
     surroundings = make_script_environment(script.passed)
@@ -198,7 +204,7 @@ def _run_command(script: Script, command: Sequence[str], python: str, place: Pat
                 f"{command[0]} cannot be run: {error.strerror or error}; write the path of a program"
             ) from error
         try:
-            trouble = _wait_for_end(process, script.timeout, [place / "out.txt", place / "errors.txt"])
+            trouble = _wait_for_end(process, script.timeout, [place / "out.txt", place / "errors.txt"], stop)
         finally:
             if process.returncode is None:
                 end_process_tree(process.pid)
@@ -214,10 +220,14 @@ def _apply_bounds() -> None:
     end_with_parent()
 
 
-def _wait_for_end(process: subprocess.Popen[bytes], timeout: float, files: Sequence[Path]) -> str:
+def _wait_for_end(
+    process: subprocess.Popen[bytes], timeout: float, files: Sequence[Path], stop: threading.Event | None
+) -> str:
     """Wait until a script has ended; return why it has to be ended before, "" where it has not.  timeout : [s]"""
     until = clock.monotonic() + timeout
     while _is_running(process):
+        if stop is not None and stop.is_set():
+            return "it was stopped: the run was interrupted"
         if clock.monotonic() > until:
             return f"it hangs: stopped after the time limit of {timeout:g} s"
         if sum(file.stat().st_size for file in files) > FLOOD:

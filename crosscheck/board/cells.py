@@ -17,6 +17,8 @@ NO_LIMIT: CellState = "no limit"
 CANNOT_RUN: CellState = "cannot run"
 NO_SCRIPT: CellState = "no script"
 STATES: tuple[CellState, ...] = get_args(CellState)
+BY_CONSENSUS = "consensus"
+BY_REFERENCE = "flexinv"
 CELLS = "cells.json"
 # Of the distance: what is farther from or nearer to the expected efforts by this factor than in the release before has moved.
 MOVED = 10.0
@@ -27,7 +29,8 @@ ROUNDING = 1e-12  # of the range: distances below it are alike
 class Cell:
     """One case in one release: state, largest distance from what is expected over the range [-], words, and its key.
 
-    limit : that the case allows [-], None where it states none; seconds : of the run; key : of all that decides the cell
+    limit : that the case allows [-], None where it states none; against : the consensus of the case, or flexinv's efforts
+    seconds : of the run; key : of all that decides the cell
     """
 
     mechanism: str
@@ -37,6 +40,7 @@ class Cell:
     state: CellState
     distance: float | None
     limit: float | None
+    against: str
     words: str
     seconds: float
     key: str
@@ -54,8 +58,9 @@ def read_cells(folder: Path) -> dict[str, Cell]:
 
 
 def write_cells(cells: Iterable[Cell], folder: Path) -> None:
-    """Write all cells.  Raises OSError."""
-    owned.write(folder / CELLS, json.dumps([asdict(cell) for cell in cells], indent=1))
+    """Write the newest cell of each place.  Raises OSError."""
+    newest = {(cell.mechanism, cell.case, cell.engine, cell.release): cell for cell in cells}
+    owned.write(folder / CELLS, json.dumps([asdict(cell) for cell in newest.values()], indent=1))
 
 
 def describe_trend(before: Cell | None, cell: Cell) -> str:

@@ -13,13 +13,27 @@ from pathlib import Path
 from typing import TypedDict
 
 from crosscheck import output_folder as owned
-from crosscheck.board.cells import CANNOT_RUN, NO_LIMIT, NO_SCRIPT, OUTSIDE, STATES, WITHIN, Cell, describe_trend
+from crosscheck.board.cells import (
+    BY_CONSENSUS,
+    CANNOT_RUN,
+    NO_LIMIT,
+    NO_SCRIPT,
+    OUTSIDE,
+    STATES,
+    WITHIN,
+    Cell,
+    CellState,
+    describe_trend,
+)
 from crosscheck.report.html import copy_style, prepare_templates, write_page
 from crosscheck.report.words import format_short
+from crosscheck.verdicts.results import StudyRow
+from crosscheck.verdicts.study_table import Line
 
 VERDICTS = {WITHIN: "within", OUTSIDE: "deviation", NO_LIMIT: "unjudged", CANNOT_RUN: "skipped", NO_SCRIPT: "skipped"}
 MEANINGS = {
-    WITHIN: "the efforts lie within the limit of the case about those of flexinv",
+    WITHIN: "the efforts lie in the consensus of the case, or nearer to it than the limit of the case allows; without a "
+    "consensus, nearer to those of flexinv",
     OUTSIDE: "they lie outside; the cause is named below",
     NO_LIMIT: "the case states no limit of this engine: only the distance is shown",
     CANNOT_RUN: "the release cannot run the script of the case, or cannot be installed here",
@@ -31,6 +45,7 @@ BADGE = """<svg xmlns="http://www.w3.org/2000/svg" width="{width}" height="20" r
 <g fill="#fff" font-family="Verdana,sans-serif" font-size="11"><text x="6" y="14">{left}</text>
 <text x="{text}" y="14">{right}</text></g></svg>
 """
+BOARD_COLUMNS = (("release", "release", ""), *((state, state, "-") for state in STATES))
 CHARACTER = 7  # [px], the mean width of one in a badge
 GREEN = "#2a7d3f"
 RED = "#b3261e"
@@ -66,9 +81,18 @@ class BoardMove(TypedDict):
 
 
 def write_board(
-    cells: Sequence[Cell], releases: Mapping[str, Sequence[str]], folder: Path, notes: Sequence[str] = ()
+    cells: Sequence[Cell],
+    releases: Mapping[str, Sequence[str]],
+    folder: Path,
+    notes: Sequence[str] = (),
+    back: str = "",
 ) -> None:
-    """Write ``index.html``, ``board.json``, ``board.csv``, ``badges/ENGINE.svg`` into a folder that is ours.  Raises OSError."""
+    """Write ``index.html``, ``board.json``, ``board.csv``, ``badges/ENGINE.svg`` into a folder that is ours.
+
+    back : address of the page that leads to this one, "" for none
+    Raises OSError.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
     owned.write(folder / "board.json", json.dumps([asdict(cell) for cell in cells], indent=1))
     owned.write(folder / "board.csv", format_csv(cells))
     (folder / "badges").mkdir(exist_ok=True)
@@ -88,6 +112,8 @@ def write_board(
         "moved": collect_moves(cells),
         "notes": notes,
         "cases": len({(cell.mechanism, cell.case) for cell in cells}),
+        "agreed": len({(cell.mechanism, cell.case) for cell in cells if cell.against == BY_CONSENSUS}),
+        "back": back,
     }
     write_page(prepare_templates(), "board.html.j2", folder / "index.html", **view)
 
@@ -95,7 +121,7 @@ def write_board(
 def format_csv(cells: Iterable[Cell]) -> str:
     """Return the cells as CSV, one a row; the distance is a part of the range [-]."""
     text = io.StringIO()
-    names = ("mechanism", "case", "engine", "release", "state", "distance", "limit", "words")
+    names = ("mechanism", "case", "engine", "release", "state", "distance", "limit", "against", "words")
     table = csv.DictWriter(text, names, extrasaction="ignore", lineterminator="\n")
     table.writeheader()
     table.writerows(asdict(cell) for cell in cells)
@@ -119,7 +145,8 @@ def _make_square(cell: Cell | None, before: Cell | None) -> BoardSquare:
     if cell is None:
         return {"release": "", "verdict": "", "text": "", "trend": "", "words": ""}
     text = {CANNOT_RUN: "cannot run", NO_SCRIPT: "–"}.get(cell.state) or format_short(cell.distance)
-    words = f"{cell.engine} {cell.release}: {cell.state}{f', {cell.words}' if cell.words else ''}"
+    against = f" (against {cell.against})" if cell.against else ""
+    words = f"{cell.engine} {cell.release}: {cell.state}{against}{f', {cell.words}' if cell.words else ''}"
     trend = SIGNS[describe_trend(before, cell)]
     return {"release": cell.release, "verdict": VERDICTS[cell.state], "text": text, "trend": trend, "words": words}
 
@@ -145,6 +172,47 @@ def collect_moves(cells: Sequence[Cell]) -> list[BoardMove]:
         )
         move["cases"].append(f"{cell.mechanism}/{cell.case}")
     return list(moves.values())
+
+
+def make_board_table(cells: Sequence[Cell], releases: Mapping[str, Sequence[str]]) -> StudyRow:
+    """Return a board as a table of a night: cells by engine, release and state [-]; a newest release that is outside deviates."""
+    rows = []
+    for engine, versions in releases.items():
+        for version in versions:
+            counted = Counter(cell.state for cell in cells if (cell.engine, cell.release) == (engine, version))
+            rows.append(_make_board_line(engine, version, counted, version == versions[-1]))
+    return StudyRow(
+        "board",
+        "Board of releases",
+        "Cases by releases of the engines. board/index.html of the night shows every cell.",
+        BOARD_COLUMNS,
+        tuple(rows),
+    )
+
+
+def _make_board_line(engine: str, version: str, counted: Mapping[CellState, int], newest: bool) -> Line:
+    """Return the line of a release [-]; only the newest one has a limit: what older ones give is never mended."""
+    outside = counted.get(OUTSIDE, 0)
+    judged = counted.get(WITHIN, 0) + outside
+    verdict = "skipped" if not judged else "within" if not outside else "deviation" if newest else "explained"
+    message = (
+        ""
+        if not outside
+        else "the board names the causes"
+        if newest
+        else "an older release; the board names the causes"
+    )
+    metric = {
+        "name": f"board: cases outside in {engine} {version}",
+        "value": float(outside),
+        "unit": "-",
+        "lower": None,
+        "upper": 0.0 if newest else None,
+        "note": "",
+    }
+    line: dict[str, object] = {"release": f"{engine} {version}", "verdict": verdict, "message": message}
+    line |= {state: counted.get(state, 0) for state in STATES}
+    return {**line, "metric": metric} if judged else line
 
 
 def draw_badge(engine: str, release: str, cells: Sequence[Cell]) -> str:

@@ -3,22 +3,29 @@
 from __future__ import annotations
 
 import sys
+from collections.abc import Callable
 from pathlib import Path
 from typing import NoReturn
 
 import click
 from rich.markup import escape
 
+from crosscheck.bisect.environments import EnvironmentStore, find_store_folder
+from crosscheck.bisect.installers import Index, choose_installer
+from crosscheck.board.fill import BoardWorkers
+from crosscheck.board.make import USUAL, BoardWish, choose_engines
 from crosscheck.checkout import open_checkout_module
-from crosscheck.commands.shared.options import RunSelection, add_run_options
+from crosscheck.commands.shared.options import RunSelection, add_run_options, collect_engines
 from crosscheck.commands.shared.terminal import (
     FOLDER,
     Console,
     Failure,
     convert_sigterm,
+    match_engines,
     open_progress,
     write_troubles,
 )
+from crosscheck.engines import describe_missing_package
 from crosscheck.report.words import describe_run
 from crosscheck.secrets import format_command_line
 from crosscheck.studies import Study
@@ -47,6 +54,13 @@ from flexinv.errors import InputError
     is_flag=True,
     help="At the end the speed comparison of `crosscheck bench`, its ratios in the history (in a checkout).",
 )
+@click.option(
+    "--board",
+    "releases",
+    type=click.IntRange(min=1),
+    metavar="RELEASES",
+    help="Also a board of all cases in so many newest releases of the engines: see crosscheck board.",
+)
 @click.option("--label", default="", hidden=True, help="What kind of night it is, for the history.")
 def command(
     asked: RunSelection,
@@ -56,6 +70,7 @@ def command(
     against: str,
     latest_engines: bool,
     bench: bool,
+    releases: int | None,
     label: str,
 ) -> NoReturn:
     """Run everything, judge it against the blessed night, and add it to the history.
@@ -65,6 +80,7 @@ def command(
       <date>/           the report of this night, with trend pages over all nights
       latest/           a copy of the last one
       history.sqlite    every value, verdict, version and time of every night
+      board/            cells of the board of releases (--board), whose page is in the night
       baseline/         the blessed night: `crosscheck bless` writes it, and it belongs into version control
 
     A comparison that has become worse than its blessed value by more than noise is a deviation, even inside its
@@ -80,6 +96,10 @@ def command(
     if latest_engines:
         with convert_sigterm():
             sys.exit(fresh.run_in_fresh_environment(reports, fresh.remove_flag(sys.argv[1:]), write_line))
+    try:
+        board = None if releases is None else _make_board_wish(asked, releases, write_line)
+    except InputError as error:
+        raise Failure(str(error)) from error
     night = NightSettings(
         work=asked.prepare_work(write_line),
         reports=reports,
@@ -89,6 +109,7 @@ def command(
         label=label,
         command=format_command_line(sys.argv[1:]),
         bench=_list_speed_studies(asked.models) if bench else (),
+        board=board,
     )
     try:
         with convert_sigterm(), open_progress(console) as notify:
@@ -102,6 +123,17 @@ def command(
     also = "" if label else f", also {reports / 'latest' / 'index.html'}"
     console.print(f"report: {folder / 'index.html'}{also}", highlight=False, soft_wrap=True)
     sys.exit(results.exit_code)
+
+
+def _make_board_wish(asked: RunSelection, releases: int, write_line: Callable[[str], None]) -> BoardWish:
+    """Return the wish for a board: those of its usual engines that the night runs.  Raises InputError where that is none."""
+    wanted = match_engines(collect_engines(asked.models, asked.config, asked.engine).engines, asked.engines)
+    chosen = [name for name in USUAL if name in wanted and describe_missing_package(wanted[name]) is None]
+    if not chosen:
+        raise InputError(f"--board: the night runs none of {', '.join(USUAL)}; write --engines with one of them")
+    store = EnvironmentStore(find_store_folder(), choose_installer("auto", Index(), sources=False))
+    workers = BoardWorkers(asked.jobs, asked.scheduler, tell=write_line)
+    return BoardWish(choose_engines(chosen), releases, store, workers, asked.timeout)
 
 
 def _list_speed_studies(models: Path) -> tuple[Study, ...]:

@@ -150,7 +150,7 @@ def make_entry(case: CaseConsensus, note: MechanismNote, numbers: list[Published
         "redistribute": note.redistribute,
         **recipe,
         "floor": {"share": FLOOR, "reason": FLOOR_REASON},
-        "series": [_describe_series(one) for one in case.series],
+        "series": [describe_series(one) for one in case.series],
         "published": [_describe_published(one) for one in numbers],
     }
 
@@ -160,7 +160,8 @@ def list_kit_steps(mechanism: str, case: str, note: MechanismNote) -> list[str]:
     return [note.recipe or "Ask who made it.", f"crosscheck kit {mechanism} --case {case} --blind --out kit"]
 
 
-def _describe_series(one: SeriesConsensus) -> SeriesEntry:
+def describe_series(one: SeriesConsensus) -> SeriesEntry:
+    """Return a series of a case as plain data [unit of it]."""
     band: _BandEntry = {}
     if one.interval is not None:
         band["half-width"] = float(one.interval.half.max())

@@ -17,7 +17,11 @@ from crosscheck.verdicts.results import Results
 
 def run_panel(work: Work, notes: CorpusTable, folder: Path, notify: Notify, command: str = "") -> EnginePanel:
     """Run the engines of a work into a folder of its own, and return them with their authors and results."""
-    results = run(work, folder, notify, command)
+    return make_panel(work, notes, run(work, folder, notify, command))
+
+
+def make_panel(work: Work, notes: CorpusTable, results: Results) -> EnginePanel:
+    """Return the engines of a work with their authors and the results of their run."""
     of_trees, of_loops = (
         {name: find_author(one, notes.engines, loops) for name, one in work.engines.items()} for loops in (False, True)
     )

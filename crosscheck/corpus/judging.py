@@ -14,8 +14,8 @@ from typing import Any
 
 import numpy as np
 
-from crosscheck.corpus.consensus import REACHED
-from crosscheck.corpus.entry import FORMAT
+from crosscheck.corpus.consensus import REACHED, CaseConsensus
+from crosscheck.corpus.entry import FORMAT, describe_series, make_case_id, make_expected_record
 from crosscheck.corpus.folder import KITS, MANIFEST, compute_digest
 from crosscheck.corpus.intervals import EngineValues, Interval, make_interval
 from crosscheck.kit.answer import read_table
@@ -26,6 +26,7 @@ from crosscheck.measures.record import Series
 from crosscheck.measures.series_csv import check_times, read
 from crosscheck.verdicts.compare import WHOLE
 from flexinv.errors import InputError
+from flexinv.typing import Array
 from flexinv.validation import find_nearest_word
 
 INSIDE = "inside"
@@ -44,6 +45,37 @@ class SeriesJudgement:
     outside: float = 0.0
     distance: float = 0.0
     words: str = ""
+
+
+@dataclass(frozen=True)
+class CaseBands:
+    """Consensus of a case as answers are held against it.
+
+    time : (samples,) [s]; rows : of ``consensus.json`` by series that have one, with size and range [unit]
+    series : their middles, with half-widths as errors [unit]
+    """
+
+    id: str
+    time: Array
+    rows: Mapping[str, Mapping[str, Any]]
+    series: Mapping[str, Series]
+
+
+def make_bands(case: CaseConsensus) -> CaseBands:
+    """Return the consensus of a case that was just found, without files."""
+    made = make_expected_record(case, None)
+    rows = {one.name: describe_series(one) for one in case.series if one.name in made.series}
+    return CaseBands(make_case_id(case.task.folder.name, case.task.case.name), made.time, rows, made.series)
+
+
+def read_bands(corpus: Path, case: Mapping[str, Any]) -> CaseBands | None:
+    """Return the consensus of a case of the manifest, None where no series has one.  Raises InputError for files that changed."""
+    said = json.loads(_check_kit_file(corpus, case, "consensus.json").read_text(encoding="utf-8"))
+    rows = {row["name"]: row for row in said["series"] if row["status"] in REACHED}
+    if not rows:
+        return None
+    time, series = read(_check_kit_file(corpus, case, "expected/series.csv"))
+    return CaseBands(case["id"], time, rows, series)
 
 
 def judge_answers(answers: Path, corpus: Path) -> list[SeriesJudgement]:
@@ -84,34 +116,37 @@ def read_manifest(corpus: Path) -> dict[str, Mapping[str, Any]]:
 def _judge_answer(folder: Path, case: Mapping[str, Any], corpus: Path) -> Iterator[SeriesJudgement]:
     """Yield the judgement of one answer, series by series."""
     kit = corpus / KITS / case["id"]
-    said = json.loads(_check_kit_file(corpus, case, "consensus.json").read_text(encoding="utf-8"))
-    rows = {row["name"]: row for row in said["series"] if row["status"] in REACHED}
+    bands = read_bands(corpus, case)
     meta = read_table(file_inside(folder, "meta.json"), MetaFile) or MetaFile()
     if meta.case and meta.case != case["case.json"]:
         raise InputError(
             f"{folder / 'meta.json'}: an answer for the case {meta.case}, but {case['id']} is {case['case.json']}: "
             f"answer the kit in {kit}"
         )
-    if meta.skipped or not rows:
+    if meta.skipped or bands is None:
         yield SeriesJudgement(
             case["id"], "all", SKIPPED, words=meta.skipped or "no series of this case has a consensus"
         )
         return
-    time, consensus = read(_check_kit_file(corpus, case, "expected/series.csv"))
     file = file_inside(folder, "series.csv")
     if not file.is_file():
         raise InputError(f"{folder} holds no series.csv: nothing was answered")
     given, series = read(file)
-    check_times(file, given, time, float(time[1] - time[0]) if time.size > 1 else 1.0)
-    for name, row in rows.items():
+    check_times(file, given, bands.time, float(bands.time[1] - bands.time[0]) if bands.time.size > 1 else 1.0)
+    for name in bands.rows:
         if name in series:
-            yield _judge_series(case["id"], series[name], consensus[name], row, file)
+            yield judge_series(bands, series[name], file)
         elif name.split("/", 1)[0] in WHOLE:
             yield SeriesJudgement(case["id"], name, MISSING, words="every torque has to be answered")
 
 
-def _judge_series(id_: str, one: Series, consensus: Series, row: Mapping[str, Any], file: Path) -> SeriesJudgement:
-    """Return the judgement of one series [unit of it]."""
+def judge_series(bands: CaseBands, one: Series, file: Path) -> SeriesJudgement:
+    """Return the judgement of one series [unit of it].  Raises InputError for another unit, and values that are not finite.
+
+    file : that a message names
+    """
+    consensus = bands.series[one.name]
+    row = bands.rows[one.name]
     if one.unit != consensus.unit:
         raise InputError(f"{file}: column {one.name!r} is in {one.unit}, expected {consensus.unit}")
     assert consensus.error is not None
@@ -127,7 +162,7 @@ def _judge_series(id_: str, one: Series, consensus: Series, row: Mapping[str, An
     gap = np.maximum(np.maximum(interval.low - where.high, where.low - interval.high), 0.0)
     off = float((gap > 0.0).mean())
     words = f"its bar is wider than {WIDEST_BAR:g} of the range and excuses nothing" if wide else ""
-    return SeriesJudgement(id_, one.name, OUTSIDE if off else INSIDE, off, float(gap.max()) / span, words)
+    return SeriesJudgement(bands.id, one.name, OUTSIDE if off else INSIDE, off, float(gap.max()) / span, words)
 
 
 def _check_kit_file(corpus: Path, case: Mapping[str, Any], name: str) -> Path:

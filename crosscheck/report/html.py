@@ -27,6 +27,7 @@ from crosscheck.verdicts.results import CaseRow, Diagnosis, EngineRow, Results, 
 from crosscheck.verdicts.study_table import Curve, SideTable, StudyFigure, StudyPlot
 from flexinv.display.curve_table import render_curves
 
+INDEX = "index.html"
 ASSETS = ("report.css", "theme.js", "plots.js", "trends.js", "animation.js")
 
 
@@ -64,8 +65,8 @@ def _write_study_page(results: Results, study: StudyRow, out: Path) -> None:
 
 
 def _write_index(results: Results, out: Path) -> None:
-    has_trends = (out / "trends" / "index.html").is_file()
-    write_page(prepare_templates(), "index.html.j2", out / "index.html", **build_index_view(results, out, has_trends))
+    beside = [name for name in ("trends", "board") if (out / name / INDEX).is_file()]
+    write_page(prepare_templates(), "index.html.j2", out / INDEX, **build_index_view(results, out, beside))
 
 
 @cache
@@ -177,6 +178,7 @@ class IndexView(SingleStudy):
     changed: str
     gone: list[str]
     trends: bool
+    board: bool
 
 
 class CaseView(TypedDict):
@@ -198,8 +200,11 @@ class CaseView(TypedDict):
     trend: str
 
 
-def build_index_view(results: Results, out: Path, trends: bool = False) -> IndexView:
-    """Return the contents of the first page; the drawings are of the series below ``out``."""
+def build_index_view(results: Results, out: Path, beside: Sequence[str] = ()) -> IndexView:
+    """Return the contents of the first page; the drawings are of the series below ``out``.
+
+    beside : which of the pages that a night has are there: trends, board
+    """
     groups = words.split_by_mechanism(results.cases)
     matrix = [build_matrix_block(results, mechanism, cases, out) for mechanism, cases in groups.items()]
     return {
@@ -219,7 +224,8 @@ def build_index_view(results: Results, out: Path, trends: bool = False) -> Index
         "limits": [(c, line) for c in results.cases for line in c.unused_limits],
         "changed": change_summary.describe_changes(results.changes),
         "gone": words.describe_gone(results),
-        "trends": trends,
+        "trends": "trends" in beside,
+        "board": "board" in beside,
         **build_single_study_view(results),
     }
 

@@ -17,9 +17,15 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 from crosscheck import output_folder as owned
+from crosscheck.board.consensus import collect_consensus
+from crosscheck.board.make import BoardWish, make_board
+from crosscheck.board.pages import make_board_table, write_board
 from crosscheck.checkout import open_checkout_module
+from crosscheck.corpus.gather import find_all_consensus, make_panel
+from crosscheck.corpus.notes import read_notes
 from crosscheck.measures.record import RecordError
 from crosscheck.report import change_summary, render, trends
+from crosscheck.report.html import INDEX
 from crosscheck.run.run_state import RESULTS
 from crosscheck.run.runner import KEPT, run
 from crosscheck.run.work import Notify, Work
@@ -35,6 +41,7 @@ ROOM = 2.5
 LATEST = "latest"
 LOCK = "nightly.lock"
 HOLDER = "nightly.json"
+BOARD = "board"  # folder of cells that nights share, and that of the page in a night
 
 
 class NightRunning(RuntimeError):
@@ -47,7 +54,7 @@ class NightSettings:
 
     reports : folder of all nights; baseline : folder of the blessed one; url : of the history
     against : "previous", or start or folder of the night to compare with; label : "" for an ordinary night
-    bench : parts of the speed comparison, run after everything else
+    bench : parts of the speed comparison, run after everything else; board : of releases that the night keeps, or None
     """
 
     work: Work
@@ -58,6 +65,7 @@ class NightSettings:
     label: str = ""
     command: str = ""
     bench: tuple[Study, ...] = ()
+    board: BoardWish | None = None
 
 
 def run_night(night: NightSettings, notify: Notify, tell: Callable[[str], None]) -> tuple[Results, Path]:
@@ -82,6 +90,8 @@ def run_night(night: NightSettings, notify: Notify, tell: Callable[[str], None])
             results = run(replace(night.work, options=options), folder, notify, night.command, tell)
         if night.bench and results.finished:
             results = add_speed_tables(results, night, notify)
+        if night.board is not None and results.finished and night.work.plan.tasks:
+            results = add_board(results, night, night.board, folder, notify, tell)
         results = add_to_history(database, night, add_failure(results, trouble), folder, tell)
         results = write_night(results, folder, None if night.label else night.reports / LATEST, database, tell)
     return results, folder
@@ -95,6 +105,38 @@ def add_speed_tables(results: Results, night: NightSettings, notify: Notify) -> 
     tables = (*results.studies, *speed.studies)
     whole = replace(results, studies=tables, elapsed=results.elapsed + speed.elapsed)
     return whole if speed.finished else replace(add_failure(whole, speed.message), finished=False)
+
+
+def add_board(
+    results: Results,
+    night: NightSettings,
+    wish: BoardWish,
+    folder: Path,
+    notify: Notify,
+    tell: Callable[[str], None],
+) -> Results:
+    """Return the results with the board of releases, judged by what the engines of this night agree on; its page is in the night.
+
+    Cells are kept beside the nights, so that a night computes what is new.  A board that cannot be made is told.
+    """
+    tasks = night.work.plan.tasks
+    kept = night.reports / BOARD
+    try:
+        notes = read_notes(tasks[0].folder.parent)
+        panel = make_panel(night.work, notes, results)
+        consensus = collect_consensus(find_all_consensus(night.work, panel, folder))
+        with owned.open_report_folder(kept):
+            board = make_board(wish, tasks, consensus, kept, notify)
+        write_board(board.cells, board.releases, folder / BOARD, consensus.notes, f"../{INDEX}")
+    except KeyboardInterrupt:
+        words = "the board was interrupted: what was computed is kept"
+    except (InputError, RecordError, OSError) as error:
+        words = f"the board could not be made: {error}"
+    else:
+        tell(f"board: {len(board.cells)} cells, {board.computed} were computed now")
+        return replace(results, studies=(*results.studies, make_board_table(board.cells, board.releases)))
+    tell(words)
+    return add_failure(results, words)
 
 
 @contextmanager

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import base64
 import hashlib
+import importlib.util
 import os
 import sys
 import zipfile
@@ -17,14 +18,14 @@ TAG = "py3-none-any"
 
 
 def write_wheel(
-    folder: Path, name: str, version: str, source: str, requires: Sequence[str] = (), tag: str = TAG
+    folder: Path, name: str, version: str, source: str, requires: Sequence[str] = (), tag: str = TAG, module: str = ""
 ) -> Path:
-    """Write the wheel of a package that is one module of its name, and return its path."""
+    """Write the wheel of a package that is one module, by default of its name, and return its path."""
     folder.mkdir(parents=True, exist_ok=True)
     info = f"{name}-{version}.dist-info"
     needs = "".join(f"Requires-Dist: {one}\n" for one in requires)
     files = {
-        f"{name}.py": source,
+        f"{module or name}.py": source,
         f"{info}/METADATA": f"Metadata-Version: 2.1\nName: {name}\nVersion: {version}\n{needs}",
         f"{info}/WHEEL": f"Wheel-Version: 1.0\nGenerator: test\nRoot-Is-Purelib: true\nTag: {tag}\n",
     }
@@ -35,6 +36,16 @@ def write_wheel(
             archive.writestr(member, text)
         archive.writestr(f"{info}/RECORD", "".join([*rows, f"{info}/RECORD,,\n"]))
     return path
+
+
+def write_real_wheel(folder: Path, name: str, version: str, module: str, before: str = "") -> Path:
+    """Write the wheel of a release that is the module installed here, so that a test installs a real engine without a network.
+
+    before : what the release does first, such as an error
+    """
+    site = str(Path(importlib.util.find_spec(module).origin).parents[1])  # type: ignore[union-attr,arg-type]
+    source = f"import sys\n{before}\nsys.path.insert(0, {site!r})\ndel sys.modules[{module!r}]\nimport {module}\n"
+    return write_wheel(folder, name, version, source, module=module)
 
 
 def _digest(text: str) -> str:

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import itertools
 import sys
-from collections.abc import Callable, Sequence
-from contextlib import closing
+from collections.abc import Sequence
 from pathlib import Path
 from typing import NoReturn
 
@@ -13,17 +11,17 @@ import click
 from rich.markup import escape
 
 from crosscheck import output_folder as owned
-from crosscheck.bisect.cases import PACKAGES, find_package, resolve_engine
+from crosscheck.bisect.cases import PACKAGES
 from crosscheck.bisect.environments import GIGABYTE, EnvironmentStore, find_store_folder
 from crosscheck.bisect.installers import Index, choose_installer
-from crosscheck.bisect.pythons import find_pythons
-from crosscheck.bisect.releases import Release, ReleaseQuery, list_releases
-from crosscheck.board.cells import CANNOT_RUN, NO_SCRIPT, OUTSIDE, WITHIN, Cell, read_cells
-from crosscheck.board.fill import Board
-from crosscheck.board.pages import VERDICTS, write_board
-from crosscheck.board.scripts import BoardScript, prepare_script
+from crosscheck.board.cells import CANNOT_RUN, NO_SCRIPT, OUTSIDE, WITHIN
+from crosscheck.board.consensus import NO_CORPUS, BoardConsensus, read_consensus
+from crosscheck.board.fill import BoardWorkers
+from crosscheck.board.make import USUAL, BoardWish, FilledBoard, choose_engines, make_board
+from crosscheck.board.pages import write_board
 from crosscheck.commands.shared.terminal import (
     FOLDER,
+    JOBS,
     MODELS,
     TIMEOUT,
     Console,
@@ -33,26 +31,29 @@ from crosscheck.commands.shared.terminal import (
     plan_of,
     split_patterns,
 )
-from crosscheck.engines import ENGINES, describe_missing_package
-from crosscheck.run.forking import ForkServers
-from crosscheck.run.isolation import ChildProcesses
-from crosscheck.run.work import Event
+from crosscheck.corpus.folder import MANIFEST
 from crosscheck.verdicts.plan import Task
 from flexinv.errors import InputError
 
-SCRIPTS = "scripts"
-Notify = Callable[[Event], None]
-DEFAULT = "mujoco,pinocchio,exudyn"
+CORPUS = Path("corpus")
 
 
 @click.command("board", short_help="Show which releases of the engines are right, case by case.")
 @click.argument("names", nargs=-1)
 @MODELS
 @click.option(
-    "--engines", default=DEFAULT, show_default=True, help=f"Engines with commas between: {', '.join(PACKAGES)}."
+    "--engines",
+    default=",".join(USUAL),
+    show_default=True,
+    help=f"Engines with commas between: {', '.join(PACKAGES)}.",
 )
 @click.option(
     "--releases", "count", type=click.IntRange(min=1), default=5, show_default=True, help="Newest releases of each."
+)
+@click.option(
+    "--against",
+    type=FOLDER,
+    help="Corpus whose consensus judges.  [default: corpus, where that is one; else flexinv's efforts judge]",
 )
 @click.option("--out", type=FOLDER, default=Path("board"), show_default=True, help="Folder of the board.")
 @click.option("--environments", type=FOLDER, help="Folder of the environments.  [default: the user's cache]")
@@ -68,118 +69,93 @@ DEFAULT = "mujoco,pinocchio,exudyn"
 )
 @click.option("--find-links", multiple=True, help="Folder or page with files. Repeatable.")
 @click.option("--no-index", is_flag=True, help="Only what --find-links names.")
+@click.option(
+    "--scheduler", default="", help="Address of a Dask scheduler, tcp://host:8786: releases run on its workers."
+)
+@JOBS
 @TIMEOUT
 def command(
     names: tuple[str, ...],
     models: Path,
     engines: str,
     count: int,
+    against: Path | None,
     out: Path,
     environments: Path | None,
     disk: float,
     installer: str,
     find_links: tuple[str, ...],
     no_index: bool,
+    scheduler: str,
+    jobs: int,
     timeout: float,
 ) -> NoReturn:
     """Run every case in several releases of the engines, each in an environment of its own, and write a board.
 
     NAMES are mechanisms, patterns or single cases; without names all. A case is exported as a script that needs one engine
-    alone, and its efforts are held against flexinv's, within the limit of the case.
+    alone. Its efforts are held against the consensus of the case, as `crosscheck corpus` has written it, and where there is
+    none against flexinv's, within the limit of the case.
 
     \b
+      crosscheck corpus --out corpus                                what engines of different authors agree on
       crosscheck board --out board                                  the three engines, five releases each
       crosscheck board 'rigid_*' --engines mujoco --releases 20     one engine, further back
 
     The folder holds index.html, board.json, board.csv and badges/ENGINE.svg. A second run computes what is new: cases,
-    releases, adapters and sources that have changed. After Ctrl-C the same command goes on.
+    releases, adapters, sources and consensus values that have changed. After Ctrl-C the same command goes on.
 
+    Releases are computed several at a time (--jobs), or by a cluster (--scheduler), each in one go by one worker.
     Packages of the index run with your rights, as those that crosscheck bisect tries.
 
     \b
     Exit codes: 0  every cell that was judged is within   1  some are outside   2  nothing could be judged, or it failed
     """
     console = Console(stderr=True)
+
+    def write_line(line: str) -> None:
+        console.print(escape(line), highlight=False, soft_wrap=True)
+
     try:
-        chosen = _choose_engines(engines)
+        chosen = choose_engines(split_patterns(engines))
         plan = plan_of(models, names)
         for name, words in plan.broken:
             console.print(escape(f"{name} cannot be read: {words}"), highlight=False, soft_wrap=True, style="red")
+        consensus = _read_consensus(against, plan.tasks)
+        made = choose_installer(installer, Index(links=find_links, offline=no_index), sources=False)
+        store = EnvironmentStore(environments or find_store_folder(), made, disk * GIGABYTE)
+        workers = BoardWorkers(jobs, scheduler, environments is None, write_line)
+        wish = BoardWish(chosen, count, store, workers, timeout)
         with owned.open_report_folder(out), convert_sigterm():
-            owned.make_listed_folder(out)
-            made = choose_installer(installer, Index(links=find_links, offline=no_index), sources=False)
-            store = EnvironmentStore(environments or find_store_folder(), made, disk * GIGABYTE)
-            releases = {engine: _list_newest(engine, count, made.index) for engine in chosen}
             with open_progress(console) as notify:
-                scripts = _prepare_scripts(plan.tasks, chosen, out / SCRIPTS, timeout, notify)
-                board = Board(scripts, releases, store, out, read_cells(out), _make_notifier(notify))
-                cells = board.fill_cells()
-            versions = {engine: [str(release) for release in of_engine] for engine, of_engine in releases.items()}
-            write_board(cells, versions, out)
+                board = make_board(wish, plan.tasks, consensus, out, notify)
+            write_board(board.cells, board.releases, out, consensus.notes)
     except KeyboardInterrupt:
         raise Failure("interrupted: what was computed is kept, the same command goes on") from None
     except (InputError, OSError) as error:
         raise Failure(str(error)) from error
-    code = _write_summary(console, cells, board.computed, out)
+    code = _write_summary(console, board, out)
     sys.exit(2 if plan.broken else code)
 
 
-def _choose_engines(patterns: str) -> list[str]:
-    """Return the engines by name.  Raises InputError for one that no package brings, or that is not installed here."""
-    chosen = list(dict.fromkeys(resolve_engine(name) for name in split_patterns(patterns)))
-    for name in chosen:
-        if (reason := describe_missing_package(ENGINES[name])) is not None:
-            raise InputError(
-                f"{name} writes the scripts of its cases, with the release that is installed here: {reason}"
-            )
-    if not chosen:
-        raise InputError(f"--engines names none; write some of {', '.join(PACKAGES)}")
-    return chosen
+def _read_consensus(against: Path | None, tasks: Sequence[Task]) -> BoardConsensus:
+    """Return the consensus of a corpus.  Raises InputError where one is asked for that is not there."""
+    if against is None and not (CORPUS / MANIFEST).is_file():
+        return BoardConsensus(notes=(NO_CORPUS,))
+    return read_consensus(against or CORPUS, tasks)
 
 
-def _list_newest(engine: str, count: int, index: Index) -> list[Release]:
-    """Return the newest releases of an engine that have a wheel for this Python, the oldest of them first."""
-    releases = list_releases(find_package(engine), find_pythons([]), index, ReleaseQuery())
-    return [release for release in releases if release.python is not None][-count:]
-
-
-def _prepare_scripts(
-    tasks: Sequence[Task], engines: Sequence[str], folder: Path, timeout: float, notify: Notify
-) -> dict[str, list[BoardScript]]:
-    """Return the scripts of all cases by engine.  timeout : [s] of an export and of a run"""
-    scripts: dict[str, list[BoardScript]] = {engine: [] for engine in engines}
-    count = len(tasks) * len(engines)
-    with closing(ForkServers()) as servers:  # engines are imported once
-        children = ChildProcesses(servers=servers)
-        for task, engine in itertools.product(tasks, engines):
-            script = prepare_script(task, ENGINES[engine], folder, timeout, children)
-            scripts[engine].append(script)
-            label = f"{task.folder.name}/{task.case.name} for {engine}"
-            verdict = "ok" if script.made else "skipped"
-            notify(Event(label, verdict, script.refused, sum(map(len, scripts.values())), count))
-    return scripts
-
-
-def _make_notifier(notify: Notify) -> Callable[[Cell, int, int], None]:
-    """Return the function that tells of each cell."""
-
-    def send_event(cell: Cell, done: int, count: int) -> None:
-        label = f"{cell.mechanism}/{cell.case} in {cell.engine} {cell.release}"
-        notify(Event(label, VERDICTS[cell.state], cell.words, done, count))
-
-    return send_event
-
-
-def _write_summary(console: Console, cells: list[Cell], computed: int, out: Path) -> int:
+def _write_summary(console: Console, board: FilledBoard, out: Path) -> int:
     """Say what is on the board, and return the exit code."""
+    cells = board.cells
     counted = {state: sum(cell.state == state for cell in cells) for state in (WITHIN, OUTSIDE, CANNOT_RUN, NO_SCRIPT)}
     words = ", ".join(f"{number} {state}" for state, number in counted.items())
     console.print(
-        f"[bold]{len(cells)} cells: {words}[/]; {computed} were computed now", highlight=False, soft_wrap=True
+        f"[bold]{len(cells)} cells: {words}[/]; {board.computed} were computed now", highlight=False, soft_wrap=True
     )
     for cell in cells:
         if cell.state == OUTSIDE:
-            line = f"{cell.mechanism}/{cell.case} in {cell.engine} {cell.release}: {cell.distance:.2g} of the range. {cell.words}"
+            where = f"{cell.mechanism}/{cell.case} in {cell.engine} {cell.release}"
+            line = f"{where}: {cell.distance:.2g} of the range from {cell.against}. {cell.words}"
             console.print(escape(line), highlight=False, soft_wrap=True, style="red")
     console.print(f"board: {out / 'index.html'}", highlight=False, soft_wrap=True)
     return 1 if counted[OUTSIDE] else 0 if counted[WITHIN] else 2

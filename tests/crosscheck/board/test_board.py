@@ -5,6 +5,8 @@ from __future__ import annotations
 import csv
 import io
 import json
+import sys
+import threading
 import xml.etree.ElementTree as ElementTree
 from dataclasses import replace
 from pathlib import Path
@@ -12,23 +14,41 @@ from pathlib import Path
 import numpy as np
 import pytest
 from click.testing import CliRunner
+from distributed import LocalCluster
 from local_index import UnzippingInstaller, write_wheel
 from packaging.version import Version
 
-from crosscheck.bisect.cases import CaseScript
+from crosscheck.bisect.cases import CaseScript, find_case_limit, read_case_script
 from crosscheck.bisect.environments import EnvironmentStore
+from crosscheck.bisect.installers import InstallerError
 from crosscheck.bisect.observations import Observation
 from crosscheck.bisect.pythons import find_pythons
 from crosscheck.bisect.releases import Release
-from crosscheck.bisect.script import Script
+from crosscheck.bisect.script import Script, run_script
 from crosscheck.board import fill
 from crosscheck.board.cells import CELLS, Cell, describe_trend, read_cells
-from crosscheck.board.fill import Board
+from crosscheck.board.consensus import (
+    BoardConsensus,
+    collect_consensus,
+    compute_consensus_distance,
+    compute_digest,
+    read_consensus,
+)
+from crosscheck.board.fill import Board, BoardWorkers
 from crosscheck.board.pages import collect_moves, draw_badge, write_board
 from crosscheck.board.scripts import BoardScript
 from crosscheck.cli import main
+from crosscheck.corpus.authors import Author
+from crosscheck.corpus.consensus import CaseConsensus, EnginePanel, find_case_consensus
+from crosscheck.corpus.folder import write_corpus
+from crosscheck.corpus.judging import CaseBands
+from crosscheck.corpus.notes import CorpusTable
+from crosscheck.engines import ENGINES
+from crosscheck.measures.record import Record, Series
 from crosscheck.output_folder import make_listed_folder
 from crosscheck.verdicts.plan import Task, discover
+from crosscheck.verdicts.results import Results
+from flexinv.errors import InputError
 
 RELEASES = {
     "1.0": "FACTOR = 1.0\n",
@@ -44,6 +64,14 @@ def task(root: Path) -> Task:
     return discover(root / "models", ["rigid_one_link/cycloid"]).tasks[0]
 
 
+def write_case(folder: Path) -> CaseScript:
+    """The script of a case that gives FACTOR where 1 is expected."""
+    folder.mkdir()
+    (folder / "run.py").write_text(RUN)
+    (folder / "expected.csv").write_text("time,hub\n0,0\n1,1\n")
+    return read_case_script(folder, 60.0)
+
+
 @pytest.fixture
 def board(task: Task, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Board:
     """A board whose engine gives FACTOR where 1 is expected; the cause of a deviation is not looked for."""
@@ -51,9 +79,7 @@ def board(task: Task, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Board:
     for version, source in RELEASES.items():
         write_wheel(tmp_path / "wheels", "mujoco", version, source)
     write_wheel(tmp_path / "wheels", "numpy", "1", "")
-    (tmp_path / "run.py").write_text(RUN)
-    expected = Observation("", 0, None, ("time", "hub"), np.array([[0.0, 0.0], [1.0, 1.0]]), "", "", 0.0, 0.0)
-    made = CaseScript(tmp_path, Script((str(tmp_path / "run.py"),)), expected)
+    made = write_case(tmp_path / "case")
     other = replace(task, case=replace(task.case, name="other"))
     scripts = [
         BoardScript(task, "mujoco", "one", made),
@@ -97,7 +123,7 @@ def test_cells_that_cannot_be_read_are_computed(board: Board) -> None:
 
 
 def make_cell(state: str, distance: float | None) -> Cell:
-    return Cell("m", "c", "e", "1", state, distance, 1e-6, "", 0.0, "")  # type: ignore[arg-type]
+    return Cell("m", "c", "e", "1", state, distance, 1e-6, "flexinv", "", 0.0, "")  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize(
@@ -110,6 +136,7 @@ def make_cell(state: str, distance: float | None) -> Cell:
         (("outside", 1.0), ("within", 1e-9), "better"),
         (("within", 1e-9), ("cannot run", None), "worse"),
         (("cannot run", None), ("outside", 1.0), "better"),
+        (("cannot run", None), ("within", 1e-9), "better"),
         (("cannot run", None), ("cannot run", None), ""),
         (("no script", None), ("within", 0.0), ""),
     ],
@@ -148,9 +175,167 @@ def test_badges_say_when_nothing_was_judged_and_hide_no_markup() -> None:
     assert "&lt;e&gt;" in draw_badge("<e>", "1", [])
 
 
+def interrupt(cell: Cell, done: int, count: int) -> None:
+    raise KeyboardInterrupt
+
+
+def test_ctrl_c_keeps_what_was_computed_and_the_next_run_goes_on(board: Board) -> None:
+    with pytest.raises(KeyboardInterrupt):
+        replace(board, notify=interrupt).fill_cells()
+    kept = read_cells(board.folder)
+    again = replace(board, cells=dict(kept), computed=0)
+    assert [cell.state for cell in again.fill_cells()].count("within") == 2
+    assert again.computed == 4 - len(kept) < 4
+
+
+def test_a_script_that_is_told_to_stop_ends(tmp_path: Path) -> None:
+    (tmp_path / "sleep.py").write_text("import time\ntime.sleep(600)\n")
+    stop = threading.Event()
+    stop.set()
+    with run_script(Script((str(tmp_path / "sleep.py"),)), sys.executable, stop=stop) as (end, _):
+        assert end.reason == "it was stopped: the run was interrupted"
+
+
+def test_a_release_that_cannot_be_installed_cannot_run_and_a_dead_index_is_no_cell(
+    board: Board, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    board.store.installer.refused["mujoco==1.1"] = "no wheel fits"  # type: ignore[attr-defined]
+    cells = {cell.release: cell for cell in board.fill_cells() if cell.case != "other"}
+    assert (cells["1.1"].state, cells["1.1"].words) == ("cannot run", "no wheel fits")
+    assert board.computed == 3
+
+    def fail(*_: object) -> str:
+        raise InstallerError("the index cannot be reached")
+
+    monkeypatch.setattr(UnzippingInstaller, "resolve_pins", fail)
+    changed = replace(board, scripts={"mujoco": [replace(board.scripts["mujoco"][0], key="four")]})
+    later = replace(changed, releases={"mujoco": [Release(Version("9"), find_pythons([])[0])]})
+    with pytest.raises(InputError, match="the index cannot be reached"):
+        later.fill_cells()
+    assert not any(cell.release == "9" for cell in read_cells(board.folder).values())
+
+
+def test_workers_of_a_cluster_give_the_same_cells(board: Board) -> None:
+    """One worker in this process: what it is given is sent all the same."""
+    with LocalCluster(n_workers=1, threads_per_worker=1, processes=False, dashboard_address=None) as cluster:
+        there = replace(board, workers=BoardWorkers(scheduler=cluster.scheduler_address, own_folder=False))
+        cells = there.fill_cells()
+    assert there.computed == 4
+    here = replace(board, cells={}, computed=0).fill_cells()
+    assert [replace(cell, seconds=0.0) for cell in cells] == [replace(cell, seconds=0.0) for cell in here]
+
+
+def test_what_a_cluster_loses_is_said_and_computed_the_next_time(board: Board, monkeypatch: pytest.MonkeyPatch) -> None:
+    def fail(*_: object) -> None:
+        raise RuntimeError("the worker died")
+
+    with monkeypatch.context() as patch:
+        patch.setattr(fill, "run_release", fail)
+        cells = board.fill_cells()
+    assert {cell.words for cell in cells if cell.case != "other"} == {
+        "the harness failed: RuntimeError: the worker died"
+    }
+    assert read_cells(board.folder) == {}
+    again = replace(board, lost={})
+    assert again.fill_cells()[0].state == "within"
+
+
+# ------------------------------------------------------------------------------------------------------------- consensus
+
+
+def make_consensus(task: Task, value: float, half: float = 1e-3) -> BoardConsensus:
+    """A consensus on an effort that rises from 0 to a value, for the scripts of these tests."""
+    middle = Series("torque/hub", "N m", np.array([0.0, value]), np.array([half, half]))
+    rows = {"torque/hub": {"range": value, "size": value}}
+    bands = CaseBands("rigid_one_link-cycloid", np.array([0.0, 1.0]), rows, {"torque/hub": middle})
+    return BoardConsensus({("rigid_one_link", "cycloid"): bands})
+
+
+def test_the_consensus_of_a_case_judges_where_there_is_one(board: Board, task: Task) -> None:
+    """The same releases: what flexinv gives is 1, what engines agree on is here 1.5."""
+    assert {cell.against for cell in board.fill_cells() if cell.state == "within"} == {"flexinv"}
+    judged = replace(board, consensus=make_consensus(task, 1.5), computed=0)
+    cells = [cell for cell in judged.fill_cells() if cell.case != "other"]
+    assert [cell.state for cell in cells] == ["outside", "within", "cannot run", "outside"]
+    assert judged.computed == 4  # held against something else: not taken from before
+    assert [cell.distance for cell in cells] == [pytest.approx((0.5 - 1e-3) / 1.5), 0.0, None, cells[0].distance]
+    assert {cell.against for cell in cells if cell.distance is not None} == {"consensus"}
+    assert replace(judged, computed=0).fill_cells()[0] == cells[0]
+
+
+def test_one_line_more_than_the_limit_allows_is_outside(board: Board, task: Task) -> None:
+    limit = find_case_limit(task, "mujoco")
+    assert limit is not None
+    for share, state in ((0.5, "within"), (3.0, "outside")):  # of which one is the floor of every bar
+        consensus = make_consensus(task, 1.0 + share * limit, half=0.0)
+        assert replace(board, consensus=consensus, cells={}).fill_cells()[0].state == state
+
+
+@pytest.mark.parametrize(
+    ("table", "names", "distance"),
+    [
+        ([[0.0, 0.0], [1.0, 1.0]], ("time", "hub"), 0.0),
+        ([[0.0, 0.0], [1.0, 1.1]], ("time", "hub"), 0.099),
+        ([[0.0, 0.0], [2.0, 1.0]], ("time", "hub"), np.inf),  # at other times
+        ([[0.0, 0.0]], ("time", "hub"), np.inf),  # cut short
+        ([[0.0, 0.0], [1.0, np.nan]], ("time", "hub"), np.inf),
+        ([[0.0, 0.0], [1.0, 1.0]], ("time", "free 1"), None),  # in coordinates of its own
+    ],
+)
+def test_distances_from_a_consensus(
+    task: Task, table: list[list[float]], names: tuple[str, ...], distance: float | None
+) -> None:
+    bands = make_consensus(task, 1.0).find_bands(task)
+    assert bands is not None
+    observation = Observation("", 0, None, names, np.array(table), "", "", 0.0, 0.0)
+    found = compute_consensus_distance(bands, observation)
+    assert found is None if distance is None else found == pytest.approx(distance, abs=1e-9)
+
+
+def make_case_consensus(task: Task, shift: float = 0.0) -> CaseConsensus:
+    """What two engines of different authors agree on, the second of them farther off."""
+    records = {}
+    for name, off in (("flexinv", 0.0), ("pinocchio", shift)):
+        one = Series("torque/hub", "N m", np.sin(task.time) + off, np.full(task.time.size, 1e-3))
+        how = {"torque/hub": {"how": {"step": "Richardson"}}}
+        records[name] = Record(name, time=task.time, series={"torque/hub": one}, budget=how)
+    authors = {name: Author(name) for name in records}
+    engines = {name: ENGINES[name] for name in records}
+    return find_case_consensus(task, records, EnginePanel(engines, authors, authors, Results(started="")))
+
+
+def test_a_corpus_and_a_night_give_the_same_consensus(task: Task, tmp_path: Path) -> None:
+    found = [make_case_consensus(task)]
+    write_corpus(found, CorpusTable(licence="MIT"), Results(started=""), tmp_path)
+    read = read_consensus(tmp_path, [task])
+    assert read.notes == ()
+    both = [one.find_bands(task) for one in (read, collect_consensus(found))]
+    assert both[0] is not None
+    assert compute_digest(both[0]) == compute_digest(both[1]) != ""
+
+
+def test_cases_without_a_consensus_of_their_own_are_held_against_flexinv(task: Task, tmp_path: Path) -> None:
+    """Authors disagree; the corpus has another case; the case has changed since, which is said."""
+    assert collect_consensus([make_case_consensus(task, 1.0)]).cases == {}
+    write_corpus([make_case_consensus(task)], CorpusTable(licence="MIT"), Results(started=""), tmp_path)
+    other = replace(task, case=replace(task.case, name="other"))
+    assert read_consensus(tmp_path, [other]) == BoardConsensus()
+    slower = replace(task, case=replace(task.case, end=2.0 * task.case.end))
+    changed = read_consensus(tmp_path, [slower])
+    assert changed.cases == {}
+    assert changed.notes == (
+        "The corpus has a consensus on another state of rigid_one_link/cycloid: write it anew with crosscheck corpus.",
+    )
+
+
+# --------------------------------------------------------------------------------------------------- command and badges
+
+
 @pytest.mark.parametrize(
     ("words", "message"),
     [
+        (["rigid_3r", "--against", "."], "manifest.json: there is no such file, expected the manifest of a corpus"),
+        (["rigid_3r", "--scheduler", "nowhere"], "--scheduler nowhere: no scheduler answers there"),
         (["--engines", "flexinv"], "no package of the index brings 'flexinv'; expected one of mujoco, "),
         (["--engines", ","], "--engines names none; write some of mujoco, "),
         (["nothing_of_the_kind"], "nothing_of_the_kind"),

@@ -19,15 +19,21 @@ import pytest
 import rogue_engines as rogue
 from click.testing import CliRunner, Result
 from crosscheck_examples import write_models
+from local_index import UnzippingInstaller, write_real_wheel
 
 from crosscheck import output_folder as owned
+from crosscheck.bisect.environments import EnvironmentStore
+from crosscheck.bisect.installers import Index, Installer
+from crosscheck.board.make import BoardWish
 from crosscheck.cli import main
+from crosscheck.commands import nightly as nightly_command
 from crosscheck.engines import ENGINES, Engine
-from crosscheck.run.work import Options
+from crosscheck.run.work import Options, Work
 from crosscheck.verdicts import history
+from crosscheck.verdicts.plan import discover
 from crosscheck.verdicts.results import Results, read
 from crosscheck.workflows import latest_engines as fresh
-from crosscheck.workflows.night import replace_latest
+from crosscheck.workflows.night import NightSettings, add_board, replace_latest
 
 ROOT = Path(__file__).resolve().parents[3]
 REASON = ("--reason", "an example of the tests")
@@ -318,6 +324,71 @@ def test_a_full_disk_leaves_the_last_report_and_the_history_as_they_were(nightly
     assert known(reports)[: len(known_before)] == known_before
     assert sqlite3.connect(reports / "history.sqlite").execute("pragma integrity_check").fetchone() == ("ok",)
     assert nightly().exit_code == 1  # and the next night goes on
+
+
+# ------------------------------------------------------------------------------------------------------------ the board
+
+
+def put_releases(wheels: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """An index with two releases of pin: one that cannot be imported, and the one that is installed here."""
+    write_real_wheel(wheels, "pin", "1.0", "pinocchio", "raise ImportError('a library is gone')")
+    write_real_wheel(wheels, "pin", "1.1", "pinocchio")
+    write_real_wheel(wheels, "numpy", "1.0", "numpy")
+    monkeypatch.setenv("PIP_NO_INDEX", "1")
+    monkeypatch.setenv("PIP_FIND_LINKS", str(wheels))
+    monkeypatch.setenv("CROSSCHECK_ENVIRONMENTS", str(wheels.parent / "environments"))
+    monkeypatch.setattr(nightly_command, "choose_installer", lambda *_, **__: UnzippingInstaller(wheels))
+
+
+@pytest.mark.slow
+def test_a_night_keeps_the_board_and_its_page(
+    nightly: Invoke, reports: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    put_releases(tmp_path / "wheels", monkeypatch)
+    first = nightly("--board", "2")
+    assert "board: 2 cells, 2 were computed now" in first.output, first.output
+    cells = json.loads((reports / "latest" / "board" / "board.json").read_text())
+    assert [(one["release"], one["state"], one["against"]) for one in cells] == [
+        ("1.0", "cannot run", ""),
+        ("1.1", "within", "consensus"),
+    ]
+    page = (reports / "latest" / "board" / "index.html").read_text()
+    assert "0 ▲</td>" in page
+    assert 'href="../index.html"' in page
+    assert 'href="board/index.html"' in (reports / "latest" / "index.html").read_text()
+    (table,) = last(reports).studies
+    assert [(row["release"], row["verdict"]) for row in table.rows] == [
+        ("pinocchio 1.0", "skipped"),
+        ("pinocchio 1.1", "within"),
+    ]
+    database = history.open_database(f"sqlite:///{reports / 'history.sqlite'}")
+    (metric,) = history.read_rows(database, history.METRIC, 1)
+    assert (metric["name"], metric["value"]) == ("board: cases outside in pinocchio 1.1", 0.0)
+    (tmp_path / "wheels" / "pin-1.0-py3-none-any.whl").unlink()
+    second = nightly("--board", "2")  # the same values: nothing is new
+    assert "board: 1 cells, 0 were computed now" in second.output, second.output
+
+
+def test_a_board_that_cannot_be_made_is_told_and_the_night_goes_on(reports: Path, tmp_path: Path) -> None:
+    work = Work(discover(reports.parent / "models"), {"pinocchio": ENGINES["pinocchio"]})
+    settings = NightSettings(work, reports, reports / "baseline", "")
+    store = EnvironmentStore(tmp_path / "environments", Installer(Index(links=(str(tmp_path),), offline=True)))
+    told: list[str] = []
+    made = add_board(
+        Results(started=""), settings, BoardWish(("pinocchio",), 1, store), tmp_path, lambda _: None, told.append
+    )
+    assert told == [made.message]
+    assert made.message.startswith("the board could not be made: the index")
+    assert "has no release of pin" in made.message
+    assert (made.exit_code, made.studies) == (2, ())
+
+
+def test_a_board_of_engines_that_the_night_does_not_run_is_refused(nightly: Invoke, reports: Path) -> None:
+    done = nightly("--board", "2", "--engines", "flexinv,flexinv-c")
+    assert done.exit_code == 2
+    said = " ".join(done.output.split())
+    assert "--board: the night runs none of mujoco, pinocchio, exudyn; write --engines with one of them" in said
+    assert not reports.exists()
 
 
 # ------------------------------------------------------------------------------------------------------ newest engines

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import shlex
 import subprocess
 import sys
@@ -13,7 +14,10 @@ import pytest
 import yaml
 from click.testing import CliRunner
 
+from crosscheck.board.cells import Cell
+from crosscheck.board.pages import write_board
 from crosscheck.cli import main
+from crosscheck.output_folder import make_listed_folder
 from crosscheck.verdicts.results import read
 from crosscheck.workflows.skeleton import write
 
@@ -113,13 +117,35 @@ def test_recipes_leave_out_no_language() -> None:
     assert events == {"paths-ignore": ["docs/**", "**.md"]}
 
 
-def test_the_command_of_the_board_is_understood(root: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """It installs releases from an index, which tests have not: its words are read, and it is not run."""
-    (command,) = list_commands(root / "docs" / "workflows" / "board.yml")
+def test_the_commands_of_the_board_are_understood(root: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """They install releases from an index, which tests have not: their words are read, and they are not run."""
+    commands = list_commands(root / "docs" / "workflows" / "board.yml")[:2]
     (tmp_path / "models").mkdir()
     monkeypatch.chdir(tmp_path)
-    program, name, *words = shlex.split(command.partition("||")[0])
-    assert program == "crosscheck"
-    known = main.get_command(click.Context(main), name)
-    assert known is not None
-    assert known.make_context(name, words).params["count"] == 5
+    params = {}
+    for words in (shlex.split(command.partition("||")[0]) for command in commands):
+        assert words[0] == "crosscheck"
+        known = main.get_command(click.Context(main), words[1])
+        assert known is not None
+        params[words[1]] = known.make_context(words[1], words[2:]).params
+    assert params["board"]["count"] == 5
+    assert params["board"]["against"] == params["corpus"]["out"]
+
+
+def test_the_page_that_is_published_is_whole_and_holds_no_data_of_models(root: Path, tmp_path: Path) -> None:
+    cell = Cell("m", "c", "mujoco", "1.0", "within", 0.0, 1e-12, "consensus", "", 0.0, "key")
+    board = tmp_path / "board"
+    make_listed_folder(board)
+    write_board([cell], {"mujoco": ["1.0"]}, board)
+    (board / "scripts").mkdir()
+    (board / "scripts" / "model.xml").write_text("somebody's robot")
+    command = list_commands(root / "docs" / "workflows" / "board.yml")[-1]
+    subprocess.run(["bash", "-e", "-c", command], cwd=tmp_path, check=True)
+    taken = {
+        file.relative_to(tmp_path / "site").as_posix() for file in (tmp_path / "site").rglob("*") if file.is_file()
+    }
+    assert not any("script" in name for name in taken)
+    page = (tmp_path / "site" / "index.html").read_text()
+    linked = set(re.findall(r'(?:href|src)="([^"#:]+)"', page))
+    assert linked - taken == set()
+    assert {"board.json", "badges/mujoco.svg", "assets/report.css"} <= linked
