@@ -46,14 +46,14 @@ def render_files(plan: LibraryPlan, prefix: str, targets: Sequence[str]) -> dict
     values["notes"] = _join(parts, "md", values)
     values["functions"] = _join(parts, "h", values)
     return {
-        f"include/{prefix}.h": _fill("common.h", values),
+        f"include/{prefix}.h": fill_template("common.h", values),
         f"src/{prefix}.c": _join(["common", *parts], "c", values),
-        "example.c": _fill(f"{kind}_example.c", values),
-        "example.cpp": _fill("example.cpp", values),
-        "src/selftest.c": _fill("selftest.c", values),
-        f"lib/cmake/{prefix}Config.cmake": _fill("config.cmake", values),
-        f"lib/pkgconfig/{prefix}.pc": _fill("package.pc", values),
-        "README.md": _fill("readme.md", values),
+        "example.c": fill_template(f"{kind}_example.c", values),
+        "example.cpp": fill_template("example.cpp", values),
+        "src/selftest.c": fill_template("selftest.c", values),
+        f"lib/cmake/{prefix}Config.cmake": fill_template("config.cmake", values),
+        f"lib/pkgconfig/{prefix}.pc": fill_template("package.pc", values),
+        "README.md": fill_template("readme.md", values),
     }
 
 
@@ -67,10 +67,11 @@ def _join(parts: Sequence[str], ending: str, values: Mapping[str, str]) -> str:
     """The templates of the parts that have one with this ending, filled, one after the other."""
     folder = resources.files("flexinv.export") / "templates"
     there = [part for part in parts if (folder / f"{part}.{ending}.in").is_file()]
-    return "".join(_fill(f"{part}.{ending}", values) for part in there)
+    return "".join(fill_template(f"{part}.{ending}", values) for part in there)
 
 
-def _fill(template: str, values: Mapping[str, str]) -> str:
+def fill_template(template: str, values: Mapping[str, str]) -> str:
+    """Return a template with its values [-]."""
     folder = resources.files("flexinv.export") / "templates"
     return Template((folder / f"{template}.in").read_text(encoding="utf-8")).substitute(values)
 

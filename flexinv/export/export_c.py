@@ -7,23 +7,19 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-import numpy as np
 from numpy.typing import ArrayLike
 
 from flexinv.errors import InputError
 from flexinv.export.c_files import make_constants, render_files
-from flexinv.export.flexible.flexible_plan import MarchSettings, plan_flexible_library
 from flexinv.export.given_forces import replace_changing_forces
 from flexinv.export.kernel_objects import make_kernel_object
 from flexinv.export.library_plan import LibraryPlan
 from flexinv.export.link_library import find_compiler, list_link_commands, run_commands
 from flexinv.export.machine_code import NATIVE, Processor, check_target, write_entries
-from flexinv.export.names import LIBRARY_PREFIX, make_word
+from flexinv.export.plan_library import StatedStart, name_library, plan_inverse_library
 from flexinv.export.refusals import check_exportable
-from flexinv.export.rigid.rigid_plan import plan_rigid_library
 from flexinv.model.mechanism import Mechanism
-from flexinv.typing import Array
-from flexinv.validation import check_finite_array, check_flag, check_kind, check_names, check_path, check_seconds
+from flexinv.validation import check_flag, check_kind, check_names, check_path
 
 
 @dataclass(frozen=True)
@@ -63,28 +59,10 @@ def export_c(
     mechanism = replace_changing_forces(mechanism)
     check_exportable(mechanism)
     folder = _check_folder(Path(check_path("out", out, "a folder")), check_flag("overwrite", overwrite))
-    prefix = LIBRARY_PREFIX + make_word(mechanism.name).lower()
-    beginning = _check_start(mechanism, start)
-    if mechanism.is_rigid:
-        _check_stateless(mechanism, step, start, payloads)
-        plan = plan_rigid_library(mechanism, prefix, None if start is None else beginning)
-    else:
-        time = _check_step(mechanism, step)
-        settings = MarchSettings(time, beginning, initial, spectral_radius, check_names("payloads", payloads, "links"))
-        plan = plan_flexible_library(mechanism, prefix, settings)
+    prefix = name_library(mechanism)
+    carried = tuple(check_names("payloads", payloads, "links"))
+    plan = plan_inverse_library(mechanism, prefix, StatedStart(step, start, initial, spectral_radius, carried))
     return _write_library(plan, prefix, folder, chosen)
-
-
-def _check_stateless(
-    mechanism: Mechanism, step: float | None, start: ArrayLike | None, payloads: Sequence[str]
-) -> None:
-    """Refuse what is said of time of a rigid mechanism, and of a start where it has no loops to close."""
-    if payloads:
-        raise InputError(
-            f"export_c: mechanism {mechanism.name!r} is rigid: any link takes a payload; leave out payloads"
-        )
-    if step is not None or (start is not None and not mechanism.closures):
-        raise InputError(f"export_c: mechanism {mechanism.name!r} is rigid and has no state; leave out step and start")
 
 
 def _check_folder(folder: Path, overwrite: bool) -> Path:
@@ -94,23 +72,6 @@ def _check_folder(folder: Path, overwrite: bool) -> Path:
     if folder.is_dir() and any(folder.iterdir()) and not overwrite:
         raise InputError(f"{folder} has files in it already: write another folder, or overwrite=True (--overwrite)")
     return folder
-
-
-def _check_step(mechanism: Mechanism, step: float | None) -> float:
-    """The time between two calls [s]."""
-    if step is None:
-        raise InputError(
-            f"export_c: mechanism {mechanism.name!r} has beams, whose deformation is carried on from call to call; write step = "
-            "the time between two calls in seconds, for example step=5e-4 (--step 5e-4)"
-        )
-    return check_seconds("step", step, "the time between two calls in seconds, for example step=5e-4")
-
-
-def _check_start(mechanism: Mechanism, start: ArrayLike | None) -> Array:
-    """The position in which a mechanism begins."""
-    if start is None:
-        return mechanism.neutral
-    return np.array(check_finite_array("start", start, (mechanism.nq,), "rad, m"))
 
 
 def _write_library(plan: LibraryPlan, prefix: str, folder: Path, targets: Sequence[str]) -> ExportedLibrary:

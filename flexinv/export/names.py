@@ -1,4 +1,4 @@
-"""Names of a mechanism as words of C, CMake and Markdown: mangled where they become identifiers, escaped where they are text.
+"""Names of a mechanism as words of C, CMake, XML and Markdown: mangled where they become identifiers, escaped where they are text.
 
 Whatever somebody has written as a name, a file of C has it only as letters, digits and underscores, or within a string or a
 comment that it cannot end.
@@ -49,6 +49,11 @@ def format_markdown(text: str) -> str:
     """Return a text for a table of Markdown [-], where it neither ends a cell nor becomes a link, a picture or HTML."""
     line = " ".join(text.split())
     return "".join(one if one.isalnum() or one in " _-.,:" else f"&#{ord(one)};" for one in line)
+
+
+def format_line(text: str) -> str:
+    """Return a text on one line that XML can hold [-]: signs that it forbids become _, and whoever writes it escapes the rest."""
+    return "".join(one if one.isprintable() and one != "\N{REPLACEMENT CHARACTER}" else "_" for one in text)
 
 
 def format_numbers(numbers: Iterable[float]) -> str:
