@@ -1,9 +1,12 @@
-"""An FMU as an engine: inverse or forward dynamics behind the Functional Mock-up Interface 2.0, called by FMPy.
+"""An FMU as an engine: inverse or forward dynamics behind the Functional Mock-up Interface 2.0 or 3.0, called by FMPy.
 
 Which of the two its variables say; a forward one replays torques (`crosscheck.doors.fmu_replay`).  An inverse one has
 inputs NAME.q, NAME.qd, NAME.qdd and outputs NAME.tau of every velocity NAME, each with its unit; no states, no events, and every
 output depends on its inputs directly.  A model exchange FMU is a function of its inputs: set, get.  One for co-simulation alone
 may answer later: then its inputs are held until its outputs stand, and the number of steps that takes is reported.
+
+One for co-simulation alone that takes no step but the one that its default experiment states marches: it begins at rest with the
+motion at the start, and gets at each step the motion at its end.  It may ask for the motion of joints that follow from closures.
 """
 
 from __future__ import annotations
@@ -12,6 +15,7 @@ import importlib
 import shutil
 import time as clock
 from collections.abc import Mapping
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -22,20 +26,25 @@ from crosscheck.doors.fmu_description import (
     PLACE,
     check_feedthrough,
     check_stateless,
+    find_march_step,
     find_variables,
     is_forward,
+    is_new,
     read_description,
+    resolve_interface,
 )
 from crosscheck.doors.fmu_replay import ForwardFmuAdapter
 from crosscheck.engines.base import Options, sample_times
 from crosscheck.kit.resolved import UNITS, list_idle_velocities, list_quantity_series
 from crosscheck.measures.record import Record, list_effort_units, torque_series
+from flexinv.analysis.solve import solve
 from flexinv.errors import InputError
 from flexinv.files.load_cases import Case
 from flexinv.model.mechanism import Mechanism
 from flexinv.typing import Array
 
 MOST_STEPS = 4  # that a co-simulation FMU may take to answer: a chain of as many unit delays
+CLOCK_ROUNDING = 1e-6  # of a step: by so much two clocks may differ
 STANDS = 1e-12  # of the largest output: an answer that changes less from one step to the next has come
 
 
@@ -87,9 +96,10 @@ class FmuAdapter:
     def run(self, mechanism: Mechanism, case: Case, engine: str, options: Options) -> Record:
         """Return its torques [N m], [N] on the sample times.  Raises InputError where it is not what the door asks for."""
         description = read_description(self._path)
-        time = sample_times(case)
         check_stateless(description, self._path)
-        names, wanted, table = prepare_inputs(mechanism, case, time)
+        time = sample_times(case)
+        every = count_steps(description, self._path, time)
+        names, wanted, table = prepare_inputs(mechanism, case, refine_times(time, every), description)
         inputs = find_variables(description, names, "input")
         outputs = find_variables(description, wanted, "output")
         check_feedthrough(description, inputs, outputs)
@@ -97,21 +107,59 @@ class FmuAdapter:
         try:
             start = clock.perf_counter()
             with Instance(description, folder, find_start_values(description, mechanism, case)) as instance:
-                got, steps = instance.evaluate_outputs(inputs, outputs, time, table)
+                if every:
+                    instance.set_inputs(inputs, table[0])
+                instance.begin()
+                evaluate = instance.march if every else instance.evaluate_outputs
+                got, steps = evaluate(inputs, outputs, refine_times(time, every), table)
             wall = clock.perf_counter() - start
         finally:
             shutil.rmtree(folder, ignore_errors=True)
+        got = got[:: every or 1]
         torque = np.zeros((time.size, mechanism.nv))
         torque[:, [mechanism.velocity_names.index(name.removesuffix(".tau")) for name in wanted]] = got
         said = {"file": self._path.name, "interface": instance.kind, "steps until it answers": steps}
         return Record(engine, settings=said, time=time, series=torque_series(mechanism, torque), wall_time=wall)
 
 
-def prepare_inputs(mechanism: Mechanism, case: Case, time: Array) -> tuple[dict[str, str], dict[str, str], Array]:
-    """Return units by name of inputs and of outputs, and the inputs (samples, inputs) [rad], [m], [s] over time [s]."""
+def count_steps(description: Any, path: Path, time: Array) -> int:
+    """Return the steps of an FMU that marches between two samples (samples,) [s], 0 for one that does not march.
+
+    Raises InputError where samples are no whole number of steps apart.
+    """
+    step = find_march_step(description)
+    if step is None:
+        return 0
+    spacing = float(time[1] - time[0])
+    count = round(spacing / step)
+    if count < 1 or abs(count * step - spacing) > CLOCK_ROUNDING * step:
+        raise InputError(
+            f"{path.name} marches by {step:g} s, and samples of the case are {spacing:g} s apart; export it with --step {spacing:g}"
+        )
+    return count
+
+
+def refine_times(time: Array, every: int) -> Array:
+    """Return the ends of all steps [s], ``every`` to a sample; 0: the samples themselves."""
+    if every in (0, 1):
+        return time
+    return time[0] + (time[1] - time[0]) / every * np.arange(every * (len(time) - 1) + 1)
+
+
+def prepare_inputs(
+    mechanism: Mechanism, case: Case, time: Array, description: Any
+) -> tuple[dict[str, str], dict[str, str], Array]:
+    """Return units by name of inputs and of outputs, and the inputs (samples, inputs) [rad], [m], [s] over time [s].
+
+    Joints that the motion leaves out are inputs where the FMU asks for them: they go as flexinv closes the loops.
+    """
     given = set(case.motion.joints(mechanism))
-    joints = [joint for joint in mechanism.joints if joint.nv and joint.name in given]
-    parts = dict(zip(("q", "qd", "qdd"), case.motion.evaluate(mechanism, time), strict=True))
+    asked = {v.name for v in description.modelVariables if v.causality == "input"}
+    joints = [j for j in mechanism.joints if j.nv and (j.name in given or f"{j.name}.q" in asked)]
+    motion = case.motion.evaluate(mechanism, time)
+    if any(joint.name not in given for joint in joints):
+        motion = _close_loops(mechanism, case, time)
+    parts = dict(zip(("q", "qd", "qdd"), motion, strict=True))
     names = {}
     columns = []
     for joint in joints:
@@ -121,9 +169,16 @@ def prepare_inputs(mechanism: Mechanism, case: Case, time: Array) -> tuple[dict[
             slices = mechanism.q_slices if part == "q" else mechanism.v_slices
             columns.append(parts[part][:, slices[joint.name]])
     efforts = dict(zip(mechanism.velocity_names, list_effort_units(mechanism), strict=True))
-    asked = [n.removeprefix("torque/") for n in list_quantity_series(mechanism, case, "torque")]
-    assert not set(asked) & set(list_idle_velocities(mechanism, case))
-    return names, {f"{name}.tau": efforts[name] for name in asked}, np.hstack(columns)
+    wanted = [n.removeprefix("torque/") for n in list_quantity_series(mechanism, case, "torque")]
+    assert not set(wanted) & set(list_idle_velocities(mechanism, case))
+    return names, {f"{name}.tau": efforts[name] for name in wanted}, np.hstack(columns)
+
+
+def _close_loops(mechanism: Mechanism, case: Case, time: Array) -> tuple[Array, Array, Array]:
+    """The motion of all joints of closed loops (samples, each) [rad], [m], [s] on the samples."""
+    every = round((time[1] - time[0]) / case.step)
+    found = solve(mechanism, case.motion, case.step, end=case.end, start=case.start)
+    return found.q[::every], found.qd[::every], found.qdd[::every]
 
 
 def find_start_values(description: Any, mechanism: Mechanism, case: Case) -> dict[int, float]:
@@ -148,32 +203,52 @@ class Instance:
         starts : by value reference, numbers that are set while it initialises [units of the variables]
         """
         self._starts = starts
-        fmi = importlib.import_module("fmpy.fmi2")
+        self._is_new = is_new(description)
         exchange = description.modelExchange
         part = exchange or description.coSimulation
         self.kind = "model exchange" if exchange is not None else "co-simulation"
-        make = fmi.FMU2Model if exchange is not None else fmi.FMU2Slave
+        make = resolve_interface(description, exchange is not None)
         self._fmu = make(
             guid=description.guid,
             unzipDirectory=folder,
             modelIdentifier=part.modelIdentifier,
             instanceName="crosscheck",
         )
+        self.set_numbers = self._fmu.setFloat64 if self._is_new else self._fmu.setReal
+        self.read_numbers = self._fmu.getFloat64 if self._is_new else self._fmu.getReal
 
     def __enter__(self) -> Instance:
-        """Begin."""
+        """Instantiate it, and let it initialise."""
         self._fmu.instantiate()
-        self._fmu.setupExperiment(startTime=0.0)
+        if not self._is_new:
+            self._fmu.setupExperiment(startTime=0.0)
         self._fmu.enterInitializationMode()
         if self._starts:
-            self._fmu.setReal(list(self._starts), list(self._starts.values()))
-        self._fmu.exitInitializationMode()
+            self.set_numbers(list(self._starts), list(self._starts.values()))
         return self
+
+    def set_inputs(self, inputs: list[Any], row: Array) -> None:
+        """Set inputs (inputs,) [units of the variables]."""
+        self.set_numbers([variable.valueReference for variable in inputs], row.tolist())
+
+    def begin(self) -> None:
+        """End its initialisation."""
+        self._fmu.exitInitializationMode()
 
     def __exit__(self, *_: object) -> None:
         """End and free it."""
         self._fmu.terminate()
         self._fmu.freeInstance()
+
+    def march(self, inputs: list[Any], outputs: list[Any], time: Array, table: Array) -> tuple[Array, int]:
+        """Return the outputs (samples, outputs) [N m], [N] of steps whose inputs are those at their ends, and 1 step each [-]."""
+        of = [variable.valueReference for variable in outputs]
+        rows = [self.read_numbers(of)]
+        for now, (start, end) in zip(table[1:], pairwise(time), strict=True):
+            self.set_inputs(inputs, now)
+            self._fmu.doStep(currentCommunicationPoint=start, communicationStepSize=end - start)
+            rows.append(self.read_numbers(of))
+        return np.array(rows).reshape(len(time), len(of)), 1
 
     def evaluate_outputs(self, inputs: list[Any], outputs: list[Any], time: Array, table: Array) -> tuple[Array, int]:
         """Return the outputs (samples, outputs) [N m], [N] at inputs (samples, inputs), and the steps until they stood [-]."""
@@ -183,8 +258,8 @@ class Instance:
         now = 0.0
         spacing = float(time[1] - time[0])
         for row in table:
-            self._fmu.setReal(to, row.tolist())
-            values = np.array(self._fmu.getReal(of))
+            self.set_numbers(to, row.tolist())
+            values = np.array(self.read_numbers(of))
             if self.kind == "co-simulation":
                 values, steps = self._evaluate_settled_outputs(of, values, now, spacing)
                 most = max(most, steps[0])
@@ -199,7 +274,7 @@ class Instance:
         steps = 0
         for made in range(1, MOST_STEPS + 1):
             self._fmu.doStep(currentCommunicationPoint=now + (made - 1) * spacing, communicationStepSize=spacing)
-            after = np.array(self._fmu.getReal(of))
+            after = np.array(self.read_numbers(of))
             if np.abs(after - values).max(initial=0.0) <= STANDS * np.abs(after).max(initial=0.0):
                 return after, (steps, made)
             values = after

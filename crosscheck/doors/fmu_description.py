@@ -28,14 +28,39 @@ SAME_UNIT = {
 
 
 def read_description(path: Path) -> Any:
-    """Return the model description of an FMU.  Raises InputError where it is none of FMI 2.0."""
+    """Return the model description of an FMU.  Raises InputError where it is none of FMI 2.0 or 3.0."""
     try:
         description = importlib.import_module("fmpy").read_model_description(str(path), validate=False)
     except Exception as error:
         raise InputError(f"{path.name} is no FMU: {error}") from error
-    if not str(description.fmiVersion).startswith("2."):
-        raise InputError(f"{path.name} is of FMI {description.fmiVersion}; expected 2.0")
+    if not str(description.fmiVersion).startswith(("2.", "3.")):
+        raise InputError(f"{path.name} is of FMI {description.fmiVersion}; expected 2.0 or 3.0")
     return description
+
+
+def is_new(description: Any) -> bool:
+    """Return True for FMI 3, False for FMI 2."""
+    return str(description.fmiVersion).startswith("3.")
+
+
+def resolve_interface(description: Any, exchange: bool) -> Any:
+    """Return FMPy's class for FMUs of a version: for model ``exchange``, or for co-simulation."""
+    version = 3 if is_new(description) else 2
+    module = importlib.import_module(f"fmpy.fmi{version}")
+    return getattr(module, f"FMU{version}{'Model' if exchange else 'Slave'}")
+
+
+def find_march_step(description: Any) -> float | None:
+    """Return the one communication step [s] of an FMU that marches from step to step, None for others.
+
+    It is for co-simulation alone, takes no other step, and states which in its default experiment.
+    """
+    part = description.coSimulation
+    experiment = description.defaultExperiment
+    if description.modelExchange is not None or part is None or part.canHandleVariableCommunicationStepSize:
+        return None
+    stated = None if experiment is None else experiment.stepSize
+    return None if stated is None else float(stated)
 
 
 def is_forward(description: Any) -> bool:

@@ -19,7 +19,7 @@ from typing import Any
 
 import numpy as np
 
-from crosscheck.doors.fmu_description import find_variables, read_description
+from crosscheck.doors.fmu_description import find_variables, is_new, read_description, resolve_interface
 from crosscheck.engines.shared.replay import Array, DriveTorques
 from crosscheck.kit.resolved import UNITS
 from crosscheck.lifting.rigid import apply_placement, turned
@@ -103,19 +103,21 @@ class ForwardInstance:
 
     def __init__(self, description: Any, folder: str) -> None:
         """Instantiate.  Raises InputError for an FMU for model exchange with events."""
-        fmi = importlib.import_module("fmpy.fmi2")
         self._states = description.numberOfContinuousStates
         self._exchange = description.modelExchange is not None
         if self._exchange and description.numberOfEventIndicators:
             raise InputError("the FMU has events; write it for co-simulation, where it integrates over them by itself")
         part = description.modelExchange or description.coSimulation
-        make = fmi.FMU2Model if self._exchange else fmi.FMU2Slave
+        make = resolve_interface(description, self._exchange)
         self._fmu = make(
             guid=description.guid,
             unzipDirectory=folder,
             modelIdentifier=part.modelIdentifier,
             instanceName="crosscheck",
         )
+        self._is_new = is_new(description)
+        self._set_numbers = self._fmu.setFloat64 if self._is_new else self._fmu.setReal
+        self._read_numbers = self._fmu.getFloat64 if self._is_new else self._fmu.getReal
         self._fmu.instantiate()
 
     def __enter__(self) -> ForwardInstance:
@@ -129,8 +131,9 @@ class ForwardInstance:
 
     def begin(self, places: list[int], q: Array) -> None:
         """Let it begin at coordinates [rad], [m] of these variables."""
-        self._fmu.setupExperiment(startTime=0.0)
-        self._fmu.setReal(places, q.tolist())
+        if not self._is_new:
+            self._fmu.setupExperiment(startTime=0.0)
+        self._set_numbers(places, q.tolist())
         self._fmu.enterInitializationMode()
         self._fmu.exitInitializationMode()
         if self._exchange:
@@ -141,14 +144,14 @@ class ForwardInstance:
     def integrate_steps(self, refs: tuple[list[int], list[int]], torque: Array, h: float) -> Iterator[list[float]]:
         """Yield outputs [rad], [m] at every sample; refs : of inputs, outputs; torque (samples, drives); h : between two [s]."""
         to, of = refs
-        yield self._fmu.getReal(of)
+        yield self._read_numbers(of)
         for k, (now, then) in enumerate(pairwise(torque)):
             if self._exchange:
                 self._integrate_runge_kutta(to, now, then, k * h, h)
             else:
-                self._fmu.setReal(to, (0.5 * (now + then)).tolist())
+                self._set_numbers(to, (0.5 * (now + then)).tolist())
                 self._fmu.doStep(currentCommunicationPoint=k * h, communicationStepSize=h)
-            yield self._fmu.getReal(of)
+            yield self._read_numbers(of)
 
     def _integrate_runge_kutta(self, to: list[int], now: Array, then: Array, t: float, h: float) -> None:
         n = self._states
@@ -160,7 +163,7 @@ class ForwardInstance:
         def evaluate_rate(time: float, at: Array, effort: Array) -> Array:
             self._fmu.setTime(time)
             self._fmu.setContinuousStates((ctypes.c_double * n)(*at), n)
-            self._fmu.setReal(to, effort.tolist())
+            self._set_numbers(to, effort.tolist())
             self._fmu.getDerivatives(store, n)
             return np.array(store)
 

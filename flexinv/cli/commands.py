@@ -17,6 +17,7 @@ from flexinv.kernels.compiler.compile_lock import NOTE, add_compile_listener
 # Command -> module below `flexinv.cli`, its name there, and its line in the list of all.
 COMMANDS = {
     "export-c": ("export_c", "write_c_library", "Write the inverse dynamics of a mechanism as a C library."),
+    "export-fmu": ("export_fmu", "write_fmu", "Write the dynamics of a mechanism as an FMU (Simulink, Modelica)."),
     "follow": ("simulate", "follow_task", "Compute the torques with which a tip follows a path."),
     "info": ("show", "info", "Show what a mechanism file (or a URDF) is."),
     "modes": ("show", "modes", "Show natural frequencies, at rest or in steady rotation."),

@@ -6,8 +6,7 @@ from pathlib import Path
 
 import click
 
-from flexinv.cli.output import MODEL
-from flexinv.errors import InputError
+from flexinv.cli.output import MODEL, parse_start
 from flexinv.export.export_c import export_c
 from flexinv.export.machine_code import NATIVE, TARGETS
 from flexinv.files.robot_file import read_robot_file
@@ -54,7 +53,7 @@ def write_c_library(
       flexinv export-c models/flex_one_link --step 5e-4 --out strip_c --target x86-64-v3 --target aarch64
     """
     made = export_c(
-        read_robot_file(model), out, targets=targets, overwrite=overwrite, step=step, start=_parse_start(start),
+        read_robot_file(model), out, targets=targets, overwrite=overwrite, step=step, start=parse_start(start),
         initial="consistent" if undeformed else "static", payloads=payloads,
     )  # fmt: skip
     click.echo(f"wrote {made.name}, {len(made.files)} files, into {made.folder}")
@@ -62,12 +61,3 @@ def write_c_library(
         click.echo(f"no C compiler was found for all targets; run in {made.folder}:")
         for line in made.to_link:
             click.echo(f"  {line}")
-
-
-def _parse_start(text: str | None) -> list[float] | None:
-    try:
-        return None if text is None else [float(one) for one in text.split(",")]
-    except ValueError:
-        raise InputError(
-            f"--start {text}: expected numbers [rad], [m], one for each of q, for example --start 0.5,-1"
-        ) from None

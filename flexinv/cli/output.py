@@ -79,3 +79,13 @@ WRITERS: dict[str, Callable[[pd.DataFrame, Path], None]] = {
     ".csv": pd.DataFrame.to_csv, ".parquet": lambda table, out: table.reset_index().to_parquet(out, index=False),
     ".json": _write_json, ".npz": _write_npz,
 }  # fmt: skip
+
+
+def parse_start(text: str | None) -> list[float] | None:
+    """Return the numbers of --start [rad], [m]; InputError for other words."""
+    try:
+        return None if text is None else [float(one) for one in text.split(",")]
+    except ValueError:
+        raise InputError(
+            f"--start {text}: expected numbers [rad], [m], one for each of q, for example --start 0.5,-1"
+        ) from None

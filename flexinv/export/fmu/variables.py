@@ -131,7 +131,7 @@ def check_variable_names(made: Interface) -> None:
     for one in made.variables:
         if one.name in seen:
             raise InputError(
-                f"export_fmu: two variables of the FMU would be {one.name!r}; rename the joint or the link that it belongs to"
+                f"export_fmu: two variables of the FMU would be {one.name!r}; name the link of a payload once, or rename a joint or link"
             )
         seen.add(one.name)
 
