@@ -8,6 +8,7 @@ from __future__ import annotations
 import contextlib
 import io
 import tempfile
+import zipfile
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import cache
@@ -352,6 +353,12 @@ def files() -> Iterator[Entrance]:
         "start": optional("numbers", [0.5]), "initial": slot("choice", "static"), "spectral_radius": slot("number", 0.5),
         "payloads": slot("names", ["link"]), "overwrite": slot("flag", True),
     }, 0.1)  # fmt: skip
+    yield Entrance("export_fmu", described, {
+        "mechanism": slot("thing", model("flex_one_link")), "fmi": slot("choice", "2.0"), "kind": slot("choice", "inverse"),
+        "step": slot("number", 0.25), "start": optional("numbers", [0.5]), "initial": slot("choice", "static"),
+        "spectral_radius": slot("number", 0.5), "payloads": slot("names", ["link"]), "target": slot("choice", "native"),
+        "overwrite": slot("flag", True),
+    }, 1.0)  # fmt: skip
     yield Entrance("write_torques", written, {**request, "rows": slot("whole", 2000)})
     judge = slot("names", ["rigid", "drive"])
     both = {"a": slot("thing", urdf), "b": slot("thing", urdf), "tolerance": slot("number", 1e-5), "judge": judge,
@@ -371,6 +378,14 @@ def exported(**given: Any) -> Any:
     with tempfile.TemporaryDirectory() as folder:
         made = flexinv.export_c(**given, out=Path(folder) / "library")
         return {one: (made.folder / one).read_text() for one in made.files if one.endswith((".h", ".c", ".md"))}
+
+
+def described(**given: Any) -> Any:
+    """Return the description of an exported FMU [-]."""
+    with tempfile.TemporaryDirectory() as folder:
+        made = flexinv.export_fmu(**given, out=Path(folder) / "arm.fmu")
+        with zipfile.ZipFile(made) as archive:
+            return archive.read("modelDescription.xml").decode()
 
 
 def tabled() -> pd.DataFrame:

@@ -99,7 +99,7 @@ class FmuAdapter:
         check_stateless(description, self._path)
         time = sample_times(case)
         every = count_steps(description, self._path, time)
-        names, wanted, table = prepare_inputs(mechanism, case, refine_times(time, every), description)
+        names, wanted, table = prepare_inputs(mechanism, case, sample_steps(time, every), description)
         inputs = find_variables(description, names, "input")
         outputs = find_variables(description, wanted, "output")
         check_feedthrough(description, inputs, outputs)
@@ -108,10 +108,10 @@ class FmuAdapter:
             start = clock.perf_counter()
             with Instance(description, folder, find_start_values(description, mechanism, case)) as instance:
                 if every:
-                    instance.set_inputs(inputs, table[0])
+                    instance.send_inputs(inputs, table[0])
                 instance.begin()
-                evaluate = instance.march if every else instance.evaluate_outputs
-                got, steps = evaluate(inputs, outputs, refine_times(time, every), table)
+                evaluate = instance.run_march if every else instance.evaluate_outputs
+                got, steps = evaluate(inputs, outputs, sample_steps(time, every), table)
             wall = clock.perf_counter() - start
         finally:
             shutil.rmtree(folder, ignore_errors=True)
@@ -134,16 +134,17 @@ def count_steps(description: Any, path: Path, time: Array) -> int:
     count = round(spacing / step)
     if count < 1 or abs(count * step - spacing) > CLOCK_ROUNDING * step:
         raise InputError(
-            f"{path.name} marches by {step:g} s, and samples of the case are {spacing:g} s apart; export it with --step {spacing:g}"
+            f"{path.name} marches by {step:g} s, and samples of the case are {spacing:g} s apart; export it with --step "
+            f"{spacing:g}"
         )
     return count
 
 
-def refine_times(time: Array, every: int) -> Array:
+def sample_steps(time: Array, every: int) -> Array:
     """Return the ends of all steps [s], ``every`` to a sample; 0: the samples themselves."""
     if every in (0, 1):
         return time
-    return time[0] + (time[1] - time[0]) / every * np.arange(every * (len(time) - 1) + 1)
+    return np.asarray(time[0] + (time[1] - time[0]) / every * np.arange(every * (len(time) - 1) + 1))
 
 
 def prepare_inputs(
@@ -227,7 +228,7 @@ class Instance:
             self.set_numbers(list(self._starts), list(self._starts.values()))
         return self
 
-    def set_inputs(self, inputs: list[Any], row: Array) -> None:
+    def send_inputs(self, inputs: list[Any], row: Array) -> None:
         """Set inputs (inputs,) [units of the variables]."""
         self.set_numbers([variable.valueReference for variable in inputs], row.tolist())
 
@@ -240,12 +241,12 @@ class Instance:
         self._fmu.terminate()
         self._fmu.freeInstance()
 
-    def march(self, inputs: list[Any], outputs: list[Any], time: Array, table: Array) -> tuple[Array, int]:
+    def run_march(self, inputs: list[Any], outputs: list[Any], time: Array, table: Array) -> tuple[Array, int]:
         """Return the outputs (samples, outputs) [N m], [N] of steps whose inputs are those at their ends, and 1 step each [-]."""
         of = [variable.valueReference for variable in outputs]
         rows = [self.read_numbers(of)]
         for now, (start, end) in zip(table[1:], pairwise(time), strict=True):
-            self.set_inputs(inputs, now)
+            self.send_inputs(inputs, now)
             self._fmu.doStep(currentCommunicationPoint=start, communicationStepSize=end - start)
             rows.append(self.read_numbers(of))
         return np.array(rows).reshape(len(time), len(of)), 1

@@ -8,7 +8,7 @@ import click
 
 from flexinv.cli.output import MODEL, parse_start
 from flexinv.export.export_fmu import KINDS_OF_FMU, export_fmu
-from flexinv.export.fmu.description import VERSIONS
+from flexinv.export.fmu.description import FMI_VERSIONS
 from flexinv.export.machine_code import NATIVE, TARGETS
 from flexinv.files.robot_file import read_robot_file
 
@@ -17,13 +17,15 @@ from flexinv.files.robot_file import read_robot_file
 @MODEL
 @click.option("--out", type=click.Path(path_type=Path), required=True, help="File for the FMU: NAME.fmu.")
 @click.option(
-    "--fmi", default="3.0", show_default=True, type=click.Choice(list(VERSIONS)), help="Version of the interface."
+    "--fmi", default="3.0", show_default=True, type=click.Choice(list(FMI_VERSIONS)), help="Version of the interface."
 )
 @click.option(
     "--kind", default="inverse", show_default=True, type=click.Choice(list(KINDS_OF_FMU)), help="Motion in, torque out."
 )
 @click.option("--step", type=float, help="Links that bend: the communication step [s], and no other.")
-@click.option("--start", metavar="NUMBERS", help="q where it begins at rest [rad], [m]: --start 0.5,-1; loops: near it.")
+@click.option(
+    "--start", metavar="NUMBERS", help="q where it begins at rest [rad], [m]: --start 0.5,-1; loops: near it."
+)
 @click.option(
     "--undeformed", is_flag=True, help="Links that bend: begin undeformed; else in equilibrium under gravity."
 )

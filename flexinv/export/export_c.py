@@ -16,7 +16,7 @@ from flexinv.export.kernel_objects import make_kernel_object
 from flexinv.export.library_plan import LibraryPlan
 from flexinv.export.link_library import find_compiler, list_link_commands, run_commands
 from flexinv.export.machine_code import NATIVE, Processor, check_target, write_entries
-from flexinv.export.plan_library import StatedStart, name_library, plan_inverse_library
+from flexinv.export.plan_library import StartRequest, make_library_name, plan_inverse_library
 from flexinv.export.refusals import check_exportable
 from flexinv.model.mechanism import Mechanism
 from flexinv.validation import check_flag, check_kind, check_names, check_path
@@ -59,9 +59,9 @@ def export_c(
     mechanism = replace_changing_forces(mechanism)
     check_exportable(mechanism)
     folder = _check_folder(Path(check_path("out", out, "a folder")), check_flag("overwrite", overwrite))
-    prefix = name_library(mechanism)
+    prefix = make_library_name(mechanism)
     carried = tuple(check_names("payloads", payloads, "links"))
-    plan = plan_inverse_library(mechanism, prefix, StatedStart(step, start, initial, spectral_radius, carried))
+    plan = plan_inverse_library(mechanism, prefix, StartRequest(step, start, initial, spectral_radius, carried))
     return _write_library(plan, prefix, folder, chosen)
 
 

@@ -11,25 +11,25 @@ from numpy.typing import ArrayLike
 
 from flexinv.errors import InputError
 from flexinv.export.fmu.compile_fmu import (
-    compile_library,
+    build_library,
     find_fmu_compiler,
     list_binary_folders,
     read_licence,
     render_source,
 )
-from flexinv.export.fmu.description import VERSIONS, FmuHead, render_description, render_page
+from flexinv.export.fmu.description import FMI_VERSIONS, FmuHead, render_description, render_fmu_page
 from flexinv.export.fmu.variables import Interface, check_variable_names, list_inverse_variables
 from flexinv.export.given_forces import replace_changing_forces
 from flexinv.export.library_plan import LibraryPlan
 from flexinv.export.machine_code import NATIVE, check_target
-from flexinv.export.plan_library import StatedStart, name_library, plan_inverse_library
+from flexinv.export.plan_library import StartRequest, make_library_name, plan_inverse_library
 from flexinv.export.refusals import check_exportable
 from flexinv.model.mechanism import Mechanism
 from flexinv.validation import check_choice, check_flag, check_kind, check_names, check_path
 
 KINDS_OF_FMU = {"inverse": "motion in, efforts out"}
-FIRST_DAY = (1980, 1, 1, 0, 0, 0)  # of every file in the archive: the same mechanism gives the same bytes
-SAYS = {
+ARCHIVE_DATE = (1980, 1, 1, 0, 0, 0)  # of every file in the archive: the same mechanism gives the same bytes
+SAID_OF_KIND = {
     "rigid": "Inverse dynamics: motion in, effort of each drive out. The outputs of a communication step belong to the motion "
     "that was set before it: give the motion at the END of the step.",
     "flexible": "Inverse dynamics of a mechanism that bends: motion in, effort of each drive out. An input is the motion at the "
@@ -53,19 +53,19 @@ def export_fmu(
     Raises InputError before anything is written: as `export_c`, and for two variables of one name, or no C compiler.
     """
     check_kind("mechanism", mechanism, Mechanism)
-    check_choice("fmi", fmi, VERSIONS)
+    check_choice("fmi", fmi, FMI_VERSIONS)
     check_choice("kind", kind, KINDS_OF_FMU)
     find_fmu_compiler(check_target(target))
     file = _check_file(Path(check_path("out", out, "a file")), check_flag("overwrite", overwrite))
     mechanism = replace_changing_forces(mechanism)
     check_exportable(mechanism)
-    prefix = name_library(mechanism)
+    prefix = make_library_name(mechanism)
     carried = tuple(check_names("payloads", payloads, "links"))
     of_march = () if mechanism.is_rigid else carried  # a rigid library knows every link
-    plan = plan_inverse_library(mechanism, prefix, StatedStart(step, start, initial, spectral_radius, of_march))
+    plan = plan_inverse_library(mechanism, prefix, StartRequest(step, start, initial, spectral_radius, of_march))
     made = list_inverse_variables(plan, carried)
     check_variable_names(made)
-    head = FmuHead(fmi, mechanism.name, prefix, _make_token(plan, made, kind), SAYS[plan.kind], plan.step)
+    head = FmuHead(fmi, mechanism.name, prefix, _make_token(plan, made, kind), SAID_OF_KIND[plan.kind], plan.step)
     _write_archive(file, _collect_files(plan, head, made, target))
     return file
 
@@ -80,7 +80,7 @@ def _check_file(file: Path, overwrite: bool) -> Path:
 
 
 def _make_token(plan: LibraryPlan, made: Interface, kind: str) -> str:
-    """What tells this FMU from others: the digest of its model and of its variables."""
+    """The digest of model and variables, which tells this FMU from others."""
     said = repr((kind, plan.step, made)).encode() + plan.image.write_content()
     return f"{{{sha256(said).hexdigest()[:32]}}}"
 
@@ -88,11 +88,11 @@ def _make_token(plan: LibraryPlan, made: Interface, kind: str) -> str:
 def _collect_files(plan: LibraryPlan, head: FmuHead, made: Interface, target: str) -> Mapping[str, bytes]:
     """Path in the archive -> content."""
     name = head.identifier
-    library = compile_library(plan, render_source(plan, head, made), name, target)
+    library = build_library(plan, render_source(plan, head, made), name, target)
     return {
         "modelDescription.xml": render_description(head, made).encode(),
         f"{list_binary_folders(head.fmi, target)}/{name}.so": library,
-        "documentation/index.html": render_page(head, made).encode(),
+        "documentation/index.html": render_fmu_page(head, made).encode(),
         "documentation/licenses/license.txt": read_licence().encode(),
     }
 
@@ -102,7 +102,7 @@ def _write_archive(file: Path, files: Mapping[str, bytes]) -> None:
     file.parent.mkdir(parents=True, exist_ok=True)
     with zipfile.ZipFile(file, "w", zipfile.ZIP_DEFLATED) as archive:
         for path, data in files.items():
-            entry = zipfile.ZipInfo(path, FIRST_DAY)
+            entry = zipfile.ZipInfo(path, ARCHIVE_DATE)
             entry.compress_type = zipfile.ZIP_DEFLATED
             entry.external_attr = (0o755 if path.endswith(".so") else 0o644) << 16
             archive.writestr(entry, data)

@@ -1,4 +1,4 @@
-"""Names of a mechanism as words of C, CMake, XML and Markdown: mangled where they become identifiers, escaped where they are text.
+"""Names of a mechanism as words of C, CMake, XML and Markdown: mangled where they are identifiers, escaped where they are text.
 
 Whatever somebody has written as a name, a file of C has it only as letters, digits and underscores, or within a string or a
 comment that it cannot end.

@@ -18,7 +18,7 @@ from flexinv.validation import check_finite_array, check_seconds
 
 
 @dataclass(frozen=True)
-class StatedStart:
+class StartRequest:
     """Steps and start as a caller states them, not yet checked: see `flexible_plan.MarchSettings`; None where nothing is said."""
 
     step: float | None = None
@@ -28,23 +28,23 @@ class StatedStart:
     payloads: tuple[str, ...] = ()
 
 
-def name_library(mechanism: Mechanism) -> str:
+def make_library_name(mechanism: Mechanism) -> str:
     """Return the word that all names of a mechanism's library begin with [-]."""
     return LIBRARY_PREFIX + make_word(mechanism.name).lower()
 
 
-def plan_inverse_library(mechanism: Mechanism, prefix: str, stated: StatedStart) -> LibraryPlan:
+def plan_inverse_library(mechanism: Mechanism, prefix: str, stated: StartRequest) -> LibraryPlan:
     """Return the library [N m], [N] of a mechanism, whose names begin with ``prefix``; InputError for what cannot be."""
-    beginning = check_start(mechanism, stated.start)
+    beginning = check_start_position(mechanism, stated.start)
     if mechanism.is_rigid:
         _check_stateless(mechanism, stated)
         return plan_rigid_library(mechanism, prefix, None if stated.start is None else beginning)
-    time = check_step(mechanism, stated.step)
+    time = check_march_step(mechanism, stated.step)
     settings = MarchSettings(time, beginning, stated.initial, stated.spectral_radius, stated.payloads)
     return plan_flexible_library(mechanism, prefix, settings)
 
 
-def _check_stateless(mechanism: Mechanism, stated: StatedStart) -> None:
+def _check_stateless(mechanism: Mechanism, stated: StartRequest) -> None:
     """Refuse what is said of time of a rigid mechanism, and of a start where it has no loops to close."""
     if stated.payloads:
         raise InputError(
@@ -54,7 +54,7 @@ def _check_stateless(mechanism: Mechanism, stated: StatedStart) -> None:
         raise InputError(f"export_c: mechanism {mechanism.name!r} is rigid and has no state; leave out step and start")
 
 
-def check_step(mechanism: Mechanism, step: float | None) -> float:
+def check_march_step(mechanism: Mechanism, step: float | None) -> float:
     """Return the time between two calls [s]; InputError where none is stated or none can be."""
     if step is None:
         raise InputError(
@@ -64,7 +64,7 @@ def check_step(mechanism: Mechanism, step: float | None) -> float:
     return check_seconds("step", step, "the time between two calls in seconds, for example step=5e-4")
 
 
-def check_start(mechanism: Mechanism, start: ArrayLike | None) -> Array:
+def check_start_position(mechanism: Mechanism, start: ArrayLike | None) -> Array:
     """Return the position (nq,) in which a mechanism begins [rad], [m], the neutral one where nothing is said."""
     if start is None:
         return mechanism.neutral

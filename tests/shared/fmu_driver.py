@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 import shutil
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
@@ -21,9 +22,7 @@ class DrivenFmu:
     """One instance: variables by name; what its log has said."""
 
     def __init__(self, file: Path, folder: str) -> None:
-        import fmpy
-        from fmpy import fmi2, fmi3
-
+        fmpy, fmi2, fmi3 = (importlib.import_module(name) for name in ("fmpy", "fmpy.fmi2", "fmpy.fmi3"))
         self.description = fmpy.read_model_description(str(file))
         self.is_new = self.description.fmiVersion == "3.0"
         self.places = {one.name: one.valueReference for one in self.description.modelVariables}
@@ -85,9 +84,7 @@ class DrivenFmu:
 @contextmanager
 def driven(file: Path) -> Iterator[DrivenFmu]:
     """An instance, and its files, until the end of the block."""
-    import fmpy
-
-    folder = fmpy.extract(str(file))
+    folder = importlib.import_module("fmpy").extract(str(file))
     try:
         one = DrivenFmu(file, folder)
         yield one

@@ -12,7 +12,7 @@ from pathlib import Path
 from flexinv.errors import InputError
 from flexinv.export.c_files import fill_template, make_constants, render_files
 from flexinv.export.fmu.description import FmuHead
-from flexinv.export.fmu.variables import INPUT, PARAMETER, Interface
+from flexinv.export.fmu.variables import INPUT_ROLE, PARAMETER_ROLE, Interface
 from flexinv.export.kernel_objects import make_kernel_object
 from flexinv.export.library_plan import LibraryPlan
 from flexinv.export.link_library import C_OPTIONS, Compiler, find_compiler, run_commands
@@ -20,7 +20,7 @@ from flexinv.export.machine_code import NATIVE, TARGETS, Processor, write_entrie
 from flexinv.export.memory_image import ALIGNMENT
 from flexinv.export.names import format_numbers, format_string
 
-NO_COMPILER = (
+NO_FMU_COMPILER = (
     "export_fmu: an FMU holds a library, and no C compiler was found to link one; install gcc or clang, or the wheel ziglang "
     "(python -m pip install ziglang), and call again"
 )
@@ -35,7 +35,7 @@ def find_fmu_compiler(target: str) -> Compiler:
         )
     compiler = find_compiler(target)
     if compiler is None:
-        raise InputError(NO_COMPILER)
+        raise InputError(NO_FMU_COMPILER)
     return compiler
 
 
@@ -55,7 +55,7 @@ def render_source(plan: LibraryPlan, head: FmuHead, made: Interface) -> tuple[st
     return texts[f"include/{name}.h"], texts[f"src/{name}.c"] + below
 
 
-def compile_library(plan: LibraryPlan, source: tuple[str, str], name: str, target: str) -> bytes:
+def build_library(plan: LibraryPlan, source: tuple[str, str], name: str, target: str) -> bytes:
     """Return the shared library of an FMU [-] for a processor; FlexinvError with the compiler's words where it fails."""
     processor = Processor.build_for(target)
     compiler = find_fmu_compiler(target)
@@ -63,10 +63,24 @@ def compile_library(plan: LibraryPlan, source: tuple[str, str], name: str, targe
     entries = write_entries(plan.entries, make_constants(plan, name), processor, kernels.names)
     with tempfile.TemporaryDirectory() as place:
         folder = Path(place)
-        files = {f"{name}.h": source[0].encode(), "fmu.c": source[1].encode(), "kernels.o": kernels.code, "entries.o": entries}
+        files = {
+            f"{name}.h": source[0].encode(),
+            "fmu.c": source[1].encode(),
+            "kernels.o": kernels.code,
+            "entries.o": entries,
+        }
         for path, data in files.items():
             (folder / path).write_bytes(data)
-        words = [*compiler.compile, *C_OPTIONS, "-fvisibility=hidden", "-I.", "-shared", "fmu.c", "entries.o", "kernels.o"]
+        words = [
+            *compiler.compile,
+            *C_OPTIONS,
+            "-fvisibility=hidden",
+            "-I.",
+            "-shared",
+            "fmu.c",
+            "entries.o",
+            "kernels.o",
+        ]
         run_commands(folder, [[*words, "-lm", "-o", "fmu.so"]])
         return (folder / "fmu.so").read_bytes()
 
@@ -84,9 +98,16 @@ def read_licence() -> str:
 def _collect_values(plan: LibraryPlan, head: FmuHead, made: Interface) -> Mapping[str, str]:
     """Name in the templates of the layers -> text."""
     m = plan.mechanism
-    letters = {INPUT: "i", PARAMETER: "p"}
+    letters = {INPUT_ROLE: "i", PARAMETER_ROLE: "p"}
     starts = [one.start or 0.0 for one in made.variables]
-    places = {"q_at": [], "qd_at": [], "qdd_at": [], "tau_at": [], "deflection_at": [], "tip_at": []} | made.places
+    places: dict[str, list[int]] = {
+        "q_at": [],
+        "qd_at": [],
+        "qdd_at": [],
+        "tau_at": [],
+        "deflection_at": [],
+        "tip_at": [],
+    } | made.places
     return {
         "name": head.identifier, "NAME": head.identifier.upper(), "token": format_string(head.token),
         "alignment": str(ALIGNMENT), "fixed_step": repr(head.step or 0.0), "variable_count": str(len(made.variables)),

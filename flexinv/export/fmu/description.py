@@ -9,13 +9,13 @@ from dataclasses import dataclass
 from xml.sax.saxutils import quoteattr
 
 import flexinv
-from flexinv.export.fmu.variables import OUTPUT, PARAMETER, Interface, Variable, list_units
+from flexinv.export.fmu.variables import OUTPUT_ROLE, PARAMETER_ROLE, Interface, Variable, list_units
 from flexinv.export.names import format_line
 
-VERSIONS = {"3.0": "the present one", "2.0": "that of older tools"}
-LICENCE = "BSD 3-Clause, see documentation/licenses/license.txt"
+FMI_VERSIONS = {"3.0": "the present one", "2.0": "that of older tools"}
+FMU_LICENCE = "BSD 3-Clause, see documentation/licenses/license.txt"
 # Powers of the units of the SI that a unit is made of.
-POWERS = {
+UNIT_POWERS = {
     "1": {}, "s": {"s": 1}, "rad": {"rad": 1}, "rad/s": {"rad": 1, "s": -1}, "rad/s2": {"rad": 1, "s": -2}, "m": {"m": 1},
     "m/s": {"m": 1, "s": -1}, "m/s2": {"m": 1, "s": -2}, "N.m": {"kg": 1, "m": 2, "s": -2}, "N": {"kg": 1, "m": 1, "s": -2},
     "N.m.s/rad": {"kg": 1, "m": 2, "s": -1, "rad": -1}, "N.s/m": {"kg": 1, "s": -1}, "kg": {"kg": 1}, "kg.m2": {"kg": 1, "m": 2},
@@ -51,15 +51,17 @@ def _render_head(head: FmuHead, made: Interface, is_new: bool) -> Iterator[str]:
     token = "instantiationToken" if is_new else "guid"
     values = {
         "fmiVersion": head.fmi, "modelName": head.title, token: head.token, "description": head.says,
-        "author": "flexinv", "version": flexinv.__version__, "license": LICENCE,
+        "author": "flexinv", "version": flexinv.__version__, "license": FMU_LICENCE,
         "generationTool": f"flexinv {flexinv.__version__}",
         "variableNamingConvention": "structured" if structured else "flat",
     }  # fmt: skip
     yield '<?xml version="1.0" encoding="UTF-8"?>'
     yield f"<fmiModelDescription {_list_attributes(values)}>"
-    state = ("canGetAndSetFMUState", "canSerializeFMUState") if is_new else ("canGetAndSetFMUstate", "canSerializeFMUstate")
+    state = (
+        ("canGetAndSetFMUState", "canSerializeFMUState") if is_new else ("canGetAndSetFMUstate", "canSerializeFMUstate")
+    )
     abilities = {
-        "modelIdentifier": head.identifier, "canHandleVariableCommunicationStepSize": _say(head.step is None),
+        "modelIdentifier": head.identifier, "canHandleVariableCommunicationStepSize": _format_flag(head.step is None),
         **dict.fromkeys(state, "true"),
     }  # fmt: skip
     if is_new:
@@ -72,7 +74,7 @@ def _render_head(head: FmuHead, made: Interface, is_new: bool) -> Iterator[str]:
 def _render_units(made: Interface) -> Iterator[str]:
     """Each unit by those of the SI."""
     for unit in list_units(made):
-        powers = _list_attributes({base: str(power) for base, power in POWERS[unit].items()})
+        powers = _list_attributes({base: str(power) for base, power in UNIT_POWERS[unit].items()})
         yield f"    <Unit name={quoteattr(unit)}><BaseUnit {powers}/></Unit>"
 
 
@@ -84,7 +86,7 @@ def _render_experiment(head: FmuHead) -> str:
 def _render_variable(reference: int, one: Variable, is_new: bool) -> str:
     values = {
         "name": one.name, "valueReference": str(reference), "causality": one.role,
-        "variability": "tunable" if one.role == PARAMETER else "continuous", "description": one.says,
+        "variability": "tunable" if one.role == PARAMETER_ROLE else "continuous", "description": one.says,
     }  # fmt: skip
     number = {"unit": one.unit} | ({} if one.start is None else {"start": repr(one.start)})
     if is_new:
@@ -104,7 +106,7 @@ def _render_time(reference: int, is_new: bool) -> str:
 
 def _render_structure(made: Interface, is_new: bool) -> Iterator[str]:
     """Outputs, each of which depends on everything."""
-    asked = made.find(OUTPUT)
+    asked = made.find(OUTPUT_ROLE)
     yield "  <ModelStructure>"
     if is_new:
         for word in ("Output", "InitialUnknown"):
@@ -116,7 +118,7 @@ def _render_structure(made: Interface, is_new: bool) -> Iterator[str]:
     yield "  </ModelStructure>"
 
 
-def render_page(head: FmuHead, made: Interface) -> str:
+def render_fmu_page(head: FmuHead, made: Interface) -> str:
     """Return documentation/index.html [-]."""
     rows = "\n".join(
         f"<tr><td>{html.escape(one.name)}</td><td>{one.role}</td><td>{one.unit}</td>"
@@ -127,7 +129,7 @@ def render_page(head: FmuHead, made: Interface) -> str:
     return (
         f'<!DOCTYPE html><html lang="en"><head><meta charset="utf-8"><title>{html.escape(head.title)}</title></head><body>\n'
         f"<h1>{html.escape(head.title)}</h1>\n<p>{html.escape(head.says)}</p>\n"
-        f"<p>FMI {head.fmi}, co-simulation, {step}. Made by flexinv {flexinv.__version__}; licence: {LICENCE}.</p>\n"
+        f"<p>FMI {head.fmi}, co-simulation, {step}. Made by flexinv {flexinv.__version__}; licence: {FMU_LICENCE}.</p>\n"
         "<table><tr><th>variable</th><th>role</th><th>unit</th><th>start</th><th>meaning</th></tr>\n"
         f"{rows}\n</table></body></html>\n"
     )
@@ -137,5 +139,5 @@ def _list_attributes(values: dict[str, str]) -> str:
     return " ".join(f"{name}={quoteattr(format_line(value))}" for name, value in values.items())
 
 
-def _say(value: bool) -> str:
+def _format_flag(value: bool) -> str:
     return "true" if value else "false"

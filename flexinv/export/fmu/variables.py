@@ -21,12 +21,14 @@ from flexinv.model.mechanism import Mechanism
 from flexinv.typing import Array
 from flexinv.validation import find_nearest_word
 
-INPUT, PARAMETER, OUTPUT = "input", "parameter", "output"
-AXES = ("x", "y", "z")
-INERTIA = ("xx", "yy", "zz", "xy", "xz", "yz")
-NOBODY = -1  # a place that no variable has
+INPUT_ROLE = "input"  # roles, which FMI calls causalities
+PARAMETER_ROLE = "parameter"
+OUTPUT_ROLE = "output"
+VECTOR_PARTS = ("x", "y", "z")
+TENSOR_PARTS = ("xx", "yy", "zz", "xy", "xz", "yz")
+NO_VARIABLE = -1  # a place that no variable has
 # Unit of a rate -> of its coordinate, rate, acceleration, effort, damping, as FMI writes them.
-UNITS = {False: ("rad", "rad/s", "rad/s2", "N.m", "N.m.s/rad"), True: ("m", "m/s", "m/s2", "N", "N.s/m")}
+FMI_UNITS = {False: ("rad", "rad/s", "rad/s2", "N.m", "N.m.s/rad"), True: ("m", "m/s", "m/s2", "N", "N.s/m")}
 _ENDED = "at the end of the communication step"
 
 
@@ -75,9 +77,9 @@ def list_inverse_variables(plan: LibraryPlan, payloads: Sequence[str]) -> Interf
     _add_coordinates(made, m, start, given)
     for part, unit in (("qd", 1), ("qdd", 2)):
         says = ("rate" if unit == 1 else "acceleration") + f" {_ENDED}"
-        made.places[f"{part}_at"] = _add_rates(made, m, INPUT, (part, unit), says, given, 0.0)
+        made.places[f"{part}_at"] = _add_rates(made, m, INPUT_ROLE, (part, unit), says, given, 0.0)
     asked = [bool(driven) or (m.is_rigid and not m.closures) for driven in m.actuated]
-    made.places["tau_at"] = _add_rates(made, m, OUTPUT, ("tau", 3), f"effort of the drive {_ENDED}", asked)
+    made.places["tau_at"] = _add_rates(made, m, OUTPUT_ROLE, ("tau", 3), f"effort of the drive {_ENDED}", asked)
     if not m.is_rigid:
         add_readings(made, m)
     add_parameters(made, m, payloads)
@@ -97,8 +99,8 @@ def add_parameters(made: Interface, mechanism: Mechanism, payloads: Sequence[str
     """Add gravity [m/s^2], friction and damping of drives [N m], [N], [s], and payloads of some links [kg], [m]."""
     m = mechanism
     first = len(made.variables)
-    for axis, value in zip(AXES, m.gravity, strict=True):
-        made.add(f"gravity.{axis}", PARAMETER, "m/s2", "gravity in the world", float(value))
+    for axis, value in zip(VECTOR_PARTS, m.gravity, strict=True):
+        made.add(f"gravity.{axis}", PARAMETER_ROLE, "m/s2", "gravity in the world", float(value))
     made.add_group("GRAVITY", 0, first)
     slides = list_sliding_coordinates(m)
     for joint in m.joints:
@@ -106,10 +108,10 @@ def add_parameters(made: Interface, mechanism: Mechanism, payloads: Sequence[str
         for i in range(span.start, span.stop):
             if KINDS[joint.kind].scalar and m.actuated[i]:
                 first = len(made.variables)
-                units = UNITS[bool(slides[i])]
+                units = FMI_UNITS[bool(slides[i])]
                 name = m.velocity_names[i]
-                made.add(f"{name}.friction", PARAMETER, units[3], "dry friction", float(m.drive_table[2, i]))
-                made.add(f"{name}.damping", PARAMETER, units[4], "viscous friction", float(m.drive_table[1, i]))
+                made.add(f"{name}.friction", PARAMETER_ROLE, units[3], "dry friction", float(m.drive_table[2, i]))
+                made.add(f"{name}.damping", PARAMETER_ROLE, units[4], "viscous friction", float(m.drive_table[1, i]))
                 made.add_group("FRICTION", i, first)
     numbers = [link.name for link in m.links] if m.is_rigid else list(payloads)
     for name in payloads:
@@ -117,11 +119,13 @@ def add_parameters(made: Interface, mechanism: Mechanism, payloads: Sequence[str
             write = find_nearest_word(name, m.link_of) or next(iter(m.link_of))
             raise InputError(f"export_fmu: payloads: there is no link {name!r}; write payloads=({write!r},)")
         first = len(made.variables)
-        made.add(f"{name}.payload.mass", PARAMETER, "kg", "what the link carries beside its own mass", 0.0)
-        for axis in AXES:
-            made.add(f"{name}.payload.centre.{axis}", PARAMETER, "m", "its centre of mass in the link's frame", 0.0)
-        for axis in INERTIA:
-            made.add(f"{name}.payload.inertia.{axis}", PARAMETER, "kg.m2", "its inertia about that centre", 0.0)
+        made.add(f"{name}.payload.mass", PARAMETER_ROLE, "kg", "what the link carries beside its own mass", 0.0)
+        for axis in VECTOR_PARTS:
+            made.add(
+                f"{name}.payload.centre.{axis}", PARAMETER_ROLE, "m", "its centre of mass in the link's frame", 0.0
+            )
+        for axis in TENSOR_PARTS:
+            made.add(f"{name}.payload.inertia.{axis}", PARAMETER_ROLE, "kg.m2", "its inertia about that centre", 0.0)
         made.add_group("PAYLOAD", numbers.index(name), first)
 
 
@@ -131,7 +135,8 @@ def check_variable_names(made: Interface) -> None:
     for one in made.variables:
         if one.name in seen:
             raise InputError(
-                f"export_fmu: two variables of the FMU would be {one.name!r}; name the link of a payload once, or rename a joint or link"
+                f"export_fmu: two variables of the FMU would be {one.name!r}; name the link of a payload once, or rename a joint "
+                "or a link"
             )
         seen.add(one.name)
 
@@ -139,11 +144,11 @@ def check_variable_names(made: Interface) -> None:
 def _add_coordinates(made: Interface, mechanism: Mechanism, start: Array, given: Sequence[bool]) -> None:
     """Add the coordinates of joints that are given: numbers of their own, or parts of a rotation without a unit."""
     m = mechanism
-    made.places["q_at"] = [NOBODY] * m.nq
+    made.places["q_at"] = [NO_VARIABLE] * m.nq
     for i, unit in enumerate(list_coordinate_units(m)):
         if given[_find_rate(m, i)]:
             name = f"{m.coordinate_names[i]}.q"
-            made.places["q_at"][i] = made.add(name, INPUT, unit, f"position {_ENDED}", float(start[i]))
+            made.places["q_at"][i] = made.add(name, INPUT_ROLE, unit, f"position {_ENDED}", float(start[i]))
 
 
 def _find_rate(mechanism: Mechanism, coordinate: int) -> int:
@@ -151,7 +156,7 @@ def _find_rate(mechanism: Mechanism, coordinate: int) -> int:
     for joint in mechanism.joints:
         places = mechanism.q_slices[joint.name]
         if places.start <= coordinate < places.stop:
-            return mechanism.v_slices[joint.name].start
+            return int(mechanism.v_slices[joint.name].start)
     raise AssertionError(coordinate)
 
 
@@ -163,7 +168,7 @@ def list_coordinate_units(mechanism: Mechanism) -> list[str]:
         first = mechanism.v_slices[joint.name].start
         for k in range(joint.nq):
             moves = joint.nq == joint.nv or (joint.nq > 4 and k < 3)
-            units.append(UNITS[bool(slides[first + k])][0] if moves else "1")
+            units.append(FMI_UNITS[bool(slides[first + k])][0] if moves else "1")
     return units
 
 
@@ -176,14 +181,17 @@ def _add_rates(
     slides = list_sliding_coordinates(mechanism)
     rows = zip(mechanism.velocity_names, slides, asked, strict=True)
     return [
-        made.add(f"{name}.{word}", role, UNITS[bool(slide)][unit], says, start) if is_asked else NOBODY
+        made.add(f"{name}.{word}", role, FMI_UNITS[bool(slide)][unit], says, start) if is_asked else NO_VARIABLE
         for name, slide, is_asked in rows
     ]
 
 
 def _add_vector(made: Interface, name: str, says: str) -> int:
     """Add three outputs; return the value reference of the first."""
-    return [made.add(f"{name}.{axis}", OUTPUT, "m", says) for axis in AXES][0]
+    first = len(made.variables)
+    for axis in VECTOR_PARTS:
+        made.add(f"{name}.{axis}", OUTPUT_ROLE, "m", says)
+    return first
 
 
 def list_units(made: Interface) -> Iterator[str]:

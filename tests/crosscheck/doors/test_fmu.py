@@ -9,16 +9,21 @@ import numpy as np
 import pendulum_fmu
 import pytest
 
+import flexinv
+from crosscheck.doors.fmu import open_adapter
 from crosscheck.doors.registry import FMU
 from crosscheck.engines import ENGINES, Engine
 from crosscheck.measures.record import Record
 from crosscheck.run.isolation import ChildProcesses, run_engine
 from crosscheck.verdicts.plan import Task, discover
+from flexinv.errors import InputError
 
 pytestmark = [
     pytest.mark.skipif(bool(pendulum_fmu.why_not()), reason=pendulum_fmu.why_not() or "nothing is missing"),
     pytest.mark.slow,
 ]
+
+MARCHED = 1e-9  # of the range: one rounding of a position, marched on
 
 
 @pytest.fixture(scope="module")
@@ -68,6 +73,44 @@ def test_what_is_no_inverse_dynamics_is_refused(
     record = answer(task, tmp_path, **words)
     assert record.status == "error"
     assert complaint in record.message
+
+
+@pytest.mark.parametrize(
+    ("case", "fmi", "words"),
+    [
+        ("flex_two_link/opposed", "3.0", {"step": 1e-3}),
+        ("flex_two_link/opposed", "2.0", {"step": 5e-4}),
+        ("rigid_3r/quintic", "3.0", {}),
+        ("four_bar", "2.0", {}),
+    ],
+)
+def test_what_flexinv_exports_goes_through_this_door(
+    root: Path, tmp_path: Path, case: str, fmi: str, words: dict[str, Any]
+) -> None:
+    """An arm that bends marches by the step of its FMU, loops take the motion of all joints: the torques of our own engine.
+
+    `flexinv.solve` and the steps of a controller have one error of the step, and differ in rounding.
+    """
+    exported = discover(root / "models", [case]).tasks[0]
+    file = flexinv.export_fmu(exported.mechanism, tmp_path / "x.fmu", fmi=fmi, **words)
+    m = exported.mechanism
+    record = open_adapter("plant", str(exported.folder), {"fmu": str(file)}).run(m, exported.case, "plant", {})
+    every = round(exported.case.sample / words.get("step", exported.case.step))
+    time = exported.case.sample / every * np.arange(every * (len(record.time) - 1) + 1)
+    expected = flexinv.solve(
+        m, exported.case.motion, float(time[1]), end=exported.case.end, start=exported.case.start
+    ).torque[::every]
+    names = [n for n, driven in zip(m.velocity_names, m.actuated, strict=True) if driven]
+    result = np.stack([record.series[f"torque/{name}"].values for name in names], axis=1)
+    np.testing.assert_allclose(result, expected, rtol=0, atol=MARCHED * np.ptp(expected))
+
+
+def test_a_march_of_another_step_is_refused(root: Path, tmp_path: Path) -> None:
+    exported = discover(root / "models", ["flex_two_link/opposed"]).tasks[0]
+    file = flexinv.export_fmu(exported.mechanism, tmp_path / "x.fmu", step=0.7 * exported.case.sample)
+    plant = open_adapter("plant", str(exported.folder), {"fmu": str(file)})
+    with pytest.raises(InputError, match=r"samples of the case are \S+ s apart; export it with --step"):
+        plant.run(exported.mechanism, exported.case, "plant", {})
 
 
 def test_what_is_no_fmu_is_refused(task: Task, tmp_path: Path) -> None:
