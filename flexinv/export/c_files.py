@@ -9,6 +9,7 @@ from string import Template
 
 import flexinv
 from flexinv.export.library_plan import GoldenSeries, LibraryPlan
+from flexinv.export.machine_code import NATIVE
 from flexinv.export.memory_image import ALIGNMENT
 from flexinv.export.names import format_comment, format_markdown, format_numbers, format_string, make_words
 from flexinv.kinematics.nodal_motion import list_sliding_coordinates
@@ -42,12 +43,12 @@ def render_files(plan: LibraryPlan, prefix: str, targets: Sequence[str]) -> dict
     kind = plan.kind
     values = _collect_values(plan, prefix, targets)
     parts = plan.parts
+    header, source = render_sources(plan, prefix)
     values["but"] = "" if kind == "rigid" else "; `ENERGY` alone ends the block"
     values["notes"] = _join(parts, "md", values)
-    values["functions"] = _join(parts, "h", values)
     return {
-        f"include/{prefix}.h": fill_template("common.h", values),
-        f"src/{prefix}.c": _join(["common", *parts], "c", values),
+        f"include/{prefix}.h": header,
+        f"src/{prefix}.c": source,
         "example.c": fill_template(f"{kind}_example.c", values),
         "example.cpp": fill_template("example.cpp", values),
         "src/selftest.c": fill_template("selftest.c", values),
@@ -55,6 +56,13 @@ def render_files(plan: LibraryPlan, prefix: str, targets: Sequence[str]) -> dict
         f"lib/pkgconfig/{prefix}.pc": fill_template("package.pc", values),
         "README.md": fill_template("readme.md", values),
     }
+
+
+def render_sources(plan: LibraryPlan, prefix: str) -> tuple[str, str]:
+    """Return the header and the C file [-] of a library."""
+    values = _collect_values(plan, prefix, [NATIVE])
+    values["functions"] = _join(plan.parts, "h", values)
+    return fill_template("common.h", values), _join(["common", *plan.parts], "c", values)
 
 
 def make_constants(plan: LibraryPlan, prefix: str) -> dict[str, bytes]:
@@ -95,7 +103,7 @@ def _collect_values(plan: LibraryPlan, prefix: str, targets: Sequence[str]) -> d
         values
         | _describe_names(m, prefix)
         | _describe_statuses(prefix)
-        | _format_series(plan.golden)
+        | ({} if plan.golden is None else _format_series(plan.golden))
         | dict(plan.values)
     )
 

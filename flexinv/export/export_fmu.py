@@ -10,6 +10,7 @@ from pathlib import Path
 from numpy.typing import ArrayLike
 
 from flexinv.errors import InputError
+from flexinv.export.flexible.flexible_plan import MarchSettings
 from flexinv.export.fmu.compile_fmu import (
     build_library,
     find_fmu_compiler,
@@ -18,22 +19,36 @@ from flexinv.export.fmu.compile_fmu import (
     render_source,
 )
 from flexinv.export.fmu.description import FMI_VERSIONS, FmuHead, render_description, render_fmu_page
-from flexinv.export.fmu.variables import Interface, check_variable_names, list_inverse_variables
+from flexinv.export.fmu.variables import (
+    Interface,
+    check_variable_names,
+    list_forward_variables,
+    list_inverse_variables,
+)
+from flexinv.export.forward.forward_plan import plan_forward_library
 from flexinv.export.given_forces import replace_changing_forces
 from flexinv.export.library_plan import LibraryPlan
 from flexinv.export.machine_code import NATIVE, check_target
-from flexinv.export.plan_library import StartRequest, make_library_name, plan_inverse_library
-from flexinv.export.refusals import check_exportable
+from flexinv.export.plan_library import (
+    StartRequest,
+    check_march_step,
+    check_start_position,
+    make_library_name,
+    plan_inverse_library,
+)
+from flexinv.export.refusals import check_exportable, check_movable
 from flexinv.model.mechanism import Mechanism
 from flexinv.validation import check_choice, check_flag, check_kind, check_names, check_path
 
-KINDS_OF_FMU = {"inverse": "motion in, efforts out"}
+KINDS_OF_FMU = {"inverse": "motion in, efforts out", "forward": "efforts in, motion out"}
 ARCHIVE_DATE = (1980, 1, 1, 0, 0, 0)  # of every file in the archive: the same mechanism gives the same bytes
 SAID_OF_KIND = {
     "rigid": "Inverse dynamics: motion in, effort of each drive out. The outputs of a communication step belong to the motion "
     "that was set before it: give the motion at the END of the step.",
     "flexible": "Inverse dynamics of a mechanism that bends: motion in, effort of each drive out. An input is the motion at the "
     "END of the communication step, and so are the outputs. It begins at rest.",
+    "forward": "Forward dynamics: effort of each drive in, motion out. An input is the effort at the END of the communication "
+    "step, linear in between, or with torque.held = 1 from its beginning on. It begins at rest.",
 }
 
 
@@ -44,8 +59,9 @@ def export_fmu(
 ) -> Path:  # fmt: skip
     """Write the dynamics of a mechanism as a Functional Mock-up Unit for co-simulation; return the file [-].
 
-    out : the file, NAME.fmu; fmi : version of the interface, "3.0" or "2.0"; kind : "inverse", motion in, efforts out
-    step : of a mechanism with beams, the communication step [s]; spectral_radius : as in `Controller` [-]
+    out : the file, NAME.fmu; fmi : version of the interface, "3.0" or "2.0"
+    kind : "inverse", motion in, efforts out; "forward", the other way round, as `simulate`
+    step : of a mechanism with beams, and of a forward FMU, the communication step [s]; spectral_radius : as in `Controller` [-]
     start : (nq,) the position [rad], [m] in which it begins at rest unless told another, by default the neutral one
     initial : in equilibrium ("static") or undeformed ("consistent")
     payloads : links that carry something that changes; target : a processor, of `machine_code.TARGETS`
@@ -58,16 +74,33 @@ def export_fmu(
     find_fmu_compiler(check_target(target))
     file = _check_file(Path(check_path("out", out, "a file")), check_flag("overwrite", overwrite))
     mechanism = replace_changing_forces(mechanism)
-    check_exportable(mechanism)
+    if kind == "inverse":
+        check_exportable(mechanism)
+    else:
+        check_movable(mechanism)
     prefix = make_library_name(mechanism)
     carried = tuple(check_names("payloads", payloads, "links"))
     of_march = () if mechanism.is_rigid else carried  # a rigid library knows every link
-    plan = plan_inverse_library(mechanism, prefix, StartRequest(step, start, initial, spectral_radius, of_march))
-    made = list_inverse_variables(plan, carried)
+    request = StartRequest(step, start, initial, spectral_radius, carried if kind == "forward" else of_march)
+    plan, made = _plan_fmu(mechanism, prefix, request, kind, carried)
     check_variable_names(made)
     head = FmuHead(fmi, mechanism.name, prefix, _make_token(plan, made, kind), SAID_OF_KIND[plan.kind], plan.step)
     _write_archive(file, _collect_files(plan, head, made, target))
     return file
+
+
+def _plan_fmu(
+    mechanism: Mechanism, prefix: str, request: StartRequest, kind: str, payloads: Sequence[str]
+) -> tuple[LibraryPlan, Interface]:
+    """The library of a kind of FMU, and its variables."""
+    if kind == "inverse":
+        plan = plan_inverse_library(mechanism, prefix, request)
+        return plan, list_inverse_variables(plan, payloads)
+    step = check_march_step(mechanism, request.step)
+    start = check_start_position(mechanism, request.start)
+    settings = MarchSettings(step, start, request.initial, request.spectral_radius, request.payloads)
+    plan = plan_forward_library(mechanism, prefix, settings)
+    return plan, list_forward_variables(plan, payloads)
 
 
 def _check_file(file: Path, overwrite: bool) -> Path:

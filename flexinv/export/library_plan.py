@@ -34,8 +34,8 @@ class GoldenSeries:
 class LibraryPlan:
     """The parts of a library.
 
-    kind : of the templates, "rigid" or "flexible"; entries : functions of machine code; image : the block of memory
-    values : name in the templates -> text; golden : series for the self-test
+    kind : of the templates, "rigid", "flexible" or "forward"; entries : functions of machine code; image : the block of memory
+    values : name in the templates -> text; golden : series for the self-test, where there is one
     parts : templates of its header, source and page, in their order
     start : (nq,) position in which a flexible mechanism begins [rad], [m]; step : of its march [s]
     """
@@ -45,7 +45,7 @@ class LibraryPlan:
     entries: list[Entry]
     image: MemoryImage
     values: Mapping[str, str]
-    golden: GoldenSeries
+    golden: GoldenSeries | None
     parts: tuple[str, ...]
     start: Array | None = None
     step: float | None = None

@@ -58,7 +58,7 @@ def check_march_step(mechanism: Mechanism, step: float | None) -> float:
     """Return the time between two calls [s]; InputError where none is stated or none can be."""
     if step is None:
         raise InputError(
-            f"export_c: mechanism {mechanism.name!r} has beams, whose deformation is carried on from call to call; write step = "
+            f"export_c: mechanism {mechanism.name!r} is marched, and its motion carried on from call to call; write step = "
             "the time between two calls in seconds, for example step=5e-4 (--step 5e-4)"
         )
     return check_seconds("step", step, "the time between two calls in seconds, for example step=5e-4")

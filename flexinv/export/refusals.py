@@ -7,6 +7,7 @@ from collections.abc import Iterable
 from flexinv.errors import InputError
 from flexinv.export.machine_code import check_compiler
 from flexinv.export.names import make_words
+from flexinv.model.joint_kinds import KINDS
 from flexinv.model.mechanism import Mechanism
 from flexinv.rigid.prepare import prepare
 
@@ -14,16 +15,7 @@ from flexinv.rigid.prepare import prepare
 def check_exportable(mechanism: Mechanism) -> None:
     """Raise InputError [-] for a mechanism that has no C library: names that are one in C, parts for which there is no kernel."""
     m = mechanism
-    if m.nv == 0:
-        raise InputError(f"export_c: mechanism {m.name!r} has no joint that moves, and so no torques")
-    check_compiler()
-    make_words("coordinates", m.coordinate_names)
-    make_words("rates", m.velocity_names)
-    make_words("links", [link.name for link in m.links])
-    phases = [c.name for c in m.closures if c.active]
-    _refuse(
-        m, "closures that act for a while", phases, "of which a call that knows no time cannot tell; call flexinv.solve"
-    )
+    _check_any(m, "torques", "flexinv.solve")
     if m.is_rigid:
         _check_loops(m)
         return
@@ -34,6 +26,30 @@ def check_exportable(mechanism: Mechanism) -> None:
         coupling,
         "for which a single step has no kernel; call flexinv.solve",
     )
+
+
+def check_movable(mechanism: Mechanism) -> None:
+    """Raise InputError [-] for a mechanism that torques do not move in a library: names, phases, joints that are no scalars."""
+    _check_any(mechanism, "motion", "flexinv.simulate")
+    for joint in mechanism.joints:
+        if joint.nv and (not KINDS[joint.kind].scalar or KINDS[joint.kind].circle):
+            raise InputError(
+                f"export_fmu: joint {joint.name!r} of mechanism {mechanism.name!r} is {joint.kind}, whose coordinates no forward "
+                "FMU has; write revolute, prismatic, helical or universal, or call flexinv.simulate"
+            )
+
+
+def _check_any(mechanism: Mechanism, asked: str, instead: str) -> None:
+    """Refuse what no library does: nothing that moves, names that are one in C, closures that act for a while."""
+    m = mechanism
+    if m.nv == 0:
+        raise InputError(f"export_c: mechanism {m.name!r} has no joint that moves, and so no {asked}")
+    check_compiler()
+    make_words("coordinates", m.coordinate_names)
+    make_words("rates", m.velocity_names)
+    make_words("links", [link.name for link in m.links])
+    phases = [c.name for c in m.closures if c.active]
+    _refuse(m, "closures that act for a while", phases, f"of which a call that knows no time cannot tell; call {instead}")
 
 
 def _check_loops(mechanism: Mechanism) -> None:

@@ -86,6 +86,7 @@ def plan_flexible_library(mechanism: Mechanism, prefix: str, settings: MarchSett
         "links",
         "flexible",
         "poses",
+        "turned",
         "wrenches",
         "beams",
         "parameters",

@@ -10,7 +10,7 @@ from importlib.metadata import PackageNotFoundError, distribution
 from pathlib import Path
 
 from flexinv.errors import InputError
-from flexinv.export.c_files import fill_template, make_constants, render_files
+from flexinv.export.c_files import fill_template, make_constants, render_sources
 from flexinv.export.fmu.description import FmuHead
 from flexinv.export.fmu.variables import INPUT_ROLE, PARAMETER_ROLE, Interface
 from flexinv.export.kernel_objects import make_kernel_object
@@ -48,11 +48,11 @@ def list_binary_folders(fmi: str, target: str) -> str:
 def render_source(plan: LibraryPlan, head: FmuHead, made: Interface) -> tuple[str, str]:
     """Return the header of the library, and the one C file of the FMU [-]."""
     name = head.identifier
-    texts = render_files(plan, name, [NATIVE])
+    header, source = render_sources(plan, name)
     values = _collect_values(plan, head, made)
     layers = ["fmu", f"fmu_{plan.kind}", f"fmi{head.fmi[0]}"]
     below = "".join(fill_template(f"{layer}.c", values) for layer in layers)
-    return texts[f"include/{name}.h"], texts[f"src/{name}.c"] + below
+    return header, source + below
 
 
 def build_library(plan: LibraryPlan, source: tuple[str, str], name: str, target: str) -> bytes:
@@ -114,7 +114,8 @@ def _collect_values(plan: LibraryPlan, head: FmuHead, made: Interface) -> Mappin
         "group_count": str(len(made.groups)), "groups": ", ".join(made.groups), "starts": format_numbers(starts),
         "roles": format_string("".join(letters.get(one.role, "o") for one in made.variables)),
         "has_payloads": str(int(any("PAYLOAD" in group for group in made.groups))),
-        "has_readings": str(int(bool(places["tip_at"]))), "starts_anywhere": str(int("rest" in plan.parts)),
+        "has_readings": str(int(bool(places["tip_at"]))),
+        "held_at": str(made.held), "starts_anywhere": str(int("rest" in plan.parts)),
         "beam_count": str(len(m.beams)), "link_count": str(len(m.links)),
         **{name: _list_places(part, name in ("deflection_at", "tip_at")) for name, part in places.items()},
     }  # fmt: skip

@@ -48,11 +48,13 @@ class Interface:
     """All variables of an FMU, and the tables of the C file.
 
     places : name in the template -> value references; groups : parameters that are set together, as rows of C
+    held : value reference of the parameter that holds torques, 0 without one
     """
 
     variables: list[Variable] = field(default_factory=list)
     places: dict[str, list[int]] = field(default_factory=dict)
     groups: list[str] = field(default_factory=list)
+    held: int = 0
 
     def add(self, name: str, role: str, unit: str, says: str, start: float | None = None) -> int:
         """Add a variable; return its value reference [-]."""
@@ -74,7 +76,7 @@ def list_inverse_variables(plan: LibraryPlan, payloads: Sequence[str]) -> Interf
     made = Interface()
     start = m.neutral if plan.start is None else plan.start
     given = [m.is_rigid or bool(driven) for driven in m.actuated]
-    _add_coordinates(made, m, start, given)
+    _add_coordinates(made, m, given, start)
     for part, unit in (("qd", 1), ("qdd", 2)):
         says = ("rate" if unit == 1 else "acceleration") + f" {_ENDED}"
         made.places[f"{part}_at"] = _add_rates(made, m, INPUT_ROLE, (part, unit), says, given, 0.0)
@@ -82,7 +84,26 @@ def list_inverse_variables(plan: LibraryPlan, payloads: Sequence[str]) -> Interf
     made.places["tau_at"] = _add_rates(made, m, OUTPUT_ROLE, ("tau", 3), f"effort of the drive {_ENDED}", asked)
     if not m.is_rigid:
         add_readings(made, m)
-    add_parameters(made, m, payloads)
+    add_parameters(made, plan, payloads)
+    return made
+
+
+def list_forward_variables(plan: LibraryPlan, payloads: Sequence[str]) -> Interface:
+    """Return efforts in, motion out [N m], [N], [rad or m, s]; payloads : links that carry something that changes."""
+    m = plan.mechanism
+    made = Interface()
+    driven = [bool(one) for one in m.actuated]
+    every = [True] * m.nv
+    says = f"effort of the drive {_ENDED}, or from its beginning on (torque.held)"
+    made.places["tau_at"] = _add_rates(made, m, INPUT_ROLE, ("tau", 3), says, driven, 0.0)
+    _add_coordinates(made, m, every)
+    made.places["qd_at"] = _add_rates(made, m, OUTPUT_ROLE, ("qd", 1), f"rate {_ENDED}", every)
+    # What closures do to accelerations stands in another place than those that the march goes on with.
+    open_tree = [not m.closures] * m.nv
+    made.places["qdd_at"] = _add_rates(made, m, OUTPUT_ROLE, ("qdd", 2), f"acceleration {_ENDED}", open_tree)
+    add_readings(made, m)
+    add_parameters(made, plan, payloads)
+    made.held = made.add("torque.held", PARAMETER_ROLE, "1", "0: torques are linear over a step; 1: constant", 0.0)
     return made
 
 
@@ -95,9 +116,9 @@ def add_readings(made: Interface, mechanism: Mechanism) -> None:
     made.places["tip_at"] = [_add_vector(made, f"{link.name}.tip", "tip in the world") for link in mechanism.links]
 
 
-def add_parameters(made: Interface, mechanism: Mechanism, payloads: Sequence[str]) -> None:
+def add_parameters(made: Interface, plan: LibraryPlan, payloads: Sequence[str]) -> None:
     """Add gravity [m/s^2], friction and damping of drives [N m], [N], [s], and payloads of some links [kg], [m]."""
-    m = mechanism
+    m = plan.mechanism
     first = len(made.variables)
     for axis, value in zip(VECTOR_PARTS, m.gravity, strict=True):
         made.add(f"gravity.{axis}", PARAMETER_ROLE, "m/s2", "gravity in the world", float(value))
@@ -113,7 +134,7 @@ def add_parameters(made: Interface, mechanism: Mechanism, payloads: Sequence[str
                 made.add(f"{name}.friction", PARAMETER_ROLE, units[3], "dry friction", float(m.drive_table[2, i]))
                 made.add(f"{name}.damping", PARAMETER_ROLE, units[4], "viscous friction", float(m.drive_table[1, i]))
                 made.add_group("FRICTION", i, first)
-    numbers = [link.name for link in m.links] if m.is_rigid else list(payloads)
+    numbers = [link.name for link in m.links] if plan.kind == "rigid" else list(payloads)
     for name in payloads:
         if name not in m.link_of:
             write = find_nearest_word(name, m.link_of) or next(iter(m.link_of))
@@ -141,14 +162,16 @@ def check_variable_names(made: Interface) -> None:
         seen.add(one.name)
 
 
-def _add_coordinates(made: Interface, mechanism: Mechanism, start: Array, given: Sequence[bool]) -> None:
-    """Add the coordinates of joints that are given: numbers of their own, or parts of a rotation without a unit."""
+def _add_coordinates(made: Interface, mechanism: Mechanism, asked: Sequence[bool], start: Array | None = None) -> None:
+    """Add coordinates of joints that are ``asked`` for: inputs that ``start`` (nq,) somewhere [rad], [m], else outputs."""
     m = mechanism
+    role = OUTPUT_ROLE if start is None else INPUT_ROLE
     made.places["q_at"] = [NO_VARIABLE] * m.nq
     for i, unit in enumerate(list_coordinate_units(m)):
-        if given[_find_rate(m, i)]:
+        if asked[_find_rate(m, i)]:
             name = f"{m.coordinate_names[i]}.q"
-            made.places["q_at"][i] = made.add(name, INPUT_ROLE, unit, f"position {_ENDED}", float(start[i]))
+            begins = None if start is None else float(start[i])
+            made.places["q_at"][i] = made.add(name, role, unit, f"position {_ENDED}", begins)
 
 
 def _find_rate(mechanism: Mechanism, coordinate: int) -> int:

@@ -81,7 +81,7 @@ def plan_rigid_library(mechanism: Mechanism, prefix: str, guess: Array | None = 
     )
     values["gravity_terms"] = _format_gravity_terms(image, function)
     values |= format_placing(image, mechanism, placed, prefix)
-    rest = ["loops"] if mechanism.closures else ["wrenches", "tree", *(["applied"] if applied else [])]
+    rest = ["loops"] if mechanism.closures else ["turned", "wrenches", "tree", *(["applied"] if applied else [])]
     if list_moved_forces(function.mesh):
         values |= format_forces(image, function.mesh, [build_applied_loads(function.mesh).wrench], prefix)
         rest.append("forces")

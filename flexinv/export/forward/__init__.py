@@ -1,0 +1,1 @@
+"""The library of a mechanism that torques move: the march of `flexinv.simulate`, step by step."""
