@@ -26,7 +26,7 @@ from crosscheck.doors.fmu_description import (
     PLACE,
     check_feedthrough,
     check_stateless,
-    find_march_step,
+    count_steps,
     find_variables,
     is_forward,
     is_new,
@@ -44,7 +44,6 @@ from flexinv.model.mechanism import Mechanism
 from flexinv.typing import Array
 
 MOST_STEPS = 4  # that a co-simulation FMU may take to answer: a chain of as many unit delays
-CLOCK_ROUNDING = 1e-6  # of a step: by so much two clocks may differ
 STANDS = 1e-12  # of the largest output: an answer that changes less from one step to the next has come
 
 
@@ -98,7 +97,7 @@ class FmuAdapter:
         description = read_description(self._path)
         check_stateless(description, self._path)
         time = sample_times(case)
-        every = count_steps(description, self._path, time)
+        every = count_steps(description, self._path, float(time[1] - time[0]))
         names, wanted, table = prepare_inputs(mechanism, case, sample_steps(time, every), description)
         inputs = find_variables(description, names, "input")
         outputs = find_variables(description, wanted, "output")
@@ -120,24 +119,6 @@ class FmuAdapter:
         torque[:, [mechanism.velocity_names.index(name.removesuffix(".tau")) for name in wanted]] = got
         said = {"file": self._path.name, "interface": instance.kind, "steps until it answers": steps}
         return Record(engine, settings=said, time=time, series=torque_series(mechanism, torque), wall_time=wall)
-
-
-def count_steps(description: Any, path: Path, time: Array) -> int:
-    """Return the steps of an FMU that marches between two samples (samples,) [s], 0 for one that does not march.
-
-    Raises InputError where samples are no whole number of steps apart.
-    """
-    step = find_march_step(description)
-    if step is None:
-        return 0
-    spacing = float(time[1] - time[0])
-    count = round(spacing / step)
-    if count < 1 or abs(count * step - spacing) > CLOCK_ROUNDING * step:
-        raise InputError(
-            f"{path.name} marches by {step:g} s, and samples of the case are {spacing:g} s apart; export it with --step "
-            f"{spacing:g}"
-        )
-    return count
 
 
 def sample_steps(time: Array, every: int) -> Array:

@@ -14,6 +14,7 @@ from flexinv.errors import InputError
 
 INSTALL = 'python -m pip install "flexinv[fmu]" (or fmpy)'
 PLACE = "{mechanism}"  # in the path of an FMU: the name of the mechanism's folder, so that many are one engine
+CLOCK_ROUNDING = 1e-6  # of a step: by so much two clocks may differ
 # Ways to write a unit of ours in an FMU.
 SAME_UNIT = {
     "rad": ("rad",),
@@ -109,3 +110,20 @@ def check_feedthrough(description: Any, inputs: list[Any], outputs: list[Any]) -
             raise InputError(
                 f"the FMU's {output.name!r} does not depend on {acceleration!r} directly; state it in ModelStructure"
             )
+
+
+def count_steps(description: Any, path: Path, spacing: float) -> int:
+    """Return the steps of an FMU that marches between two samples a ``spacing`` apart [s], 0 for one that does not march.
+
+    Raises InputError where samples are no whole number of steps apart.
+    """
+    step = find_march_step(description)
+    if step is None:
+        return 0
+    count = round(spacing / step)
+    if count < 1 or abs(count * step - spacing) > CLOCK_ROUNDING * step:
+        raise InputError(
+            f"{path.name} marches by {step:g} s, and samples of the case are {spacing:g} s apart; export it with --step "
+            f"{spacing:g}"
+        )
+    return count

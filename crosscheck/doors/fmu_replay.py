@@ -4,6 +4,9 @@ Inputs NAME.tau of every drive, outputs NAME.q of every joint, which begin where
 
     model exchange   dx/dt = f(x, tau) of the FMU, by Runge and Kutta's method of order 4; the torque is linear between samples
     co-simulation    the FMU integrates by itself; it gets the torque of a step's middle throughout the step: error of order h^2
+
+One for co-simulation that takes one step alone marches: it gets the torque at the end of each step, and begins where
+it was made to begin.  Where an FMU tells the tips of links itself, outputs LINK.tip.x and so on, they are taken.
 """
 
 from __future__ import annotations
@@ -19,15 +22,23 @@ from typing import Any
 
 import numpy as np
 
-from crosscheck.doors.fmu_description import find_variables, is_new, read_description, resolve_interface
+from crosscheck.doors.fmu_description import (
+    count_steps,
+    find_variables,
+    is_new,
+    read_description,
+    resolve_interface,
+)
 from crosscheck.engines.shared.replay import Array, DriveTorques
 from crosscheck.kit.resolved import UNITS
+from crosscheck.kit.tree import AXES
 from crosscheck.lifting.rigid import apply_placement, turned
 from crosscheck.measures.record import list_effort_units
 from flexinv.errors import InputError
 from flexinv.files.load_cases import Case
 from flexinv.model.mechanism import WORLD, Joint, Mechanism, Placement
 
+SAME_START = 1e-9  # [rad], [m]: starts that were written with twelve digits
 TURN = 2.0 * np.pi  # [rad]: what a helical joint's pitch counts
 
 
@@ -64,36 +75,59 @@ class ForwardFmuAdapter:
 
         Raises InputError where the FMU is not what the door asks for, or is another mechanism's.
         """
+        self._check_asked(mechanism)
+        told = _list_told_tips(self._path, mechanism)
+        if not told and (not mechanism.is_rigid or mechanism.closures):
+            raise InputError(
+                "tips are those of open trees of rigid links here, unless the FMU has outputs LINK.tip.x, .y, .z"
+            )
+        places, tips = _integrate_torques(self._path, mechanism, drive, told)
+        if told:
+            return {link.name: tips[:, 3 * k : 3 * k + 3] for k, link in enumerate(mechanism.links)}
+        found = [compute_tips(mechanism, q) for q in places]
+        return {link.name: np.array([at[link.name] for at in found]) for link in mechanism.links}
+
+    def _check_asked(self, mechanism: Mechanism) -> None:
+        """Refuse mechanisms that it is not asked for, and coordinates that have no names."""
         patterns = [str(p).partition("/")[0] for p in self._settings.get("cases", ["*"])]
         name = self._mechanism or mechanism.name
         if not any(fnmatchcase(name, pattern) for pattern in patterns):
             raise InputError(f"crosscheck.toml asks it for {', '.join(self._settings['cases'])} only")
         if others := [j.name for j in mechanism.joints if j.nq > 1]:
             raise InputError(f"joints with more than one coordinate have no names in an FMU: {', '.join(others)}")
-        if not mechanism.is_rigid or mechanism.closures:
-            raise InputError("tips are those of open trees of rigid links here")
-        places = _integrate_torques(self._path, mechanism, drive)
-        tips = [compute_tips(mechanism, q) for q in places]
-        return {link.name: np.array([at[link.name] for at in tips]) for link in mechanism.links}
 
 
-def _integrate_torques(path: Path, mechanism: Mechanism, drive: DriveTorques) -> Array:
-    """Return the coordinates (samples, nq) [rad], [m] to which the torques move an FMU."""
+def _list_told_tips(path: Path, mechanism: Mechanism) -> dict[str, str]:
+    """Units by name of the outputs by which an FMU tells the tips of all links, none where it does not."""
+    told = {f"{link.name}.tip.{axis}": "m" for link in mechanism.links for axis in AXES}
+    return told if told.keys() <= {one.name for one in read_description(path).modelVariables} else {}
+
+
+def _integrate_torques(
+    path: Path, mechanism: Mechanism, drive: DriveTorques, told: Mapping[str, str]
+) -> tuple[Array, Array]:
+    """Return the coordinates (samples, nq) [rad], [m] to which the torques move an FMU, and other outputs; told : their units."""
     description = read_description(path)
     moving = [joint for joint in mechanism.joints if joint.nv]
     efforts = dict(zip(mechanism.velocity_names, list_effort_units(mechanism), strict=True))
     driven = {f"{j.name}.tau": efforts[j.name] for j in moving if j.actuated}
     inputs = find_variables(description, driven, "input")
     outputs = find_variables(description, {f"{j.name}.q": UNITS[j.kind][0][0] for j in moving}, "output")
+    every = count_steps(description, path, drive.spacing)
     for output in outputs:
-        if output.initial != "exact":
+        if output.initial != "exact" and not every:
             raise InputError(f'the FMU\'s {output.name!r} cannot be set where it starts; write initial="exact" there')
+    beside = find_variables(description, told, "output")
     folder = importlib.import_module("fmpy").extract(str(path))
     try:
         with ForwardInstance(description, folder) as fmu:
-            fmu.begin([one.valueReference for one in outputs], drive.q)
-            refs = [one.valueReference for one in inputs], [one.valueReference for one in outputs]
-            return np.array(list(fmu.integrate_steps(refs, drive.torque, drive.spacing)))
+            refs = [one.valueReference for one in inputs], [one.valueReference for one in (*outputs, *beside)]
+            if every:
+                rows = np.array(list(fmu.run_march(refs, drive, every)))[::every]
+            else:
+                fmu.begin(refs[1][: len(outputs)], drive.q)
+                rows = np.array(list(fmu.integrate_steps(refs, drive.torque, drive.spacing)))
+            return rows[:, : len(outputs)], rows[:, len(outputs) :]
     finally:
         shutil.rmtree(folder, ignore_errors=True)
 
@@ -140,6 +174,34 @@ class ForwardInstance:
             while self._fmu.newDiscreteStates()[0]:
                 pass
             self._fmu.enterContinuousTimeMode()
+
+    def run_march(self, refs: tuple[list[int], list[int]], drive: DriveTorques, every: int) -> Iterator[list[float]]:
+        """Yield outputs [rad], [m] at the end of every step, ``every`` to a sample; refs : of inputs, outputs.
+
+        Raises InputError where the FMU begins elsewhere than the torques: its start is of its making.
+        """
+        to, of = refs
+        h = drive.spacing / every
+        last = every * (len(drive.torque) - 1)
+        samples = np.arange(len(drive.torque)) * every
+        torque = np.stack([np.interp(np.arange(last + 1), samples, column) for column in drive.torque.T], axis=1)
+        if not self._is_new:
+            self._fmu.setupExperiment(startTime=0.0)
+        self._fmu.enterInitializationMode()
+        self._set_numbers(to, torque[0].tolist())
+        self._fmu.exitInitializationMode()
+        start = self._read_numbers(of)
+        begins = np.array(start[: len(drive.q)])
+        if np.abs(begins - drive.q).max() > SAME_START:
+            raise InputError(
+                f"the FMU begins at {begins.tolist()}, and the torques at {drive.q.tolist()}; export it with --start "
+                f"{','.join(f'{one:.12g}' for one in drive.q)}"
+            )
+        yield start
+        for k, row in enumerate(torque[1:]):
+            self._set_numbers(to, row.tolist())
+            self._fmu.doStep(currentCommunicationPoint=k * h, communicationStepSize=h)
+            yield self._read_numbers(of)
 
     def integrate_steps(self, refs: tuple[list[int], list[int]], torque: Array, h: float) -> Iterator[list[float]]:
         """Yield outputs [rad], [m] at every sample; refs : of inputs, outputs; torque (samples, drives); h : between two [s]."""

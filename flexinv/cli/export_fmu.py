@@ -20,9 +20,13 @@ from flexinv.files.robot_file import read_robot_file
     "--fmi", default="3.0", show_default=True, type=click.Choice(list(FMI_VERSIONS)), help="Version of the interface."
 )
 @click.option(
-    "--kind", default="inverse", show_default=True, type=click.Choice(list(KINDS_OF_FMU)), help="Motion in, torque out."
+    "--kind",
+    default="inverse",
+    show_default=True,
+    type=click.Choice(list(KINDS_OF_FMU)),
+    help="Motion in, torque out; or torque in, motion out.",
 )
-@click.option("--step", type=float, help="Links that bend: the communication step [s], and no other.")
+@click.option("--step", type=float, help="Links that bend, and forward FMUs: the communication step [s], and no other.")
 @click.option(
     "--start", metavar="NUMBERS", help="q where it begins at rest [rad], [m]: --start 0.5,-1; loops: near it."
 )
@@ -52,12 +56,13 @@ def write_fmu(
 ) -> None:
     """Write the dynamics of a MODEL (mechanism file, its folder, or URDF) as an FMU for co-simulation.
 
-    Inputs are the motion at the END of the communication step, outputs the torques of the drives there. Gravity, friction and
-    payloads are parameters. A C compiler is needed to link it.
+    Inputs are the motion at the END of the communication step, outputs the torques of the drives there; of a forward FMU the
+    other way round. Gravity, friction and payloads are parameters. A C compiler is needed to link it.
 
     \b
       flexinv export-fmu models/ur5 --out ur5.fmu
       flexinv export-fmu models/flex_two_link --step 2e-3 --payload link2 --fmi 2.0 --out arm.fmu
+      flexinv export-fmu models/flex_two_link --step 2e-3 --kind forward --out plant.fmu
     """
     made = export_fmu(
         read_robot_file(model), out, fmi=fmi, kind=kind, step=step, start=parse_start(start),

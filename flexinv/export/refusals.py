@@ -49,7 +49,9 @@ def _check_any(mechanism: Mechanism, asked: str, instead: str) -> None:
     make_words("rates", m.velocity_names)
     make_words("links", [link.name for link in m.links])
     phases = [c.name for c in m.closures if c.active]
-    _refuse(m, "closures that act for a while", phases, f"of which a call that knows no time cannot tell; call {instead}")
+    _refuse(
+        m, "closures that act for a while", phases, f"of which a call that knows no time cannot tell; call {instead}"
+    )
 
 
 def _check_loops(mechanism: Mechanism) -> None:

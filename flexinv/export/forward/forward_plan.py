@@ -52,7 +52,9 @@ def plan_forward_library(mechanism: Mechanism, prefix: str, settings: MarchSetti
     """
     mesh = build(apply_stated_ratio(add_payload_bodies(mechanism, settings.payloads)))
     m = mesh.mechanism
-    solver = Solver.build_for(mesh, {joint.name for joint in m.joints if joint.nv}, lambda at, _: np.zeros((len(at), m.nv)))
+    solver = Solver.build_for(
+        mesh, {joint.name for joint in m.joints if joint.nv}, lambda at, _: np.zeros((len(at), m.nv))
+    )
     begins, joints = _begin_at_rest(solver, settings)
     calls = _list_calls(solver, joints, settings, prefix)
     image = MemoryImage(BLOCK_HEADER, [one for call in calls for one in list_arrays(call.arguments)])
@@ -104,7 +106,9 @@ def _list_calls(solver: Solver, joints: Joints, settings: MarchSettings, prefix:
     instants = Instants(rows, build_load_table(solver.mesh, np.zeros(1)), efforts, terms)
     ways: Sequence[Any] = (scheme, build_start_scheme(scheme), ACCELERATIONS, scheme._replace(mode=RESOLVED))
     return [
-        KernelCall(f"{prefix}_kernel_{word}", integrate_instants, solver.prepare_arguments(way, instants, solver.instant))
+        KernelCall(
+            f"{prefix}_kernel_{word}", integrate_instants, solver.prepare_arguments(way, instants, solver.instant)
+        )
         for word, way in zip(_SCHEMES, ways, strict=True)
     ]
 
@@ -118,7 +122,12 @@ def _format_places(image: MemoryImage, solver: Solver, instants: Instants) -> di
     }  # fmt: skip
     places = {f"at_{name}": image.find_place(part) for name, part in arrays.items()}
     unknowns = len(solver.topology.scale)
-    rooms = {"found": unknowns, "before": unknowns, "kept_x": s.x.size, "kept_forces": len(solver.border.ties.multiplier)}
+    rooms = {
+        "found": unknowns,
+        "before": unknowns,
+        "kept_x": s.x.size,
+        "kept_forces": len(solver.border.ties.multiplier),
+    }
     return {name: str(place) for name, place in places.items()} | {
         f"at_{name}": str(image.add_room(WORD * max(count, 1))) for name, count in rooms.items()
     }
@@ -142,5 +151,3 @@ def _format_march(solver: Solver, settings: MarchSettings) -> dict[str, str]:
         "driven": ", ".join(str(int(one)) for one in solver.mesh.mechanism.actuated),
         "scales": format_numbers(topology.scale), "unknown_of_rate": ", ".join(map(str, moved.argmax(axis=1).tolist())),
     }  # fmt: skip
-
-

@@ -23,6 +23,7 @@ from flexinv.tracking.task_file import load_tasks
 from flexinv.typing import Array
 
 compiled = pytest.mark.skipif(bool(pendulum_fmu.why_not()), reason=pendulum_fmu.why_not() or "nothing is missing")
+REPLAYED = 1e-12  # [m], of an arm of half a metre: the same steps, summed up in another order
 INTERFACES = [("ModelExchange",), ("CoSimulation",)]
 
 
@@ -226,3 +227,23 @@ def test_files_elsewhere_are_refused(tmp_path: Path, stated: str) -> None:
 def test_a_mechanism_without_an_fmu_is_skipped(arm: Task, tmp_path: Path) -> None:
     none = fmu.open_adapter("plants", "models/rigid_3r", {"fmu": str(tmp_path / "{mechanism}.fmu"), "cases": ["*"]})
     assert none.unsupported(arm.mechanism, arm.case, "plants") == "there is no FMU rigid_3r.fmu"
+
+
+@compiled
+def test_what_flexinv_exports_is_replayed_step_by_step(root: Path, tmp_path: Path) -> None:
+    """An arm that bends, which tells its tips itself; the torques are linear between samples, as its own are."""
+    two = flexinv.load_mechanism(root / "models" / "flex_two_link")
+    step = 1e-3
+    time = step * np.arange(101)
+    torque = np.outer(np.sin(60.0 * time), [0.02, 0.01])
+    start = np.array([0.2, -0.4])
+    file = flexinv.export_fmu(two, tmp_path / "arm.fmu", kind="forward", step=step, start=start)
+    result = opened(file).replay(two, DriveTorques(start, step, torque))
+    begins = dict(zip(two.coordinate_names, start, strict=True))
+    expected = flexinv.simulate(two, time, torque, step=step, initial="static", start=begins)
+    for link in two.links:
+        np.testing.assert_allclose(result[link.name], expected.tip[link.name], rtol=0, atol=REPLAYED)
+    rigid = flexinv.load_mechanism(root / "models" / "rigid_3r")
+    elsewhere = opened(flexinv.export_fmu(rigid, tmp_path / "rigid.fmu", fmi="2.0", kind="forward", step=step))
+    with pytest.raises(InputError, match=r"begins at \[0.0, 0.0, 0.0\], .* export it with --start 0.1,0.2,0.3"):
+        elsewhere.replay(rigid, DriveTorques(np.array([0.1, 0.2, 0.3]), step, np.zeros((3, 3))))

@@ -143,7 +143,7 @@ def test_the_self_test_and_the_programs_that_are_shown_run(made_in_plane: Export
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        ({}, r"has beams, whose deformation is carried on.*write step ="),
+        ({}, r"is marched, and its motion carried on.*write step ="),
         ({"step": -1.0}, r"step = -1"),
         ({"step": STEP, "start": [0.0]}, r"start = \[0.0\]: expected finite numbers \(2,\)"),
     ],
