@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from flexinv.errors import ConvergenceError, FlexinvError, InputError, ModelWarning
     from flexinv.export.export_c import ExportedLibrary, export_c
     from flexinv.export.export_fmu import export_fmu
+    from flexinv.export.export_ros import export_ros
     from flexinv.files.from_urdf import from_urdf
     from flexinv.files.load_cases import Case, load_cases
     from flexinv.files.load_mechanism import load_mechanism
@@ -49,6 +50,7 @@ _NAMES = {
     "sampled.torques": "torques", "sampled.write_torques": "TorqueSummary write_torques",
     "export.export_c": "ExportedLibrary export_c",
     "export.export_fmu": "export_fmu",
+    "export.export_ros": "export_ros",
     "errors": "ConvergenceError FlexinvError InputError ModelWarning",
     "files.from_urdf": "from_urdf", "files.load_cases": "Case load_cases", "files.load_mechanism": "load_mechanism",
     "linearized.linear_model": "LinearModel linear_model", "linearized.modes": "Modes",
@@ -70,7 +72,7 @@ __all__ = [
     "InputError", "InputShaper",
     "LimitUse", "LinearModel", "Load", "Mechanism", "ModelWarning", "Modes", "Motion", "Path", "Regressor", "ResidualVibration",
     "ShapedMotion", "Solution", "SteadyModes", "TorqueDerivatives", "TorqueFunction", "TorqueSummary",
-    "__version__", "base_parameters", "export_c", "export_fmu", "find_limits", "follow", "from_urdf",
+    "__version__", "base_parameters", "export_c", "export_fmu", "export_ros", "find_limits", "follow", "from_urdf",
     "joint_torques",
     "linear_model", "load_cases", "load_mechanism", "make_shaped_motion",
     "make_shaper", "motor_side", "natural_modes", "prepare", "simulate", "solve",
