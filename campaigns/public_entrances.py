@@ -359,6 +359,11 @@ def files() -> Iterator[Entrance]:
         "spectral_radius": slot("number", 0.5), "payloads": slot("names", ["link"]), "target": slot("choice", "native"),
         "overwrite": slot("flag", True),
     }, 1.0)  # fmt: skip
+    yield Entrance("export_ros", packaged, {
+        "mechanism": slot("thing", model("flex_one_link")), "targets": slot("names", ["aarch64"]), "step": slot("number", 0.25),
+        "start": optional("numbers", [0.5]), "initial": slot("choice", "static"), "spectral_radius": slot("number", 0.5),
+        "payloads": slot("names", ["link"]), "overwrite": slot("flag", True),
+    }, 0.1)  # fmt: skip
     yield Entrance("write_torques", written, {**request, "rows": slot("whole", 2000)})
     judge = slot("names", ["rigid", "drive"])
     both = {"a": slot("thing", urdf), "b": slot("thing", urdf), "tolerance": slot("number", 1e-5), "judge": judge,
@@ -378,6 +383,13 @@ def exported(**given: Any) -> Any:
     with tempfile.TemporaryDirectory() as folder:
         made = flexinv.export_c(**given, out=Path(folder) / "library")
         return {one: (made.folder / one).read_text() for one in made.files if one.endswith((".h", ".c", ".md"))}
+
+
+def packaged(**given: Any) -> Any:
+    """Return the sources of an exported package of ROS 2 [-], by their paths."""
+    with tempfile.TemporaryDirectory() as folder:
+        made = flexinv.export_ros(**given, out=Path(folder) / "package")
+        return {one: (made.folder / one).read_text() for one in made.files if one.endswith((".hpp", ".cpp", ".txt", ".md"))}
 
 
 def described(**given: Any) -> Any:

@@ -18,6 +18,7 @@ from flexinv.kernels.compiler.compile_lock import NOTE, add_compile_listener
 COMMANDS = {
     "export-c": ("export_c", "write_c_library", "Write the inverse dynamics of a mechanism as a C library."),
     "export-fmu": ("export_fmu", "write_fmu", "Write the dynamics of a mechanism as an FMU (Simulink, Modelica)."),
+    "export-ros": ("export_ros", "write_ros_package", "Write the torques of a mechanism as a package of ROS 2."),
     "follow": ("simulate", "follow_task", "Compute the torques with which a tip follows a path."),
     "info": ("show", "info", "Show what a mechanism file (or a URDF) is."),
     "modes": ("show", "modes", "Show natural frequencies, at rest or in steady rotation."),

@@ -93,7 +93,9 @@ def _collect_values(mechanism: Mechanism, name: str, step: float | None, starts_
         first = m.q_slices[joint.name].start
         circle = str(KINDS[joint.kind].circle).lower()
         places += [f"{{{first + k}, {circle}}}" for k in range(joint.nv)]
-    rate = "" if step is None else f"The controller's `update_rate` is {1 / step:g} Hz, one over the step of the export."
+    rate = (
+        "" if step is None else f"The controller's `update_rate` is {1 / step:g} Hz, one over the step of the export."
+    )
     return {
         "name": name, "NAME": name.upper(), "comment_title": format_comment(m.name), "markdown_title": format_markdown(m.name),
         "version": __version__, "alignment": str(ALIGNMENT), "places": ", ".join(places),

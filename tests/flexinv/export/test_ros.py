@@ -20,7 +20,9 @@ from flexinv.model.mechanism import Mechanism
 from flexinv.typing import Array
 
 STUB = Path(__file__).resolve().parents[2] / "shared" / "ros_stub"
-DEBIAN = [Path("/usr/include") / name for name in ("pluginlib", "class_loader", "ament_index_cpp", "rcutils", "rcpputils")]
+DEBIAN = [
+    Path("/usr/include") / name for name in ("pluginlib", "class_loader", "ament_index_cpp", "rcutils", "rcpputils")
+]
 needs_pluginlib = pytest.mark.skipif(
     shutil.which("cmake") is None or not all(folder.is_dir() for folder in (*DEBIAN, Path("/usr/include/eigen3"))),
     reason="pluginlib is not installed (on Debian: apt install pluginlib-dev libclass-loader-dev libeigen3-dev cmake)",
@@ -55,11 +57,24 @@ def installed(rigid: Mechanism, tmp_path_factory: pytest.TempPathFactory) -> Pat
     index.mkdir(parents=True)
     (index / "inverse_dynamics_solver").touch()
     found = [f"-D{name}_DIR={folder / 'found' / name}" for name in ("inverse_dynamics_solver", "rclcpp")]
-    options = [f"-DCMAKE_INSTALL_PREFIX={prefix}", "-DCMAKE_BUILD_TYPE=Debug", *found]
+    options = [
+        f"-DCMAKE_INSTALL_PREFIX={prefix}",
+        "-DCMAKE_BUILD_TYPE=Debug",
+        "-DPython3_EXECUTABLE=/usr/bin/python3",
+        *found,
+    ]
     run("cmake", "-S", str(made.folder), "-B", str(folder / "build"), *options)
     run("cmake", "--build", str(folder / "build"), "--target", "install")
     includes = [f"-I{one}" for one in (STUB, *DEBIAN)]
-    libraries = ["-lclass_loader", "-lament_index_cpp", "-lrcutils", "-ltinyxml2"]
+    libraries = [
+        "-lclass_loader",
+        "-lament_index_cpp",
+        "-lrcutils",
+        "-ltinyxml2",
+        "-lconsole_bridge",
+        "-lrcpputils",
+        "-lroslib",
+    ]
     run("c++", "-std=c++17", str(STUB / "replay.cpp"), *includes, *libraries, "-o", str(prefix / "replay"))
     return prefix
 
@@ -78,7 +93,9 @@ def test_the_plugin_gives_what_flexinv_gives(installed: Path, rigid: Mechanism) 
     """With the gravity, the payload and the order of joints of its parameters; friction is in the torques, and alone."""
     q, qd, qdd = np.random.default_rng(3).uniform(-1.0, 1.0, (3, 3))
     numbers = [repr(float(one)) for part in (q, qd, qdd) for one in part[ORDER]]
-    said = run(str(installed / "replay"), "flexinv_rigid_3r_ros/Solver", "3", *numbers, AMENT_PREFIX_PATH=str(installed))
+    said = run(
+        str(installed / "replay"), "flexinv_rigid_3r_ros/Solver", "3", *numbers, AMENT_PREFIX_PATH=str(installed)
+    )
     torques, gravity, coriolis, friction, matrix, again = [np.array(line.split(), float) for line in said.splitlines()]
     heavy = replace(rigid.with_body("link3", Body("load", LOAD)), gravity=GRAVITY)
     still = np.zeros(3)
@@ -89,7 +106,9 @@ def test_the_plugin_gives_what_flexinv_gives(installed: Path, rigid: Mechanism) 
     weight = flexinv.joint_torques(bare, q, still, still)
     np.testing.assert_allclose(gravity, weight[ORDER], rtol=0, atol=bar)
     assert np.array_equal(again, gravity)
-    np.testing.assert_allclose(coriolis, (flexinv.joint_torques(bare, q, qd, still) - weight)[ORDER], rtol=0, atol=10 * bar)
+    np.testing.assert_allclose(
+        coriolis, (flexinv.joint_torques(bare, q, qd, still) - weight)[ORDER], rtol=0, atol=10 * bar
+    )
     lost = flexinv.joint_torques(heavy, q, qd, still) - flexinv.joint_torques(bare, q, qd, still)
     np.testing.assert_allclose(friction, lost[ORDER], rtol=0, atol=10 * bar)
     columns = np.array([flexinv.joint_torques(bare, q, still, unit) - weight for unit in np.eye(3)])
@@ -154,7 +173,7 @@ def test_a_package_has_its_licence_and_refuses_what_ros_cannot_say(
 ) -> None:
     made = flexinv.export_ros(replace(rigid, name='a*/"<b>'), tmp_path / "package")
     assert (made.folder / "LICENSE").read_text() == (root / "LICENSE").read_text()
-    assert {"package.xml", "src/solver.cpp", "library/src/flexinv_a___b.c"} <= set(made.files)
+    assert {"package.xml", "src/solver.cpp", "library/src/flexinv_a____b.c"} <= set(made.files)
     for name, said in (("talos", "ROS has one position for a joint"), ("four_bar", "take the motion of all joints")):
         with pytest.raises(InputError, match=said):
             flexinv.export_ros(flexinv.load_mechanism(f"models/{name}"), tmp_path / name)
