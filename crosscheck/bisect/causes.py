@@ -5,9 +5,12 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
+
 from crosscheck.bisect.answer import ChangeReport
 from crosscheck.bisect.bisection import Bisection
-from crosscheck.bisect.cases import TIME
+from crosscheck.bisect.cases import TIME, read_case_script
+from crosscheck.bisect.criteria import compute_table_distance
 from crosscheck.bisect.observations import Observation
 from crosscheck.engines import ENGINES
 from crosscheck.engines.job_files import CaseRequest
@@ -17,7 +20,10 @@ from crosscheck.run.isolation import ChildProcesses, ask, open_scratch_folder, r
 from crosscheck.verdicts.plan import Task
 from flexinv.errors import InputError
 
+OWN_COORDINATES = "its efforts stand in coordinates of its own, which the causes do not read"
 LONGEST_DIAGNOSIS = 900.0  # [s]
+# Of the range: in the same coordinates flexinv's efforts are the same numbers, in others they differ by as much as efforts do.
+SAME_EFFORTS = 1e-6
 
 
 def describe_case_change(task: Task, engine: str, bisection: Bisection, change: ChangeReport) -> str:
@@ -27,10 +33,12 @@ def describe_case_change(task: Task, engine: str, bisection: Bisection, change: 
             reference = run_reference(task, place)
         except InputError:
             return ""
+        script = bisection.trials.question.script
+        expected = read_case_script(Path(script.words[0]).parent, script.timeout).expected
         told = []
         for release in (change.before, change.after):
             observation = bisection.trials.trials[release].observations[0]
-            words = ask_cause(task, engine, release, observation, reference, place)
+            words = ask_cause(task, (engine, release), observation, expected, reference, place)
             told.append(f"{engine} {release} beside {REFERENCE}: {words}")
     return "\n".join(told)
 
@@ -45,11 +53,24 @@ def run_reference(task: Task, place: Path) -> Record:
     return reference
 
 
-def ask_cause(task: Task, engine: str, release: str, observation: Observation, reference: Record, place: Path) -> str:
-    """Return the diagnosis of the efforts of one release, in words; place : where flexinv's record is saved."""
+def ask_cause(
+    task: Task,
+    who: tuple[str, str],
+    observation: Observation,
+    expected: Observation,
+    reference: Record,
+    place: Path,
+) -> str:
+    """Return the diagnosis of the efforts of one release, in words.
+
+    who : engine and release; expected : flexinv's efforts as the script has them; place : where flexinv's record is saved
+    """
     names = task.mechanism.velocity_names
+    engine, release = who
     if {*observation.names} != {TIME, *names} or len(observation.table) != len(reference.time):
-        return "its efforts stand in coordinates of its own, which the causes do not read"
+        return OWN_COORDINATES
+    if not _is_alike(expected, reference):
+        return OWN_COORDINATES
     effort = observation.table[:, [observation.names.index(name) for name in names]]  # (sample, coordinate)
     record = replace(
         reference,
@@ -71,3 +92,12 @@ def ask_cause(task: Task, engine: str, release: str, observation: Observation, r
     job = {"kind": "study", "module": "crosscheck.causes.diagnosis", "function": "diagnose", "options": options}
     answer, ending = ask(job, LONGEST_DIAGNOSIS, ChildProcesses())
     return str(answer["words"]) if isinstance(answer, dict) else f"not diagnosed: {ending.message}"
+
+
+def _is_alike(expected: Observation, reference: Record) -> bool:
+    """Return True if flexinv's efforts in a script are those of its record: a basis that is turned keeps the names."""
+    known = {f"torque/{name}": expected.names.index(name) for name in expected.names if name != TIME}
+    both = [name for name in known if name in reference.series]
+    ours = np.column_stack([reference.series[name].values for name in both])
+    theirs = expected.table[:, [known[name] for name in both]]
+    return ours.shape == theirs.shape and compute_table_distance(theirs, ours, one_scale=True) <= SAME_EFFORTS

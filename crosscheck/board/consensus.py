@@ -10,11 +10,12 @@ from pathlib import Path
 import numpy as np
 
 from crosscheck.bisect.cases import COMPUTED, TIME
+from crosscheck.bisect.causes import SAME_EFFORTS
 from crosscheck.bisect.observations import Observation
 from crosscheck.corpus.consensus import REACHED, CaseConsensus
 from crosscheck.corpus.entry import make_case_id
 from crosscheck.corpus.judging import CaseBands, judge_series, make_bands, read_bands, read_manifest
-from crosscheck.kit.resolved import build_case_file
+from crosscheck.kit.resolved import build_case_file, list_idle_velocities
 from crosscheck.measures.record import Series
 from crosscheck.measures.series_csv import check_times
 from crosscheck.verdicts.compare import WHOLE
@@ -22,6 +23,7 @@ from crosscheck.verdicts.plan import Task
 from flexinv.errors import InputError
 
 NO_CORPUS = "No corpus was given: efforts are held against flexinv's. Write one with crosscheck corpus --out corpus."
+TURNED = ("free", "spherical")  # kinds of joints of which engines choose the axes of velocities
 CasePlace = tuple[str, str]  # mechanism and case
 
 
@@ -89,14 +91,27 @@ def compute_digest(bands: CaseBands | None) -> str:
     return state.hexdigest()[:12]
 
 
-def compute_consensus_distance(bands: CaseBands, observation: Observation) -> float | None:
+def has_own_coordinates(task: Task, bands: CaseBands, expected: Observation) -> bool:
+    """Return True if a script has coordinates of its engine's own: names of columns say it, or a turned basis does.
+
+    expected : flexinv's efforts as the script has them.  Only joints of several axes have a basis that can be turned.
+    """
+    idle = {f"torque/{name}" for name in list_idle_velocities(task.mechanism, task.case)}
+    names = {f"torque/{name}" for name in expected.names if name != TIME}
+    if not set(bands.series) <= names <= set(bands.series) | idle:
+        return True
+    turned = any(joint.kind in TURNED for joint in task.mechanism.joints)
+    return turned and compute_consensus_distance(bands, expected) > SAME_EFFORTS
+
+
+def compute_consensus_distance(bands: CaseBands, observation: Observation) -> float:
     """Return the largest distance of efforts from a consensus, as a part of their range [-]; 0 inside.
 
-    None where they stand in coordinates of the engine's own; infinite where a number is missing or is none.
+    Infinite where a number is missing or is none.
     """
-    names = [name for name in observation.names if name != TIME]
-    if {f"torque/{name}" for name in names} != set(bands.series):
-        return None
+    names = [name for name in observation.names if f"torque/{name}" in bands.series]
+    if TIME not in observation.names or len(names) < len(bands.series):
+        return float("inf")
     place = Path(COMPUTED)
     time = observation.table[:, observation.names.index(TIME)]
     sample = float(bands.time[1] - bands.time[0]) if bands.time.size > 1 else 1.0

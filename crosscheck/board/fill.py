@@ -20,11 +20,12 @@ from crosscheck.board.cells import (
     NO_LIMIT,
     NO_SCRIPT,
     OUTSIDE,
+    ROUNDING,
     WITHIN,
     Cell,
     write_cells,
 )
-from crosscheck.board.consensus import BoardConsensus, compute_consensus_distance, compute_digest
+from crosscheck.board.consensus import BoardConsensus, compute_consensus_distance, compute_digest, has_own_coordinates
 from crosscheck.board.jobs import ReleaseJob, read_script_files, run_release, run_release_on_worker
 from crosscheck.board.scripts import BoardScript
 from crosscheck.corpus.judging import CaseBands
@@ -74,6 +75,7 @@ class Board:
 
     folder : where cells are kept; notify : is told of each new cell with the number done and of all
     lost : cells that something of ours kept from their end, which are not kept
+    causes : efforts outside and the words of their cause by the key of the script: releases that give the same are not asked
     """
 
     scripts: Mapping[str, Sequence[BoardScript]]
@@ -86,6 +88,7 @@ class Board:
     notify: Callable[[Cell, int, int], None] = lambda cell, done, count: None
     computed: int = 0
     lost: dict[str, Cell] = field(default_factory=dict)
+    causes: dict[str, list[tuple[Observation, str]]] = field(default_factory=dict)
 
     @property
     def count(self) -> int:
@@ -183,8 +186,18 @@ class Board:
             assert script.made is not None
             cell = judge_cell(script, script.made, blank, observation, self.consensus.find_bands(script.task))
             if asking and cell.state == OUTSIDE:
-                cell = replace(cell, words=_find_cause(script, cell.release, observation))
+                cell = replace(cell, words=self._find_cause(script, script.made, cell.release, observation))
             yield cell
+
+    def _find_cause(self, script: BoardScript, made: CaseScript, release: str, observation: Observation) -> str:
+        """Return the words of the cause, which is looked for once where several releases give the same efforts."""
+        known = self.causes.setdefault(script.key, [])
+        for other, words in known:
+            if make_case_criterion(made, script.task, script.engine, False, ROUNDING).is_same(observation, other):
+                return words
+        words = _ask_cause(script, made, release, observation)
+        known.append((observation, words))
+        return words
 
 
 def judge_cell(
@@ -195,8 +208,7 @@ def judge_cell(
     if observation.reason:
         return replace(cell, state=CANNOT_RUN, words=observation.reason)
     limit = find_case_limit(script.task, script.engine)
-    distance = None if bands is None else compute_consensus_distance(bands, observation)
-    if distance is None:
+    if bands is None or has_own_coordinates(script.task, bands, made.expected):
         criterion = make_case_criterion(made, script.task, script.engine, False, NO_TOLERANCE)
         distance = criterion.compute_distance(observation, made.expected)
         cell = replace(cell, distance=distance, limit=limit, against=BY_REFERENCE)
@@ -204,15 +216,16 @@ def judge_cell(
             return replace(cell, state=NO_LIMIT, words="the case states no limit of this engine")
     else:
         limit = limit or 0.0
+        distance = compute_consensus_distance(bands, observation)
         cell = replace(cell, distance=distance, limit=limit, against=BY_CONSENSUS)
     return replace(cell, state=WITHIN if distance <= limit else OUTSIDE)
 
 
-def _find_cause(script: BoardScript, release: str, observation: Observation) -> str:
-    """Return the words of the cause; "" where flexinv itself gives no answer to hold it against."""
+def _ask_cause(script: BoardScript, made: CaseScript, release: str, observation: Observation) -> str:
+    """Return the words of the cause; those of flexinv where it gives no answer to hold the efforts against."""
     with open_scratch_folder() as place:
         try:
             reference = run_reference(script.task, place)
         except InputError as error:
             return str(error)
-        return ask_cause(script.task, script.engine, release, observation, reference, place)
+        return ask_cause(script.task, (script.engine, release), observation, made.expected, reference, place)

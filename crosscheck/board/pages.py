@@ -32,8 +32,8 @@ from crosscheck.verdicts.study_table import Line
 
 VERDICTS = {WITHIN: "within", OUTSIDE: "deviation", NO_LIMIT: "unjudged", CANNOT_RUN: "skipped", NO_SCRIPT: "skipped"}
 MEANINGS = {
-    WITHIN: "the efforts lie in the consensus of the case, or nearer to it than the limit of the case allows; without a "
-    "consensus, nearer to those of flexinv",
+    WITHIN: "the efforts lie in the consensus of the case, or off it by no more than the limit of the case; where there is no "
+    "consensus, off those of flexinv by no more",
     OUTSIDE: "they lie outside; the cause is named below",
     NO_LIMIT: "the case states no limit of this engine: only the distance is shown",
     CANNOT_RUN: "the release cannot run the script of the case, or cannot be installed here",

@@ -20,7 +20,7 @@ from crosscheck.bisect.cases import (
     resolve_engine,
     write_case_script,
 )
-from crosscheck.bisect.causes import describe_case_change
+from crosscheck.bisect.causes import OWN_COORDINATES, ask_cause, describe_case_change, run_reference
 from crosscheck.bisect.defaults import list_differences, read_defaults
 from crosscheck.bisect.environments import Environment, EnvironmentStore
 from crosscheck.bisect.observations import Observation, read_observation
@@ -78,6 +78,9 @@ def test_the_cause_of_a_change_is_named(task: Task, made: CaseScript, observatio
     old, new = describe_case_change(task, "mujoco", bisection, change).splitlines()
     assert old == "mujoco 1.0 beside flexinv: the difference is inside the error bars."
     assert "explain it" in new  # one motion of one joint cannot tell a scale from a wrong inertia
+    turned = replace(made.expected, table=made.expected.table * [1.0, *[-1.0] * (len(made.expected.names) - 1)])
+    reference = run_reference(task, tmp_path)
+    assert ask_cause(task, ("mujoco", "1.1"), wrong, turned, reference, tmp_path) == OWN_COORDINATES
 
 
 def test_defaults_of_an_engine_are_asked_for(tmp_path: Path) -> None:

@@ -25,13 +25,14 @@ from crosscheck.bisect.observations import Observation
 from crosscheck.bisect.pythons import find_pythons
 from crosscheck.bisect.releases import Release
 from crosscheck.bisect.script import Script, run_script
-from crosscheck.board import fill
+from crosscheck.board import consensus, fill
 from crosscheck.board.cells import CELLS, Cell, describe_trend, read_cells
 from crosscheck.board.consensus import (
     BoardConsensus,
     collect_consensus,
     compute_consensus_distance,
     compute_digest,
+    has_own_coordinates,
     read_consensus,
 )
 from crosscheck.board.fill import Board, BoardWorkers
@@ -75,7 +76,7 @@ def write_case(folder: Path) -> CaseScript:
 @pytest.fixture
 def board(task: Task, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Board:
     """A board whose engine gives FACTOR where 1 is expected; the cause of a deviation is not looked for."""
-    monkeypatch.setattr(fill, "_find_cause", lambda *_: "a scale of 1.5")
+    monkeypatch.setattr(fill, "_ask_cause", lambda *_: "a scale of 1.5")
     for version, source in RELEASES.items():
         write_wheel(tmp_path / "wheels", "mujoco", version, source)
     write_wheel(tmp_path / "wheels", "numpy", "1", "")
@@ -267,8 +268,8 @@ def test_one_line_more_than_the_limit_allows_is_outside(board: Board, task: Task
     limit = find_case_limit(task, "mujoco")
     assert limit is not None
     for share, state in ((0.5, "within"), (3.0, "outside")):  # of which one is the floor of every bar
-        consensus = make_consensus(task, 1.0 + share * limit, half=0.0)
-        assert replace(board, consensus=consensus, cells={}).fill_cells()[0].state == state
+        agreed = make_consensus(task, 1.0 + share * limit, half=0.0)
+        assert replace(board, consensus=agreed, cells={}).fill_cells()[0].state == state
 
 
 @pytest.mark.parametrize(
@@ -279,17 +280,50 @@ def test_one_line_more_than_the_limit_allows_is_outside(board: Board, task: Task
         ([[0.0, 0.0], [2.0, 1.0]], ("time", "hub"), np.inf),  # at other times
         ([[0.0, 0.0]], ("time", "hub"), np.inf),  # cut short
         ([[0.0, 0.0], [1.0, np.nan]], ("time", "hub"), np.inf),
-        ([[0.0, 0.0], [1.0, 1.0]], ("time", "free 1"), None),  # in coordinates of its own
+        ([[0.0, 0.0], [1.0, 1.0]], ("time", "free 1"), np.inf),
     ],
 )
 def test_distances_from_a_consensus(
-    task: Task, table: list[list[float]], names: tuple[str, ...], distance: float | None
+    task: Task, table: list[list[float]], names: tuple[str, ...], distance: float
 ) -> None:
     bands = make_consensus(task, 1.0).find_bands(task)
     assert bands is not None
     observation = Observation("", 0, None, names, np.array(table), "", "", 0.0, 0.0)
-    found = compute_consensus_distance(bands, observation)
-    assert found is None if distance is None else found == pytest.approx(distance, abs=1e-9)
+    assert compute_consensus_distance(bands, observation) == pytest.approx(distance, abs=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("names", "value", "kind", "own"),
+    [
+        (("time", "hub"), 1.0, "revolute", False),
+        (("time", "hub"), -1.0, "revolute", False),  # flexinv is outside the consensus
+        (("time", "hub"), 1.0, "free", False),
+        (("time", "hub"), -1.0, "free", True),  # a basis that is turned
+        (("time", "pivot"), 1.0, "revolute", True),
+        (("time", "hub", "pivot"), 1.0, "revolute", True),
+    ],
+)
+def test_coordinates_of_an_engines_own_are_told_by_names_and_numbers(
+    task: Task, names: tuple[str, ...], value: float, kind: str, own: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(consensus, "TURNED", ("revolute",) if kind == "free" else ())  # the hub stands for such a joint
+    bands = make_consensus(task, 1.0).find_bands(task)
+    assert bands is not None
+    table = np.array([[0.0] * len(names), [1.0, *[value] * (len(names) - 1)]])
+    expected = Observation("", 0, None, names, table, "", "", 0.0, 0.0)
+    assert has_own_coordinates(task, bands, expected) is own
+
+
+def test_a_cause_is_looked_for_once_where_releases_give_the_same(
+    board: Board, task: Task, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asked: list[str] = []
+    monkeypatch.setattr(fill, "_ask_cause", lambda script, made, release, observation: asked.append(release) or release)
+    cells = replace(board, consensus=make_consensus(task, 9.0)).fill_cells()
+    words = {cell.release: cell.words for cell in cells if cell.state == "outside"}
+    assert sorted(words) == ["1.0", "1.1", "1.3"]
+    assert sorted(asked) == sorted({words["1.0"], "1.1"})  # 1.0 and 1.3 give the same
+    assert words["1.3"] == words["1.0"]
 
 
 def make_case_consensus(task: Task, shift: float = 0.0) -> CaseConsensus:
