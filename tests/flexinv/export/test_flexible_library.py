@@ -131,13 +131,18 @@ def test_the_self_test_and_the_programs_that_are_shown_run(made_in_plane: Export
     folder = made_in_plane.folder
     assert subprocess.run([folder / "lib" / "native" / "selftest"], capture_output=True).returncode == 0
     library = folder / "lib" / "native" / f"lib{made_in_plane.name}.a"
-    (shown,) = blocks((ROOT / "docs" / "howto" / "c-library.md").read_text(), "cpp")
-    page = tmp_path / "page.cpp"
-    page.write_text(shown)
-    for compiler, source in (("cc", folder / "example.c"), ("c++", folder / "example.cpp"), ("c++", page)):
+    shown = blocks((ROOT / "docs" / "howto" / "c-library.md").read_text(), "cpp")
+    assert len(shown) == 2  # some cycles, and a loop of 1 kHz
+    pages = [tmp_path / f"page{k}.cpp" for k in range(len(shown))]
+    for page, text in zip(pages, shown, strict=True):
+        page.write_text(text)
+    sources = [("cc", folder / "example.c"), ("c++", folder / "example.cpp"), *(("c++", page) for page in pages)]
+    for compiler, source in sources:
         words = [compiler, "-Wall", "-Werror", f"-I{folder / 'include'}", source, library, "-lm"]
         subprocess.run(list(map(str, [*words, "-o", tmp_path / "example"])), check=True)
-        assert subprocess.run([tmp_path / "example"], capture_output=True).returncode == 0
+        done = subprocess.run([tmp_path / "example", "50"], capture_output=True, text=True)
+        assert done.returncode == 0, done.stderr
+    assert done.stdout.startswith("50 cycles: done; the slowest step took ")
 
 
 @pytest.mark.parametrize(
