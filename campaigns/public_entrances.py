@@ -389,7 +389,9 @@ def packaged(**given: Any) -> Any:
     """Return the sources of an exported package of ROS 2 [-], by their paths."""
     with tempfile.TemporaryDirectory() as folder:
         made = flexinv.export_ros(**given, out=Path(folder) / "package")
-        return {one: (made.folder / one).read_text() for one in made.files if one.endswith((".hpp", ".cpp", ".txt", ".md"))}
+        return {
+            one: (made.folder / one).read_text() for one in made.files if one.endswith((".hpp", ".cpp", ".txt", ".md"))
+        }
 
 
 def described(**given: Any) -> Any:
