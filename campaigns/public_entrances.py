@@ -225,7 +225,16 @@ def torques() -> Iterator[Entrance]:
     yield Entrance("base_parameters", flexinv.base_parameters, {
         "regressor": slot("thing", flexinv.torque_regressor(arm, *state)),
     })  # fmt: skip
-    bent = flexinv.Controller.of(model("flex_one_link"), step=1e-3)
+    strip = model("flex_one_link")
+    turn = flexinv.Motion.point_to_point({"hub": 0.0}, {"hub": 0.5}, duration=0.1, law="nonic")
+    yield Entrance("Parameter", flexinv.Parameter, {"name": slot("text", "load"), "value": slot("number", 0.5), "make": slot(
+        "thing", lambda value: strip
+    )})  # fmt: skip
+    yield Entrance("differentiate", flexinv.differentiate, {
+        "mechanism": slot("thing", strip), "motion": slot("thing", turn), "by": slot("text", "motion.hub[1]"),
+        "step": slot("number", 2e-3), "spectral_radius": slot("number", 0.8),
+    })  # fmt: skip
+    bent = flexinv.Controller.of(strip, step=1e-3)
     single = {name: slot("numbers", [x]) for name, x in zip(one, (1.8e-5, 6e-3, 1.0), strict=True)}
     yield Entrance("Controller.step", _steps(bent), single, 4.0)
     rigid = flexinv.Controller.of(arm)

@@ -38,6 +38,8 @@ if TYPE_CHECKING:
     from flexinv.rigid.torque_regressor import BaseParameters, Regressor, base_parameters, torque_regressor
     from flexinv.sampled.torques import torques
     from flexinv.sampled.write_torques import TorqueSummary, write_torques
+    from flexinv.sensitivity.differentiate import Sensitivities, differentiate
+    from flexinv.sensitivity.parameters import Parameter
     from flexinv.tracking.follow import Following, follow
     from flexinv.tracking.frame_path import Path
 
@@ -62,6 +64,7 @@ _NAMES = {
     "rigid.joint_torques": "joint_torques", "rigid.prepare": "TorqueFunction prepare",
     "rigid.torque_derivatives": "TorqueDerivatives torque_derivatives",
     "rigid.torque_regressor": "BaseParameters Regressor base_parameters torque_regressor",
+    "sensitivity.differentiate": "Sensitivities differentiate", "sensitivity.parameters": "Parameter",
     "tracking.follow": "Following follow", "tracking.frame_path": "Path",
 }  # fmt: skip
 _HOME = {name: module for module, names in _NAMES.items() for name in names.split()}
@@ -70,10 +73,11 @@ __all__ = [
     "BaseParameters", "Batch", "Body", "Case", "Controller", "ConvergenceError", "ExportedLibrary", "FlexinvError",
     "Following", "Inertia",
     "InputError", "InputShaper",
-    "LimitUse", "LinearModel", "Load", "Mechanism", "ModelWarning", "Modes", "Motion", "Path", "Regressor", "ResidualVibration",
-    "ShapedMotion", "Solution", "SteadyModes", "TorqueDerivatives", "TorqueFunction", "TorqueSummary",
-    "__version__", "base_parameters", "export_c", "export_fmu", "export_ros", "find_limits", "follow", "from_urdf",
-    "joint_torques",
+    "LimitUse", "LinearModel", "Load", "Mechanism", "ModelWarning", "Modes", "Motion", "Parameter", "Path", "Regressor",
+    "ResidualVibration", "Sensitivities", "ShapedMotion", "Solution", "SteadyModes",
+    "TorqueDerivatives", "TorqueFunction", "TorqueSummary",
+    "__version__", "base_parameters", "differentiate", "export_c", "export_fmu", "export_ros", "find_limits", "follow",
+    "from_urdf", "joint_torques",
     "linear_model", "load_cases", "load_mechanism", "make_shaped_motion",
     "make_shaper", "motor_side", "natural_modes", "prepare", "simulate", "solve",
     "solve_in_parts", "solve_many", "statics", "steady_modes", "torque_derivatives", "torque_regressor",

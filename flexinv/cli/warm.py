@@ -95,7 +95,7 @@ def _solve(folder: Path, model: str, error: bool = False) -> tuple[Mechanism, Ca
 
 
 def _run_planar_arm(folder: Path) -> None:
-    from flexinv import Controller, linear_model, simulate, solve_many
+    from flexinv import Controller, differentiate, linear_model, simulate, solve_many
 
     mechanism, case, found = _solve(folder, "flex_one_link", error=True)
     simulate(mechanism, found.time, found.torque, step=case.step)
@@ -104,6 +104,7 @@ def _run_planar_arm(folder: Path) -> None:
     controller.step(found.q[1], found.qd[1], found.qdd[1])
     solve_many(mechanism, [case.motion, case.motion], step=case.step, threads=1)
     linear_model(mechanism)
+    differentiate(mechanism, case.motion, "gravity[0]", step=case.step)
 
 
 def _run_spatial_arm(folder: Path) -> None:

@@ -43,7 +43,7 @@ def compute_matrices(solver: Solver, joints: Joints) -> Matrices:
 
     Raises ConvergenceError where an element turns too much to be linearised.
     """
-    count = _count_entries(solver)
+    count = count_entries(solver)
     size = len(solver.topology.scale)
     at = np.zeros((2, count), dtype=np.int64)
     values = np.zeros((3, count))
@@ -60,8 +60,8 @@ def compute_matrices(solver: Solver, joints: Joints) -> Matrices:
     return Matrices(mass, damping, stiffness)
 
 
-def _count_entries(solver: Solver) -> int:
-    """Number of entries that blocks and elements have in one matrix."""
+def count_entries(solver: Solver) -> int:
+    """Count the entries that blocks and elements have in one matrix [-]."""
     t = solver.topology
     e = solver.elements
     count = int((t.size**2).sum())

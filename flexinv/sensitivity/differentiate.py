@@ -1,0 +1,326 @@
+"""differentiate: derivatives of the torques of a mechanism with beams, and of its tips, by numbers of motion and mechanism.
+
+The march is differentiated itself (`tangent_kernel`): along the trajectory of `solve` one linear system a step gives the tangents
+by all parameters.  What a parameter of the mechanism does to the forces at a given motion, dr/dp, is a difference of fourth
+order, as is what one of the motion does to joints; rows of samples and of moves are sums, whose parts are evaluated themselves.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from flexinv.analysis.solution import Solution
+from flexinv.analysis.solve import solve
+from flexinv.analysis.task import Start, build_joint_histories, check_settings
+from flexinv.constraints.loop_starts import build_joint_mask
+from flexinv.dynamics.generalized_alpha import EARLY, EXACT, SUBSTEPS, Scheme, build_start_scheme, list_early_times
+from flexinv.errors import ConvergenceError, InputError
+from flexinv.kinematics.nodal_motion import NodalMotion
+from flexinv.model.by_value import ByValue
+from flexinv.model.joint_kinds import KINDS
+from flexinv.model.mechanism import Mechanism
+from flexinv.model.motion import Motion, resolve_start_coordinates
+from flexinv.sensitivity.march_start import MarchStart, begin_march, compute_start_offsets, integrate_parts
+from flexinv.sensitivity.march_states import (
+    build_free_system,
+    build_march_states,
+    build_turns,
+    compute_residuals,
+    compute_scalar_coordinates,
+    list_tip_nodes,
+    make_histories,
+    make_no_record,
+    make_tangent_scratch,
+)
+from flexinv.sensitivity.parameters import (
+    Parameter,
+    RowParameter,
+    StretchParameter,
+    VariedSetup,
+    build_differences,
+    build_variation,
+    evaluate_rows,
+    evaluate_stretch,
+    resolve_parameters,
+)
+from flexinv.sensitivity.tangent_kernel import (
+    ParameterInputs,
+    StepTangents,
+    TangentHistories,
+    TangentTask,
+    integrate_tangents,
+)
+from flexinv.typing import Array, Triple
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Sensitivities(ByValue):
+    """Derivatives by parameters along a solution, in units of what is differentiated over the unit of each parameter.
+
+    solution : where they are taken; parameters : names; values : (parameters,) where they stand
+    torque : (samples, actuated, parameters) [N m] or [N] per unit, columns as ``solution.torque_names``
+    tip : link -> (samples, 3, parameters) [m] per unit; q : (samples, nv, parameters) [rad], [m] per unit, of all joints
+    """
+
+    solution: Solution
+    parameters: tuple[str, ...]
+    values: Array
+    torque: Array
+    tip: dict[str, Array]
+    q: Array
+
+    def frame(self) -> pd.DataFrame:
+        """Return the derivatives of the torques [N m], [N] per unit over time [s], a column for each drive and parameter."""
+        import pandas
+
+        columns = pandas.MultiIndex.from_product([self.solution.torque_names, self.parameters], names=["torque", "by"])
+        table = self.torque.reshape(len(self.torque), -1)
+        return pandas.DataFrame(table, index=pandas.Index(self.solution.time, name="time [s]"), columns=columns)
+
+    def __repr__(self) -> str:
+        """Return samples, torques and parameters in a line."""
+        drives = ", ".join(self.solution.torque_names)
+        return f"Sensitivities({len(self.torque)} samples; torques of {drives} by {', '.join(self.parameters)})"
+
+
+def differentiate(
+    mechanism: Mechanism, motion: Motion, by: str | Parameter | Iterable[str | Parameter], step: float,
+    end: float | None = None, spectral_radius: float = 0.8, initial: str = "consistent",
+    start: Start = None, start_rate: Start = None,
+) -> Sensitivities:  # fmt: skip
+    """Return the derivatives of torques, tips and joint coordinates of `solve` by parameters of motion and mechanism.
+
+    by : names of numbers, as "motion.elbow[1]", "motion.duration", "links.forearm.beam.length", "joints.elbow.damping",
+        "gravity[2]" (`sensitivity.parameters`), or `Parameter` with a function of its own
+    step, end, spectral_radius, initial, start, start_rate : as `solve` takes them; the steps stay where they are
+    The tangents are those of the march itself: the same as differences of `solve` with a vanishing change.
+    Raises InputError as `solve`, for parameters that are none, closures, springs between points, joints without one number for
+    each coordinate, and accelerations that jump after the start; ConvergenceError as `solve`.
+    """
+    parameters = resolve_parameters(by, mechanism, motion)
+    _check_mechanism(mechanism)
+    solution = solve(
+        mechanism, motion, step=step, end=end, spectral_radius=spectral_radius, initial=initial,
+        start=start, start_rate=start_rate,
+    )  # fmt: skip
+    _check_jumps(motion, solution.time)
+    return _Differentiation(solution, motion, parameters, (start, start_rate)).run_march()
+
+
+def _check_mechanism(mechanism: Mechanism) -> None:
+    """Raise InputError for what has no tangents yet."""
+    for what in ("closures", "springs"):
+        if getattr(mechanism, what):
+            raise InputError(
+                f"differentiate: mechanism '{mechanism.name}' has {what}; derivatives are given of trees without springs between "
+                "points: take differences of flexinv.solve"
+            )
+    for joint in mechanism.joints:
+        if joint.nv and not KINDS[joint.kind].scalar:
+            raise InputError(
+                f"differentiate: joint '{joint.name}' of '{mechanism.name}' is {joint.kind}; derivatives are given of joints "
+                "with one number for each coordinate: take differences of flexinv.solve"
+            )
+
+
+def _check_jumps(motion: Motion, time: Array) -> None:
+    """Raise InputError where accelerations jump after the start."""
+    inside = [jump for jump in motion.jumps if time[0] < jump <= time[-1]]
+    if inside:
+        raise InputError(
+            f"differentiate: accelerations jump at {inside[0]:g} s; write a law without jumps (cycloid, quintic, septic, nonic), "
+            "or samples with rest=True"
+        )
+
+
+class _Differentiation:
+    """Derivatives along one solution.
+
+    prescribed : joints with a motion; given : (nv,) of which coordinates; system : the mechanism with all joints as unknowns
+    """
+
+    def __init__(
+        self, solution: Solution, motion: Motion, parameters: tuple[Parameter, ...], started: tuple[Start, Start]
+    ) -> None:
+        """Prepare what all legs of the march share."""
+        mechanism = solution.mechanism
+        self.solution = solution
+        self.motion = motion
+        self.parameters = parameters
+        self.started = started
+        prescribed = motion.joints(mechanism)
+        self.passive = {j.name for j in mechanism.joints if j.nv} - set(prescribed)
+        self.prescribed = prescribed
+        self.given = build_joint_mask(mechanism, prescribed)
+        self.system = build_free_system(mechanism, prescribed)
+        self.freedoms = self.system.make_freedoms(self.passive)
+        self.variations = tuple(build_variation(parameter, mechanism, motion) for parameter in parameters)
+        self.changing = [k for k, one in enumerate(self.variations) if one.changes_mechanism]
+        set_up = solution.settings
+        self.settings = check_settings(
+            float(set_up["step"]), float(set_up["spectral_radius"]), EXACT, str(set_up["initial"])
+        )
+
+    def run_march(self) -> Sensitivities:
+        """Return the derivatives along the whole march."""
+        solution = self.solution
+        time = solution.time
+        base = self._begin((solution.mechanism, self.motion))
+        tangents = self._make_start_tangents(base)
+        samples = len(time)
+        out = self._make_histories(samples)
+        early = 0
+        if base.sudden:
+            early = min(EARLY, samples - 1)
+            self._integrate_early_steps(base, early, tangents, out)
+        joints = solution.q[early:], solution.qd[early:], solution.qdd[early:]
+        late = TangentHistories(*(part[early:] for part in out))
+        nodes = solution.nodes.take_samples(slice(early, None))
+        self._integrate_leg(nodes, joints, time[early:], self.settings.scheme, tangents, late)
+        return self._assemble(out)
+
+    def _make_histories(self, samples: int) -> TangentHistories:
+        """Room for the derivatives at so many samples."""
+        tips = len(list_tip_nodes(self.system).node)
+        joints = len(self.freedoms.prescribed)
+        return make_histories(samples, self.system.size, joints, tips, len(self.parameters))
+
+    def _integrate_early_steps(
+        self, base: MarchStart, count: int, tangents: StepTangents, out: TangentHistories
+    ) -> None:
+        """March the tangents over the first steps, which are made in parts, and keep those at whole steps."""
+        time = self.solution.time
+        times = np.concatenate([time[:1], list_early_times(time[: count + 1])])
+        joints = self._evaluate_motion((self.solution.mechanism, self.motion), times)
+        nodes, joints = integrate_parts(base, joints, times, self.settings)
+        parts = self._make_histories(len(times))
+        self._integrate_leg(nodes, joints, times, build_start_scheme(self.settings.scheme), tangents, parts)
+        for history, part in zip(out, parts, strict=True):
+            history[: count + 1] = part[::SUBSTEPS]
+        tangents.pseudo[:] = tangents.acceleration
+
+    def _integrate_leg(
+        self,
+        nodes: NodalMotion,
+        joints: Triple,
+        time: Array,
+        scheme: Scheme,
+        tangents: StepTangents,
+        out: TangentHistories,
+    ) -> None:
+        """March the tangents along states at equal steps.  Raises ConvergenceError where an element turns too much."""
+        states = build_march_states(self.system, nodes, joints, time)
+        inputs = self._compute_inputs(nodes, joints, time)
+        turns = build_turns(self.system, states)
+        task = TangentTask(states, turns, inputs, self.freedoms, list_tip_nodes(self.system))
+        scratch = make_tangent_scratch(self.system, len(self.freedoms.marched), len(self.parameters))
+        bad = integrate_tangents(self.system.solver.system, task, scheme, tangents, scratch, out, make_no_record())
+        if bad >= 0:
+            raise ConvergenceError(
+                f"mechanism '{self.solution.mechanism.name}', at t = {time[bad]:g} s: an element turns too much to be "
+                "linearised; use more elements"
+            )
+
+    def _compute_inputs(self, nodes: NodalMotion, joints: Triple, time: Array) -> ParameterInputs:
+        """Compute what the parameters do from outside along given states: to joints with a motion, to the residual, to tips."""
+        count = len(self.changing)
+        pushed = np.zeros((len(time), self.system.size, count))
+        shifted = np.zeros((len(time), len(list_tip_nodes(self.system).node), 3, count))
+        for column, k in enumerate(self.changing):
+            variation = self.variations[k]
+            changed = (build_free_system(mechanism, self.prescribed) for mechanism, _ in variation.setups)
+            found = [compute_residuals(one, build_march_states(one, nodes, joints, time)) for one in changed]
+            pushed[:, :, column] = variation.join_results(residual for residual, _ in found)
+            shifted[..., column] = variation.join_results(place for _, place in found)
+        return ParameterInputs(self._compute_given(time), pushed, shifted, np.array(self.changing, dtype=np.int64))
+
+    def _compute_given(self, time: Array) -> Array:
+        """Derivatives (3, samples, joints, parameters) of the joints with a motion, their rates and accelerations."""
+        mechanism = self.solution.mechanism
+        out = np.zeros((3, len(time), mechanism.nv, len(self.parameters)))
+        for (_, joint), columns in self._collect_rows().items():
+            rows = [parameter for k in columns if isinstance(parameter := self.parameters[k], RowParameter)]
+            v = mechanism.v_slices[joint].start
+            out[:, :, v, columns] = evaluate_rows(self.motion, mechanism, rows, time)
+        for k, variation in enumerate(self.variations):
+            if isinstance(self.parameters[k], StretchParameter):
+                out[..., k] = np.stack(evaluate_stretch(self.motion, mechanism, time))
+            elif not all(motion is self.motion for _, motion in variation.setups):
+                series = (self._evaluate_motion(setup, time) for setup in variation.setups)
+                out[..., k] = variation.join_results(
+                    np.stack([compute_scalar_coordinates(mechanism, q), qd, qdd]) for q, qd, qdd in series
+                )
+        return out[:, :, self.given]
+
+    def _collect_rows(self) -> dict[tuple[int, str], list[int]]:
+        """Numbers of the parameters that are rows of a motion, by track and joint."""
+        groups: dict[tuple[int, str], list[int]] = {}
+        for k, parameter in enumerate(self.parameters):
+            if isinstance(parameter, RowParameter):
+                groups.setdefault((parameter.track, parameter.joint), []).append(k)
+        return groups
+
+    def _evaluate_motion(self, setup: VariedSetup, time: Array) -> Triple:
+        """Joint motion of a setup, passive joints where they start."""
+        mechanism, motion = setup
+        stated = resolve_start_coordinates(mechanism, self.passive, *self.started)
+        return build_joint_histories(motion, mechanism, stated, self.settings, time)[1](time)
+
+    def _begin(self, setup: VariedSetup) -> MarchStart:
+        time = self.solution.time[:1]
+        q, qd, qdd = (part[0] for part in self._evaluate_motion(setup, time))
+        return begin_march(setup[0], self.passive, (q, qd, qdd), float(time[0]), self.settings)
+
+    def _make_start_tangents(self, base: MarchStart) -> StepTangents:
+        """StepTangents at the start.  Raises InputError where a small change of a parameter makes a start sudden, or not."""
+        size = self.system.size
+        out = StepTangents(*np.zeros((4, size, len(self.parameters))))
+        given = self._compute_given(self.solution.time[:1])
+        for k, variation in enumerate(self.variations):
+            if k not in self.changing and not given[..., k].any():
+                continue
+            if isinstance(self.parameters[k], RowParameter | StretchParameter):
+                variation = build_differences(self.parameters[k], self.solution.mechanism, self.motion)
+            starts = [self._begin(setup) for setup in variation.setups]
+            if any(start.sudden != base.sudden for start in starts):
+                raise InputError(
+                    f"differentiate: by {self.parameters[k].name!r}: a small change makes the start of the march sudden, so that "
+                    "its first steps are others; write another step, or initial = 'static'"
+                )
+            found = variation.join_results(compute_start_offsets(start, base, self.system) for start in starts)
+            for part, value in zip(out, found, strict=True):
+                part[:, k] = value
+        return out
+
+    def _assemble(self, out: TangentHistories) -> Sensitivities:
+        """The result of the histories."""
+        solution = self.solution
+        mechanism = solution.mechanism
+        effort = np.zeros((len(solution.time), mechanism.nv, len(self.parameters)))
+        effort[:, self.given] = out.effort + self._compute_friction()
+        return Sensitivities(
+            solution=solution,
+            parameters=tuple(parameter.name for parameter in self.parameters),
+            values=np.array([parameter.value for parameter in self.parameters], dtype=float),
+            torque=effort[:, mechanism.actuated],
+            tip=dict(zip((joint.child for joint in mechanism.joints), out.tip.transpose(1, 0, 2, 3), strict=True)),
+            q=out.pose[:, self.system.unknown],
+        )
+
+    def _compute_friction(self) -> Array:
+        """Derivatives (samples, joints, parameters) of the dry friction of joints with a motion [N m], [N]."""
+        direction = np.sign(self.solution.qd[:, self.given])
+        out = np.zeros((*direction.shape, len(self.parameters)))
+        for k in self.changing:
+            friction = self.variations[k].join_results(
+                mechanism.drive_table[2][self.given] for mechanism, _ in self.variations[k].setups
+            )
+            out[:, :, k] = direction * friction
+        return out

@@ -1,0 +1,117 @@
+"""Start of a march as a function of mechanism and motion, and its first steps where something sudden makes them in parts."""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from dataclasses import dataclass
+
+import numpy as np
+
+from flexinv.analysis.initial_motion import begin_motion
+from flexinv.analysis.task import Settings
+from flexinv.dynamics.generalized_alpha import build_start_scheme
+from flexinv.dynamics.initial_state import begin_step
+from flexinv.dynamics.loads import build_load_table
+from flexinv.dynamics.solver import Solver, build_coordinate_map, write_instant
+from flexinv.dynamics.stepper import CONVERGED, integrate_instants
+from flexinv.dynamics.system import Instants, Trajectory
+from flexinv.kernels.so3 import log_so3
+from flexinv.kinematics.mesh import build
+from flexinv.kinematics.nodal_motion import NodalMotion, compute_relative_motion, fill_passive
+from flexinv.kinematics.tree import Joints
+from flexinv.linearized.modal_damping import apply_stated_ratio
+from flexinv.model.mechanism import Mechanism
+from flexinv.sensitivity.march_states import FreeSystem
+from flexinv.typing import Array, Indices, Triple
+
+
+@dataclass(frozen=True)
+class MarchStart:
+    """State in which a march begins, its solver still there.
+
+    x, r : (sections, 3), (sections, 3, 3); place : (nv,) of passive joints [rad], [m]
+    u, du, pseudo : (marched,) rates, accelerations and the integrator's own ones [m, rad, s]
+    sudden : whether the first steps are made in parts
+    """
+
+    solver: Solver
+    x: Array
+    r: Array
+    place: Array
+    u: Array
+    du: Array
+    pseudo: Array
+    sudden: bool
+
+
+def begin_march(
+    mechanism: Mechanism, passive: Collection[str], joints: Triple, time: float, settings: Settings
+) -> MarchStart:
+    """Return the state in which a march begins at a time [s], with joints at q (nq,), qd, qdd (nv,) [rad or m, s].
+
+    Raises ConvergenceError where there is none.
+    """
+    mesh = build(apply_stated_ratio(mechanism))
+    solver = Solver.build_for(mesh, set(passive))
+    when = f"at the start, t = {time:g} s"
+    relative = begin_motion(solver, joints, time, settings.initial, when)
+    du = solver.state.du.copy()
+    sudden = begin_step(solver, relative, settings.scheme, when)
+    s = solver.state
+    sections = np.flatnonzero(solver.topology.independent)
+    place = build_coordinate_map(mesh, solver.topology) @ s.place
+    return MarchStart(
+        solver, s.x[sections].copy(), s.r[sections].copy(), place, s.u.copy(), du, s.pseudo.copy(), bool(sudden)
+    )
+
+
+def compute_start_offsets(start: MarchStart, base: MarchStart, system: FreeSystem) -> Array:
+    """Return by how much a start is off another one, (4, unknowns): pose [m], [rad], rate, acceleration and the
+    integrator's own one."""
+    out = np.zeros((4, system.size))
+    to = _list_unknowns(system, start.solver)
+    for row, (one, other) in enumerate(((start.u, base.u), (start.du, base.du), (start.pseudo, base.pseudo)), start=1):
+        out[row, to] = one - other
+    out[0, system.unknown] = start.place - base.place
+    out[0, system.first[:, None] + np.arange(3)] = start.x - base.x
+    turned = log_so3(np.einsum("nji,njk->nik", base.r, start.r)) if len(base.r) else np.zeros((0, 3))
+    out[0, system.first[:, None] + np.arange(3, 6)] = turned
+    return out
+
+
+def _list_unknowns(system: FreeSystem, solver: Solver) -> Indices:
+    """Of each marched unknown of a solver its place among those of the free system."""
+    t = solver.topology
+    to = np.zeros(len(t.scale), dtype=np.int64)
+    sections = np.flatnonzero(t.independent)
+    to[t.offset[t.block[sections]][:, None] + np.arange(6)] = system.first[:, None] + np.arange(6)
+    coordinates = build_coordinate_map(solver.mesh, t)
+    v, at = np.nonzero(coordinates)
+    to[at] = system.unknown[v]
+    return to
+
+
+def integrate_parts(start: MarchStart, joints: Triple, time: Array, settings: Settings) -> tuple[NodalMotion, Triple]:
+    """Return the motion of nodes and joints at the start and at all parts of the first steps [m, rad, s].
+
+    joints : q (1 + parts, nq), qd, qdd (1 + parts, nv) of those with a motion; time : (1 + parts,) [s]
+    Raises ConvergenceError where Newton fails.
+    """
+    solver = start.solver
+    mesh = solver.mesh
+    relative = Joints(*(np.ascontiguousarray(part) for part in compute_relative_motion(mesh, *joints)))
+    loads = build_load_table(mesh, time)
+    coupled = solver.compute_coupling_terms(*joints)
+    out = Trajectory.make_zero(len(time), mesh, 0)
+    write_instant(solver, 0, out)
+    rest = out.take_samples(1, len(time))
+    instants = Instants(
+        Joints(*(part[1:] for part in relative)), loads[1:], solver.evaluate_drives(time[1:]), coupled[1:]
+    )
+    scheme = build_start_scheme(settings.scheme)
+    status, sample, count, size = integrate_instants(*solver.prepare_arguments(scheme, instants, rest))
+    if status != CONVERGED:
+        raise solver.make_step_error(status, count, size, f"at t = {time[1 + sample]:g} s", scheme.h)
+    q, qd, qdd = (part.copy() for part in joints)
+    fill_passive(mesh, out.motion, solver.passive, q, qd, qdd)
+    return out.motion, (q, qd, qdd)

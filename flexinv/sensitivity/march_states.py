@@ -1,0 +1,193 @@
+"""ForceRecord along a march as the tangents take them: of a mechanism all of whose joints are unknowns."""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from flexinv.dynamics.generalized_alpha import STATICS
+from flexinv.dynamics.linearization import count_entries
+from flexinv.dynamics.loads import build_load_table
+from flexinv.dynamics.solver import Solver, build_coordinate_map
+from flexinv.errors import ConvergenceError
+from flexinv.kernels.so3 import log_so3
+from flexinv.kinematics.mesh import Mesh, build, list_tips
+from flexinv.kinematics.nodal_motion import NodalMotion, compute_relative_motion
+from flexinv.linearized.modal_damping import apply_stated_ratio
+from flexinv.model.joint_kinds import KINDS
+from flexinv.model.mechanism import Mechanism
+from flexinv.sensitivity.tangent_kernel import (
+    ForceRecord,
+    MarchedFreedoms,
+    MarchStates,
+    ParameterInputs,
+    StepTangents,
+    StepTurns,
+    TangentHistories,
+    TangentScratch,
+    TangentTask,
+    TipNodes,
+    integrate_tangents,
+)
+from flexinv.typing import Array, Indices, Triple
+
+
+@dataclass(frozen=True)
+class FreeSystem:
+    """A mechanism all of whose joints are unknowns; its residual is then the effort of every joint.
+
+    unknown : (nv,) the unknown of each velocity coordinate; sections : nodes with six unknowns each, first : (sections,) of these
+    """
+
+    solver: Solver
+    unknown: Indices
+    sections: Indices
+    first: Indices
+
+    @property
+    def mesh(self) -> Mesh:
+        """Return its mesh [m]."""
+        return self.solver.mesh
+
+    @property
+    def size(self) -> int:
+        """Return the number of unknowns [-]."""
+        return len(self.solver.topology.scale)
+
+    def make_freedoms(self, marched: Collection[str]) -> MarchedFreedoms:
+        """Return the unknowns with a motion and those that are marched, joints named in ``marched`` among them [-]."""
+        mechanism = self.mesh.mechanism
+        names = [name for name, columns in mechanism.v_slices.items() for _ in range(columns.start, columns.stop)]
+        prescribed = np.array(
+            [at for name, at in zip(names, self.unknown, strict=True) if name not in marched], dtype=np.int64
+        )
+        free = np.setdiff1d(np.arange(self.size), prescribed)
+        order = np.full(self.size, -1, dtype=np.int64)
+        order[free] = np.arange(len(free))
+        return MarchedFreedoms(prescribed, free, order)
+
+
+def build_free_system(mechanism: Mechanism, prescribed: Collection[str]) -> FreeSystem:
+    """Return the mechanism with all joints as unknowns [m, rad]; dry friction of those with a motion is left out.
+
+    Its effort has no derivative but where the rate changes its sign.
+    """
+    joints = tuple(replace(j, friction=0.0) if j.name in prescribed else j for j in mechanism.joints)
+    mesh = build(apply_stated_ratio(replace(mechanism, joints=joints)))
+    solver = Solver.build_for(mesh, {joint.name for joint in joints if joint.nv})
+    unknown = build_coordinate_map(mesh, solver.topology).argmax(axis=1)
+    t = solver.topology
+    sections = np.flatnonzero(t.independent)
+    return FreeSystem(solver, unknown, sections, t.offset[t.block[sections]])
+
+
+def build_march_states(system: FreeSystem, motion: NodalMotion, joints: Triple, time: Array) -> MarchStates:
+    """Return the states of a nodal motion at some times (samples,) [s], with joints q, qd, qdd [rad or m, s]."""
+    mesh = system.mesh
+    t = system.solver.topology
+    q, qd, qdd = joints
+    relative = compute_relative_motion(mesh, q, qd, qdd)
+    held = t.freedoms > 0
+    x = np.zeros((len(time), mesh.size, 3))
+    r = np.tile(np.eye(3), (len(time), mesh.size, 1, 1))
+    x[:, system.sections] = motion.x[:, system.sections]
+    r[:, system.sections] = motion.rotation[:, system.sections]
+    x[:, held] = relative.p[:, held]
+    r[:, held] = relative.r[:, held]
+    u, du, place = np.zeros((3, len(time), system.size))
+    place[:, system.unknown] = compute_scalar_coordinates(mesh.mechanism, q)
+    u[:, system.unknown] = qd
+    du[:, system.unknown] = qdd
+    at = system.first[:, None] + np.arange(6)
+    s = system.sections
+    u[:, at] = np.concatenate([motion.v[:, s], motion.omega[:, s]], axis=2)
+    du[:, at] = np.concatenate([motion.a[:, s], motion.alpha[:, s]], axis=2)
+    return MarchStates(x, r, u, du, place, relative, build_load_table(mesh, time))
+
+
+def build_turns(system: FreeSystem, states: MarchStates) -> StepTurns:
+    """Return the rotations of the sections over each step of a path [-]; the first sample has none."""
+    r = states.r[:, system.sections]
+    vector = np.zeros((*r.shape[:2], 3))
+    vector[1:] = log_so3(np.einsum("snji,snjk->snik", r[:-1], r[1:]))
+    at = np.full(system.size, -1, dtype=np.int64)
+    number = np.zeros(system.size, dtype=np.int64)
+    for k, first in enumerate(system.first + 3):
+        at[first : first + 3] = first
+        number[first : first + 3] = k
+    return StepTurns(at, number, system.first + 3, vector, np.zeros((len(system.first), 3, 3)))
+
+
+def compute_residuals(system: FreeSystem, states: MarchStates) -> tuple[Array, Array]:
+    """Return the residual (samples, unknowns) [N], [N m] and the links' tips (samples, tips, 3) [m] along a path.
+
+    Raises ConvergenceError where an element turns too much.
+    """
+    tips = list_tip_nodes(system)
+    record = ForceRecord(np.empty((len(states.x), system.size)), np.empty((len(states.x), len(tips.node), 3)))
+    task = TangentTask(states, build_turns(system, states), make_no_inputs(), system.make_freedoms(()), tips)
+    tangents = StepTangents(*np.empty((4, system.size, 0)))
+    room = make_histories(0, system.size, 0, 0, 0)
+    bad = int(
+        integrate_tangents(
+            system.solver.system, task, STATICS, tangents, make_tangent_scratch(system, 0, 0), room, record
+        )
+    )
+    if bad >= 0:
+        raise ConvergenceError(
+            f"mechanism '{system.mesh.mechanism.name}': an element turns too much in sample {bad} where a parameter is varied; "
+            "use more elements"
+        )
+    return record.residual, record.tip
+
+
+def compute_scalar_coordinates(mechanism: Mechanism, q: Array) -> Array:
+    """Return the coordinates (samples, nv) [rad], [m] of joints that have one number each; turns are counted along q."""
+    out = np.empty((len(q), mechanism.nv))
+    for joint in mechanism.joints:
+        columns = q[:, mechanism.q_slices[joint.name]]
+        if KINDS[joint.kind].circle:
+            columns = np.unwrap(np.arctan2(columns[:, 1], columns[:, 0]))[:, None]
+        out[:, mechanism.v_slices[joint.name]] = columns
+    return out
+
+
+def make_tangent_scratch(system: FreeSystem, marched: int, parameters: int) -> TangentScratch:
+    """Return the scratch of a march with so many marched unknowns and parameters [any unit]; none where there are none."""
+    count = count_entries(system.solver) if parameters else 0
+    return TangentScratch(
+        np.zeros((2, count), dtype=np.int64),
+        np.zeros((3, count)),
+        np.empty((marched, marched + parameters)),
+        np.empty((system.size, parameters)),
+    )
+
+
+def make_histories(samples: int, unknowns: int, joints: int, tips: int, parameters: int) -> TangentHistories:
+    """Return room for derivatives at so many samples [any unit]."""
+    return TangentHistories(
+        effort=np.empty((samples, joints, parameters)),
+        tip=np.empty((samples, tips, 3, parameters)),
+        pose=np.empty((samples, unknowns, parameters)),
+    )
+
+
+def make_no_record() -> ForceRecord:
+    """Return no room for states [any unit]."""
+    return ForceRecord(np.empty((0, 0)), np.empty((0, 0, 3)))
+
+
+def make_no_inputs() -> ParameterInputs:
+    """Return the inputs of no parameter [any unit]."""
+    return ParameterInputs(
+        np.empty((3, 0, 0, 0)), np.empty((0, 0, 0)), np.empty((0, 0, 3, 0)), np.zeros(0, dtype=np.int64)
+    )
+
+
+def list_tip_nodes(system: FreeSystem) -> TipNodes:
+    """Return the tips of all links [m], in the order of the joints that carry them."""
+    tips = list_tips(system.mesh)
+    nodes = np.array([node for _, node, _ in tips], dtype=np.int64)
+    return TipNodes(nodes, np.array([place for _, _, place in tips], dtype=float).reshape(-1, 3))
