@@ -33,6 +33,7 @@ from flexinv.export.machine_code import NATIVE
 from flexinv.export.refusals import check_exportable
 from flexinv.files.load_cases import Case
 from flexinv.kinematics.mesh import build
+from flexinv.linearized.modal_damping import apply_stated_ratio
 from flexinv.model.joint_kinds import KINDS
 from flexinv.model.mechanism import Mechanism
 from flexinv.typing import Triple
@@ -138,7 +139,7 @@ def plan_case(mechanism: Mechanism, case: Case) -> CasePlan:
 
 def _evaluate_forces(mechanism: Mechanism, time: NDArray[np.floating]) -> Array:
     """Wrenches of the given forces on links at some times (samples,), (samples, forces, 6) [N], [N m]."""
-    forces = list_moved_forces(build(mechanism))
+    forces = list_moved_forces(build(apply_stated_ratio(mechanism)))
     made = [np.stack([np.interp(time, one.time, column) for column in one.wrench.T], axis=1) for one in forces]
     return np.stack(made, axis=1) if made else np.zeros((len(time), 0, 6))
 

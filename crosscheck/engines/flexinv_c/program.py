@@ -25,6 +25,7 @@ from flexinv.export.link_library import C_OPTIONS, find_compiler
 from flexinv.export.machine_code import NATIVE
 from flexinv.export.memory_image import ALIGNMENT
 from flexinv.kinematics.mesh import build
+from flexinv.linearized.modal_damping import apply_stated_ratio
 from flexinv.model.mechanism import Mechanism
 
 Array = NDArray[np.float64]
@@ -151,7 +152,7 @@ def make_linked_program(mechanism: Mechanism, folder: Path, name: str) -> Progra
     if compiler is None:
         raise FlexinvError(NO_COMPILER)
     source = folder / "driver.c"
-    forces = list_moved_forces(build(mechanism))
+    forces = list_moved_forces(build(apply_stated_ratio(mechanism)))
     source.write_text(_write_driver(name, kind, len(forces)), encoding="utf-8")
     out = folder / "driver"
     library = folder / "lib" / NATIVE / f"lib{name}.a"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib
+import shutil
 import subprocess
 import zipfile
 from dataclasses import replace
@@ -19,14 +20,19 @@ from marched_library import STEP, Rows, controlled, swing
 import flexinv
 from flexinv.cli.commands import app
 from flexinv.errors import InputError
+from flexinv.export.c_files import make_constants
 from flexinv.export.fmu import compile_fmu
+from flexinv.export.kernel_objects import make_kernel_object
+from flexinv.export.library_plan import LibraryPlan
 from flexinv.export.link_library import C_OPTIONS
+from flexinv.export.machine_code import Processor, write_entries
 from flexinv.model.links import Body, Inertia
 from flexinv.model.mechanism import Mechanism
 from flexinv.typing import Array
 
 pytestmark = [needs_compiler, needs_fmpy]
 VERSIONS = ("3.0", "2.0")
+ABUSE = Path(__file__).resolve().parents[2] / "shared" / "fmu" / "abuse.c"
 # Two equilibria found in other ways, as in test_flexible_library.
 REST = 1e-9
 ROUNDING = 1e-14  # of a payload that is added as a body of its own: sums in another order
@@ -305,7 +311,7 @@ def test_an_fmu_carries_the_licence_and_is_the_same_every_time(
 
 @pytest.mark.parametrize("fmi", VERSIONS)
 def test_the_layer_has_the_declarations_of_the_standard(
-    bending: Mechanism, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, fmi: str
+    rigid: Mechanism, bending: Mechanism, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, fmi: str
 ) -> None:
     """Compiled with the headers that FMPy ships, without a warning: a wrong type of one argument would be an error."""
     sources = list[tuple[str, str]]()
@@ -318,13 +324,47 @@ def test_the_layer_has_the_declarations_of_the_standard(
 
     monkeypatch.setattr("flexinv.export.export_fmu.build_library", keep)
     flexinv.export_fmu(bending, tmp_path / "x.fmu", fmi=fmi, step=STEP, payloads=("link2",))
-    ((_, source),) = sources
-    step = f"fmi{fmi[0]}DoStep("
-    for text, fails in ((source, False), (source.replace(step, step + "int extra, "), True)):
+    for kind, step in (("inverse", None), ("forward", STEP)):
+        flexinv.export_fmu(rigid, tmp_path / "y.fmu", fmi=fmi, step=step, kind=kind, overwrite=True)
+    name = f"fmi{fmi[0]}DoStep("
+    wrong = sources[0][1].replace(name, name + "int extra, ")
+    for text, fails in (*((source, False) for _, source in sources), (wrong, True)):
         (tmp_path / "fmu.c").write_text(text)
         words = ["cc", *C_OPTIONS, "-Werror", "-DFLEXINV_FMI_HEADERS", "-I.", f"-I{headers}", "-fsyntax-only", "fmu.c"]
         done = subprocess.run(words, cwd=tmp_path, capture_output=True, text=True, check=False)
         assert bool(done.returncode) == fails, done.stderr
+
+
+def has_sanitizers() -> bool:
+    words = ["cc", "-fsanitize=address,undefined", "-x", "c", "-", "-o", "/dev/null"]
+    return subprocess.run(words, input=b"int main(void) { return 0; }", capture_output=True).returncode == 0
+
+
+@pytest.mark.skipif(not has_sanitizers(), reason="the C compiler has no sanitizers (libasan, libubsan)")
+@pytest.mark.parametrize("kind", ["inverse", "forward"])
+def test_an_abused_fmu_reads_and_writes_its_own_memory_alone(
+    bending: Mechanism, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, kind: str
+) -> None:
+    """The layer of FMI and the file of the library under the address and the undefined-behaviour sanitizer."""
+
+    def keep(plan: LibraryPlan, source: tuple[str, str], name: str, target: str) -> bytes:
+        processor = Processor.build_for(target)
+        kernels = make_kernel_object(plan.entries, processor)
+        entries = write_entries(plan.entries, make_constants(plan, name), processor, kernels.names)
+        files = {f"{name}.h": source[0].encode(), "fmu.c": source[1].encode(), "k.o": kernels.code, "e.o": entries}
+        for path, data in files.items():
+            (tmp_path / path).write_bytes(data)
+        return b""
+
+    monkeypatch.setattr("flexinv.export.export_fmu.build_library", keep)
+    flexinv.export_fmu(bending, tmp_path / "x.fmu", kind=kind, step=STEP, payloads=("link2",))
+    shutil.copy(ABUSE, tmp_path)
+    check = ["-fsanitize=address,undefined", "-fno-sanitize-recover=all"]
+    words = ["cc", "-std=c99", "-O1", *check, "abuse.c", "e.o", "k.o", "-lm", "-o", "abuse"]
+    subprocess.run(words, cwd=tmp_path, check=True)
+    done = subprocess.run([tmp_path / "abuse"], capture_output=True, text=True)
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert "refusals in words" in done.stdout
 
 
 def test_the_command_line_writes_it(tmp_path: Path) -> None:

@@ -39,9 +39,12 @@ def answer(model: str, name: str, engine: str = "flexinv-c") -> Record:
 
 
 @needs_compiler
-@pytest.mark.parametrize(("model", "case"), [("kuka_kr300", "return"), ("four_bar", "rock"), ("spatial_arm", "reach")])
+@pytest.mark.parametrize(
+    ("model", "case"),
+    [("kuka_kr300", "return"), ("four_bar", "rock"), ("spatial_arm", "reach"), ("flex_one_link_damped", "septic")],
+)
 def test_its_torques_are_those_of_flexinv(model: str, case: str) -> None:
-    """A tree with a spring, a loop, a march: far inside the engine's own limit."""
+    """A tree with a spring, a loop, marches, one with damping that is a ratio: far inside the engine's own limit."""
     ours, theirs = answer(model, case, "flexinv"), answer(model, case)
     torques = [name for name in ours.series if name.startswith("torque/")]
     assert set(theirs.series) == set(torques)
