@@ -264,6 +264,24 @@ def test_a_rigid_chain_in_time(tmp_path: Path) -> None:
     assert max(run(tmp_path).values()) < 1e-3  # index 3 at some thousand steps
 
 
+@pytest.mark.slow
+def test_a_release_that_turns_joints_instead_of_markers_gives_the_same(tmp_path: Path) -> None:
+    """Exudyn before 1.13 has no localHT.  The release that is installed here turns joints as well as markers: to the bit."""
+    mechanism, case = examples.spatial()
+    exported(mechanism, "exudyn-dae", tmp_path, case, posed(mechanism, case))
+    text = (tmp_path / "run.py").read_text()
+    assert run(tmp_path)
+    today = (tmp_path / "computed.csv").read_bytes()
+    asked = 'untold = "localHT" not in'
+    assert asked in text
+    (tmp_path / "run.py").write_text(text.replace(asked, 'untold = "localHT" in'))
+    run(tmp_path)
+    assert (tmp_path / "computed.csv").read_bytes() == today
+    (tmp_path / "run.py").write_text(text.replace(asked, 'untold = "localHT" in').replace("TURNS[int(number)] @", ""))
+    with pytest.raises(AssertionError):  # joints that are not turned do not fit
+        run(tmp_path)
+
+
 def test_what_cannot_be_exported_is_said(tmp_path: Path) -> None:
     loop, loop_case = examples.four_bar("universal")
     none = np.zeros((1, 1))
