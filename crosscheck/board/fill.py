@@ -145,6 +145,7 @@ class Board:
                 future.cancel()
             if not self.workers.scheduler:
                 self._take_rest(pending)
+            write_cells(self.cells.values(), self.folder)
             raise
 
     def _begin_share(self, pool: Executor, share: ReleaseShare, stop: threading.Event) -> Future[ReleaseAnswer]:
@@ -159,7 +160,6 @@ class Board:
             if not future.cancelled() and future.exception() is None:
                 judged = [one for one in self._judge_answer(share, future.result(), False) if one.state != OUTSIDE]
                 self.cells |= {cell.key: cell for cell in judged}
-        write_cells(self.cells.values(), self.folder)
 
     def _take_answer(self, share: ReleaseShare, future: Future[ReleaseAnswer]) -> None:
         """Take the cells of a release; what a cluster has lost is not kept.  Raises InputError where nothing can be installed."""
