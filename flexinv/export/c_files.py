@@ -15,7 +15,7 @@ from flexinv.export.names import format_comment, format_markdown, format_numbers
 from flexinv.kinematics.nodal_motion import list_sliding_coordinates
 from flexinv.model.mechanism import Mechanism
 
-LAYOUT = 2  # of the block; another number wherever the header's functions or the meaning of the block change
+LAYOUT = 3  # of the block; another number wherever the header's functions or the meaning of the block change
 # Name -> meaning, in the order of their numbers.
 STATUSES = {
     "OK": "done",

@@ -20,6 +20,7 @@ from flexinv.analysis.controller import Controller, FlexibleState
 from flexinv.dynamics.loaded_torques import evaluate_loaded_torques
 from flexinv.dynamics.stepper import SLIPPED, SUDDEN_START, TURNED_TOO_MUCH, integrate_instants
 from flexinv.errors import ConvergenceError, InputError
+from flexinv.export.flexible.beam_damping import format_damping
 from flexinv.export.flexible.parameters import format_parameters
 from flexinv.export.flexible.rest_plan import RestStart, plan_rest_start
 from flexinv.export.given_forces import format_forces, list_moved_forces
@@ -92,6 +93,12 @@ def plan_flexible_library(mechanism: Mechanism, prefix: str, settings: MarchSett
         "parameters",
         *(["bodies", "payloads"] if settings.payloads else []),
     ]
+    damping = format_damping(
+        image, state.solver.mesh, state.solver.elements if state.flat is None else state.flat.system.elements
+    )
+    if damping is not None:
+        values |= damping
+        parts.append("damping")
     if state.loads is not None and list_moved_forces(state.solver.mesh):
         tables = [state.loads.applied.wrench, state.arguments[0].table]
         values |= format_forces(image, state.solver.mesh, tables, prefix)

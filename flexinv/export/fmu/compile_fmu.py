@@ -114,7 +114,7 @@ def _collect_values(plan: LibraryPlan, head: FmuHead, made: Interface) -> Mappin
         "group_count": str(len(made.groups)), "groups": ", ".join(made.groups), "starts": format_numbers(starts),
         "roles": format_string("".join(letters.get(one.role, "o") for one in made.variables)),
         "has_payloads": str(int(any("PAYLOAD" in group for group in made.groups))),
-        "has_readings": str(int(bool(places["tip_at"]))),
+        "has_damping": str(int("damping" in plan.parts)), "has_readings": str(int(bool(places["tip_at"]))),
         "held_at": str(made.held), "starts_anywhere": str(int("rest" in plan.parts)),
         "beam_count": str(len(m.beams)), "link_count": str(len(m.links)),
         **{name: _list_places(part, name in ("deflection_at", "tip_at")) for name, part in places.items()},

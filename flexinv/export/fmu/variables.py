@@ -134,6 +134,9 @@ def add_parameters(made: Interface, plan: LibraryPlan, payloads: Sequence[str]) 
                 made.add(f"{name}.friction", PARAMETER_ROLE, units[3], "dry friction", float(m.drive_table[2, i]))
                 made.add(f"{name}.damping", PARAMETER_ROLE, units[4], "viscous friction", float(m.drive_table[1, i]))
                 made.add_group("FRICTION", i, first)
+    for k, beam in enumerate(m.beams if "damping" in plan.parts else ()):
+        says = "damping of the beam, in parts of what the mechanism states"
+        made.add_group("DAMPING_TIMES", k, made.add(f"{beam.name}.damping", PARAMETER_ROLE, "1", says, 1.0))
     numbers = [link.name for link in m.links] if plan.kind == "rigid" else list(payloads)
     for name in payloads:
         if name not in m.link_of:

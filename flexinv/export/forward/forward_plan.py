@@ -28,6 +28,7 @@ from flexinv.dynamics.loads import build_load_table
 from flexinv.dynamics.solver import Solver, build_coordinate_map
 from flexinv.dynamics.stepper import SLIPPED, SUDDEN_START, TURNED_TOO_MUCH, integrate_instants
 from flexinv.dynamics.system import Instants
+from flexinv.export.flexible.beam_damping import format_damping
 from flexinv.export.flexible.flexible_plan import MarchSettings
 from flexinv.export.flexible.parameters import format_spatial_parameters
 from flexinv.export.library_plan import BLOCK_HEADER, LibraryPlan
@@ -72,7 +73,9 @@ def plan_forward_library(mechanism: Mechanism, prefix: str, settings: MarchSetti
     t = solver.topology
     numbers = t.drives, t.mass, t.inertia, t.gravity, instants.joints.p[0]
     values |= format_spatial_parameters(image, mesh, numbers, settings.payloads, prefix)
-    parts += ["parameters", *(["bodies", "payloads"] if settings.payloads else [])]
+    damping = format_damping(image, mesh, solver.elements)
+    values |= damping or {}
+    parts += ["parameters", *(["damping"] if damping else []), *(["bodies", "payloads"] if settings.payloads else [])]
     return LibraryPlan("forward", m, entries, image, values, None, tuple(parts), begins, settings.step)
 
 

@@ -15,7 +15,7 @@ from four_bar_example import four_bar
 import flexinv
 from flexinv.errors import InputError
 from flexinv.model.links import Body, Inertia
-from flexinv.model.mechanism import Mechanism
+from flexinv.model.mechanism import Mechanism, with_retardation
 from flexinv.typing import Array
 
 pytestmark = [needs_compiler, needs_fmpy]
@@ -24,6 +24,7 @@ STEPS = 60
 # The same kernel makes the same steps; Python reads angles off rotations, which loses the last digits of some radians.
 READ_ANGLE = 1e-12
 READ_RATE = 1e-10  # of the largest: a rounding of 1e-15 rad within a sixteenth of a step, some of them
+ROUNDED_DAMPING = 1e-9  # [rad]: one rounding of 1e-16 in stresses, over the axial strains of a thin strip, marched on
 LOAD = Inertia(0.3, np.array([0.02, -0.01, 0.05]), np.diag([1e-3, 2e-3, 1.5e-3]))
 
 
@@ -110,6 +111,18 @@ def test_a_rigid_arm_feels_gravity_payload_and_friction(rigid: Mechanism, tmp_pa
     values = {f"{last}.payload.{name}": float(one) for name, one in numbers.items()} | {"joint1.damping": 0.5}
     values |= {f"gravity.{axis}": float(one) for axis, one in zip("xyz", gravity, strict=True)}
     assert_motion(run(file, rigid, torque, **values), simulate(heavy, time, torque))
+
+
+def test_damping_of_beams_is_a_parameter(bending: Mechanism, tmp_path: Path) -> None:
+    """So many times that of the mechanism; products of two numbers round in another order."""
+    flat = replace(bending, gravity=np.zeros(3))
+    damped = [with_retardation(flat, seconds) for seconds in (1e-3, 3e-3)]
+    file = flexinv.export_fmu(damped[0], tmp_path / "arm.fmu", kind="forward", step=STEP)
+    time, torque = make_torque(flat, 0.002)
+    result = run(file, damped[0], torque, **{"link1.damping": 3.0, "link2.damping": 3.0})
+    expected = simulate(damped[1], time, torque).q
+    np.testing.assert_allclose(result[0], expected, rtol=0, atol=ROUNDED_DAMPING)
+    assert np.abs(run(file, damped[0], torque)[0] - expected).max() > 1e-4
 
 
 def test_a_loop_moves_as_simulate_moves_it(tmp_path: Path) -> None:

@@ -16,7 +16,7 @@ import flexinv
 from flexinv.errors import InputError
 from flexinv.export.export_c import ExportedLibrary, export_c
 from flexinv.model.links import Body
-from flexinv.model.mechanism import Attachment, Force, Inertia, Mechanism, Placement, Spring
+from flexinv.model.mechanism import Attachment, Force, Inertia, Mechanism, Placement, Spring, with_retardation
 from flexinv.typing import Array
 
 pytestmark = needs_compiler
@@ -208,3 +208,24 @@ def test_a_force_that_depends_on_time_is_given_before_each_step(tmp_path: Path) 
     assert block.call("set_force", 2, np.zeros(6)) == "BAD_VALUE"
     assert block.call("set_force", 0, np.full(6, np.nan)) == "NOT_FINITE"
     assert block.call("set_force", 0, None) == "NULL"
+
+
+@pytest.mark.parametrize("model", ["flex_two_link", "spatial_arm"])
+def test_damping_changes_while_it_marches(model: str, tmp_path: Path) -> None:
+    """In the plane and in space: of all beams as a mechanism that is damped so, and of none as before."""
+    bare = flexinv.load_mechanism(f"models/{model}")
+    times = 3.0
+    damped = [with_retardation(bare, factor * 1e-3) for factor in (1.0, times)]
+    block = Block(export_c(damped[0], tmp_path / "library", step=STEP))
+    rows = swing(damped[0], bare.neutral, 0.2 * WAY, 2 * STEPS)
+    expected = [controlled(one, bare.neutral, rows) for one in damped]
+    for factor, wanted in ((times, expected[1]), (1.0, expected[0])):
+        assert block.start() == "OK"
+        for beam in range(len(bare.beams)):
+            assert block.call("set_damping", beam, factor) == "OK"
+        result = stepped(block, rows)
+        np.testing.assert_allclose(result, wanted, rtol=0, atol=MARCH * np.ptp(wanted))
+    assert np.abs(expected[0] - expected[1]).max() > 1e-3 * np.ptp(expected[0])
+    assert block.call("set_damping", len(bare.beams), 1.0) == "BAD_VALUE"
+    assert block.call("set_damping", 0, -1.0) == "BAD_VALUE"
+    assert block.call("set_damping", 0, np.nan) == "NOT_FINITE"
