@@ -13,7 +13,7 @@ from flexinv.elements.planar_beam import PlanarElements
 from flexinv.export.memory_image import WORD, MemoryImage
 from flexinv.kinematics.mesh import Mesh
 
-Stretch = tuple[int, int]  # offset of a number in the block [bytes], and how many follow one another
+NumberRange = tuple[int, int]  # offset of a number in the block [bytes], and how many follow one another
 
 
 def format_damping(image: MemoryImage, mesh: Mesh, elements: Elements | PlanarElements) -> dict[str, str] | None:
@@ -33,8 +33,8 @@ def format_damping(image: MemoryImage, mesh: Mesh, elements: Elements | PlanarEl
 
 def _list_stretches(
     image: MemoryImage, elements: Elements | PlanarElements, first: int, last: int
-) -> Iterator[Stretch]:
-    """Where the damping of the elements from ``first`` to before ``last`` stands."""
+) -> Iterator[NumberRange]:
+    """The places of the damping of the elements from ``first`` to before ``last``."""
     if isinstance(elements, PlanarElements):
         yield from _list_planar_places(image, elements, first, last)
         return
@@ -43,7 +43,7 @@ def _list_stretches(
             yield image.find_place(array[first:last]), int(array[first:last].size)
 
 
-def _list_planar_places(image: MemoryImage, elements: PlanarElements, first: int, last: int) -> Iterator[Stretch]:
+def _list_planar_places(image: MemoryImage, elements: PlanarElements, first: int, last: int) -> Iterator[NumberRange]:
     """In a plane a block of points at once has all their axial numbers, then those of shear, then those of bending."""
     base = image.find_place(elements.damping)
     points = elements.shape.shape[1]

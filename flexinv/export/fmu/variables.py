@@ -137,6 +137,12 @@ def add_parameters(made: Interface, plan: LibraryPlan, payloads: Sequence[str]) 
     for k, beam in enumerate(m.beams if "damping" in plan.parts else ()):
         says = "damping of the beam, in parts of what the mechanism states"
         made.add_group("DAMPING_TIMES", k, made.add(f"{beam.name}.damping", PARAMETER_ROLE, "1", says, 1.0))
+    _add_payloads(made, plan, payloads)
+
+
+def _add_payloads(made: Interface, plan: LibraryPlan, payloads: Sequence[str]) -> None:
+    """Add what some links carry: mass [kg], centre [m] and inertia [kg m^2] of each."""
+    m = plan.mechanism
     numbers = [link.name for link in m.links] if plan.kind == "rigid" else list(payloads)
     for name in payloads:
         if name not in m.link_of:
