@@ -22,9 +22,9 @@ from crosscheck.commands.shared.terminal import (
     open_progress,
 )
 from crosscheck.commands.shared.terminal import make_out_option as out_option
-from crosscheck.report import render
 from crosscheck.report.html import format_value
 from crosscheck.report.words import SIGNS
+from crosscheck.report.write_report import render
 from crosscheck.run.run_state import RESULTS
 from crosscheck.secrets import format_command_line
 from crosscheck.verdicts import history

@@ -31,7 +31,7 @@ from crosscheck.conform import ladder
 from crosscheck.doors.registry import COMMAND, FMU, RECORD
 from crosscheck.engines import Engine
 from crosscheck.measures.limits import REFERENCE
-from crosscheck.report import render
+from crosscheck.report.write_report import render
 from crosscheck.run.isolation import open_scratch_folder
 from crosscheck.run.run_state import RESULTS
 from crosscheck.run.runner import run

@@ -21,8 +21,8 @@ from crosscheck.checkout import open_checkout_module
 from crosscheck.commands.shared.terminal import COLOURS, JOBS, Console, Failure, Seconds, convert_sigterm, open_progress
 from crosscheck.commands.shared.terminal import make_out_option as out_option
 from crosscheck.measures.limits import Verdict
-from crosscheck.report import render
 from crosscheck.report.words import SIGNS
+from crosscheck.report.write_report import render
 from crosscheck.run.run_state import RESULTS
 from crosscheck.run.runner import run
 from crosscheck.run.work import Event, Options, Work

@@ -27,9 +27,9 @@ from crosscheck.commands.shared.terminal import (
     plan_of,
 )
 from crosscheck.doors.registry import add_engine_limits
-from crosscheck.report import render
 from crosscheck.report.explanations import list_certificates
 from crosscheck.report.words import describe_run, format_short
+from crosscheck.report.write_report import render
 from crosscheck.run.runner import run
 from crosscheck.run.work import Options, Work
 from crosscheck.secrets import format_command_line

@@ -30,8 +30,8 @@ from crosscheck.identification.parameters import Key
 from crosscheck.identification.readings import Run
 from crosscheck.identification.settings import LimitTable, list_matching_names
 from crosscheck.identification.table import MACHINE, Row
-from crosscheck.report import render
 from crosscheck.report.words import format_by_width, format_interval
+from crosscheck.report.write_report import render
 from crosscheck.verdicts.results import (
     Results,
     StudyRow,

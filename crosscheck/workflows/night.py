@@ -24,8 +24,9 @@ from crosscheck.checkout import open_checkout_module
 from crosscheck.corpus.gather import find_all_consensus, make_panel
 from crosscheck.corpus.notes import read_notes
 from crosscheck.measures.record import RecordError
-from crosscheck.report import change_summary, render, trends
+from crosscheck.report import change_summary, trends
 from crosscheck.report.html import INDEX
+from crosscheck.report.write_report import render
 from crosscheck.run.run_state import RESULTS
 from crosscheck.run.runner import KEPT, run
 from crosscheck.run.work import Notify, Work

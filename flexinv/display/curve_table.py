@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import csv
+import io
+import itertools
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
@@ -22,25 +25,29 @@ class DrawnCurve:
 
 def render_curves(curves: Iterable[DrawnCurve]) -> str:
     """Return curves as CSV [unit in each name]; those along the same places share the column of these."""
-    import pandas as pd
-
-    columns: list[tuple[str, pd.Series]] = []
+    columns: list[tuple[str, list[object]]] = []
     along: list[object] | None = None
     for curve in curves:
         places = list(curve.places)
         if along != places:
             named = any(curve.x == name for name, _ in columns)
-            columns.append((f"{curve.x} of {curve.y}" if named else curve.x, pd.Series(places)))
+            columns.append((f"{curve.x} of {curve.y}" if named else curve.x, places))
             along = places
-        columns.append((curve.y, pd.Series(curve.values)))
+        columns.append((curve.y, list(curve.values)))
     if not columns:
         return ""
-    table = pd.concat([column.map(_convert_cell) for _, column in columns], axis=1)
-    table.columns = pd.Index([_convert_cell(name) for name, _ in columns])
-    text: str = table.to_csv(index=False, lineterminator="\n")
-    return text
+    text = io.StringIO()
+    table = csv.writer(text, lineterminator="\n")
+    table.writerow([_format_cell(name) for name, _ in columns])
+    cells = ([_format_cell(value) for value in values] for _, values in columns)
+    table.writerows(itertools.zip_longest(*cells, fillvalue=""))
+    return text.getvalue()
 
 
-def _convert_cell(value: object) -> object:
-    """Return a value of a cell; a text that would be a formula begins with an apostrophe, as in spreadsheets."""
-    return f"'{value}" if isinstance(value, str) and value.startswith(FORMULA) else value
+def _format_cell(value: object) -> str:
+    """A value as text, "" for one that is missing; a text that would be a formula begins with an apostrophe."""
+    if isinstance(value, str):
+        return f"'{value}" if value.startswith(FORMULA) else value
+    if value is None or value != value:
+        return ""
+    return repr(float(value)) if isinstance(value, float) else str(value)

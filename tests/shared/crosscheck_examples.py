@@ -12,7 +12,7 @@ import pytest
 import rogue_engines as rogue
 
 from crosscheck.engines import ENGINES, Engine
-from crosscheck.report import render
+from crosscheck.report.write_report import render
 from crosscheck.run.runner import run
 from crosscheck.run.work import Event, Options, Work
 from crosscheck.studies import Study

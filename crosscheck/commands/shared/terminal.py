@@ -19,7 +19,6 @@ from rich.markup import escape
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.text import Text
 
-from crosscheck.report import render
 from crosscheck.report.words import SIGNS, describe_run, describe_unchanged, list_trouble_lines
 from crosscheck.run.reading_limits import GIGABYTES, SECONDS
 from crosscheck.run.work import Event
@@ -167,6 +166,8 @@ def match_engines(known: Mapping[str, T], patterns: str) -> dict[str, T]:
 
 def write_report_and_end(console: Console, results: Results, out: Path) -> NoReturn:
     """Write the report, say how it went, and leave with the exit code of the results."""
+    from crosscheck.report.write_report import render  # who writes none does not wait for it
+
     try:
         render(results, out)
     except OSError as error:

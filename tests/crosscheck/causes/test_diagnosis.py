@@ -23,9 +23,9 @@ from crosscheck.causes.subject import Subject
 from crosscheck.engines import ENGINES, adapter
 from crosscheck.measures.certificate import Check
 from crosscheck.measures.record import save
-from crosscheck.report import render
 from crosscheck.report.explanations import collect_warnings, list_certificates
 from crosscheck.report.markdown import escape
+from crosscheck.report.write_report import render
 from crosscheck.run.isolation import ChildProcesses, ask
 from crosscheck.run.questions import Question, list_questions, read_diagnosis, split_by_case
 from crosscheck.verdicts.baseline import UNBLESSED

@@ -142,7 +142,7 @@ def test_a_failure_of_the_harness_is_not_a_deviation(
     def fall(*_: object) -> None:
         raise ZeroDivisionError("unforeseen")
 
-    monkeypatch.setattr("crosscheck.commands.shared.terminal.render", fall)
+    monkeypatch.setattr("crosscheck.report.write_report.render", fall)
     monkeypatch.setattr(
         "crosscheck.doors.registry.ENGINES", dict.fromkeys("ef", Engine("e", "x", "no_such_package", "never"))
     )

@@ -18,7 +18,7 @@ from click.testing import CliRunner
 from crosscheck_examples import Night, night_run
 
 from crosscheck.cli import main
-from crosscheck.report import render
+from crosscheck.report.write_report import render
 from crosscheck.verdicts.certificates import judge_by_certificate
 
 pytestmark = chromium.MARKS

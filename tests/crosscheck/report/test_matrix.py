@@ -10,7 +10,8 @@ import pytest
 from crosscheck_examples import Night, night_run
 from report_page import Page
 
-from crosscheck.report import render, words
+from crosscheck.report import words
+from crosscheck.report.write_report import render
 
 
 @pytest.fixture(scope="session")

@@ -16,7 +16,8 @@ from crosscheck_examples import WICKED, Night, night_run
 from report_page import Page
 
 from crosscheck.measures.record import read_record
-from crosscheck.report import html, junit, markdown, render, words
+from crosscheck.report import html, junit, markdown, words
+from crosscheck.report.write_report import render
 from crosscheck.verdicts.compare import Comparison
 from crosscheck.verdicts.results import CaseRow, EngineRow, Results, RunRow, StudyRow, read, write
 

@@ -19,7 +19,7 @@ from crosscheck_examples import write_models
 from crosscheck import output_folder
 from crosscheck.engines import ENGINES, Engine
 from crosscheck.measures.record import Record, torque_series
-from crosscheck.report import render
+from crosscheck.report.write_report import render
 from crosscheck.run import answer_cache, isolation, run_cache
 from crosscheck.run.answer_cache import ENDING, AnswerCache, find_user_folder, is_traceable, remove_oldest_entries
 from crosscheck.run.isolation import Attempt

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 from crosscheck_examples import write_models
 
-from crosscheck.report import render
+from crosscheck.report.write_report import render
 from crosscheck.verdicts import results as store
 from crosscheck.verdicts.plan import discover, make_case_row
 from crosscheck.verdicts.results import CaseRow, Results, RunRow

@@ -11,7 +11,7 @@ from crosscheck_examples import stopping, write_models
 
 from crosscheck import output_folder as owned
 from crosscheck.engines import ENGINES, Engine
-from crosscheck.report import ReportError, render
+from crosscheck.report.write_report import ReportError, render
 from crosscheck.run.runner import run
 from crosscheck.run.work import Options, Work
 from crosscheck.verdicts import results as store

@@ -18,7 +18,7 @@ from crosscheck import output_folder as owned
 from crosscheck.engines import ENGINES, Engine
 from crosscheck.measures.certificate import Check
 from crosscheck.measures.record import read_record
-from crosscheck.report import ReportError, render
+from crosscheck.report.write_report import ReportError, render
 from crosscheck.run.isolation import ChildProcesses
 from crosscheck.run.runner import run
 from crosscheck.run.work import Options, Work
