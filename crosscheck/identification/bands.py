@@ -28,7 +28,7 @@ from crosscheck.identification.estimation.fit import STEP, Fit, Problem
 from crosscheck.identification.filters import low_pass
 from crosscheck.identification.machine import Channel, Machine, has_friction
 from crosscheck.identification.parameters import Values
-from crosscheck.identification.readings import Run, apply_bandwidth, compute_raw_signals, compute_readings
+from crosscheck.identification.readings import Run, apply_bandwidth_to_all, compute_raw_signals, compute_readings
 from flexinv.typing import Array
 
 NOMINAL = 0.9
@@ -177,8 +177,8 @@ def _compute_parameter_scatter(machine: Machine, fit: Fit, run: Run) -> Array:
         ahead = fit.z.copy()
         ahead[k] += STEP
         raw = compute_raw_signals(machine, run.motion, run.response, machine.space.compute_values(ahead, run.load))
-        slopes.append(apply_bandwidth(machine, run, (raw - level) / STEP))
-    j = np.stack(slopes, axis=-1)
+        slopes.append((raw - level) / STEP)
+    j = np.stack(apply_bandwidth_to_all(machine, run, slopes), axis=-1)
     variance = np.einsum("tcp,pq,tcq->tc", j, fit.covariance, j, optimize=True)
     return np.asarray(np.sqrt(np.maximum(variance, 0.0)))
 

@@ -9,7 +9,7 @@ marker, accelerometer gain * delayed(lagged(signal)) + zero
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -246,11 +246,19 @@ def compute_readings(machine: Machine, run: Run, values: Mapping[Key, float]) ->
 
 def apply_bandwidth(machine: Machine, run: Run, raw: Array) -> Array:
     """Return raw signals (samples, channels) [units of the channels], or differences of them, as readings are: low-passed."""
+    return apply_bandwidth_to_all(machine, run, [raw])[0]
+
+
+def apply_bandwidth_to_all(machine: Machine, run: Run, raw: Sequence[Array]) -> list[Array]:
+    """Return several sets of raw signals, (samples, channels) each [units of the channels], as `apply_bandwidth` does one."""
     spacing = float(run.motion.time[1] - run.motion.time[0])
     passed = [k for k, channel in enumerate(machine.channels) if channel.sense != "gauge"]
-    out = raw.copy()
+    out = [one.copy() for one in raw]
     if passed:
-        out[:, passed] = apply_low_pass_all(raw[:, passed], spacing, machine.settings.bandwidth_Hz)
+        together = np.hstack([one[:, passed] for one in raw])
+        parts = np.split(apply_low_pass_all(together, spacing, machine.settings.bandwidth_Hz), len(out), axis=1)
+        for one, part in zip(out, parts, strict=True):
+            one[:, passed] = part
     return out
 
 

@@ -21,11 +21,12 @@ from numpy.typing import NDArray
 from crosscheck.identification.estimation.noise import Noise, compute_noise
 from crosscheck.identification.machine import Machine
 from crosscheck.identification.parameters import KINDS, Key
-from crosscheck.identification.readings import Run, apply_bandwidth, compute_raw_signals
+from crosscheck.identification.readings import Run, apply_bandwidth, apply_bandwidth_to_all, compute_raw_signals
 from flexinv.errors import ConvergenceError, InputError
 from flexinv.typing import Array
 
 STEP = 1e-4  # of the difference quotients, in standard errors of the priors
+FILTERED_TOGETHER = 2_000_000  # numbers of signals behind one call of the low-pass: 16 MB
 ROUNDS = 8  # at most: the weights are known when the residuals are
 SCAN = (-1.0, -0.5, 0.5, 1.0)  # of the prior's width: where stiffnesses, dampings and lengths are tried first
 STEADY = 0.03  # relative change of all weights at which the rounds end: intervals change by less
@@ -262,13 +263,14 @@ def compute_jacobian(task: Problem, z: Array) -> list[Array]:
     What a day adds to a parameter changes that day's runs, by as much as the parameter does: it needs no reading of its own.
     """
     level = task.compute_raw_readings(z)
-    columns = []
-    for k in range(len(task.machine.space.parameters)):
-        ahead = z.copy()
-        ahead[k] += STEP
-        slopes = [(a - b) / STEP for a, b in zip(task.compute_raw_readings(ahead), level, strict=True)]
-        passed = [apply_bandwidth(task.machine, *one) for one in zip(task.runs, slopes, strict=True)]
-        columns.append(task.collect_counted_samples(passed))
+    count = len(task.machine.space.parameters)
+    together = max(1, FILTERED_TOGETHER // max(sum(one.size for one in level), 1))
+    columns: list[list[Array]] = []
+    for first in range(0, count, together):
+        slopes = [_compute_slopes(task, z, k, level) for k in range(first, min(first + together, count))]
+        of_runs = zip(task.runs, zip(*slopes, strict=True), strict=True)
+        passed = [apply_bandwidth_to_all(task.machine, run, signals) for run, signals in of_runs]
+        columns.extend(task.collect_counted_samples(list(of_parameter)) for of_parameter in zip(*passed, strict=True))
     whole = [np.column_stack([c[channel] for c in columns]) for channel in range(len(task.machine.channels))]
     if not task.moved:
         return whole
@@ -278,6 +280,13 @@ def compute_jacobian(task: Problem, z: Array) -> list[Array]:
         np.hstack([j, *(j[:, list(task.moved)] * (day_number == day)[:, None] for day in days)])
         for j, day_number in zip(whole, number, strict=True)
     ]
+
+
+def _compute_slopes(task: Problem, z: Array, k: int, level: list[Array]) -> list[Array]:
+    """Derivatives of the raw readings of each run by coordinate k, (samples, channels) [units of channels]."""
+    ahead = z.copy()
+    ahead[k] += STEP
+    return [(a - b) / STEP for a, b in zip(task.compute_raw_readings(ahead), level, strict=True)]
 
 
 def _list_day_numbers(task: Problem) -> list[Array]:
