@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import pickle
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -11,7 +10,6 @@ import logged_arm
 import numpy as np
 import planted_faults
 import pytest
-from once import made_once
 
 import crosscheck
 from crosscheck.identification.causes.cause import NamedCause
@@ -183,18 +181,12 @@ def test_a_tilted_base_is_named_with_its_angle(known: tuple[Identification, Log]
 
 
 @pytest.fixture(scope="module")
-def real(root: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[Identification, Log, list[NamedCause]]:
+def real(root: Path) -> tuple[Identification, Log, list[NamedCause]]:
     """The measured arm, its log, and what that shows as it is."""
-
-    def make(to: Path) -> None:
-        folder = root / "models" / "kuka_kr300"
-        identification = crosscheck.identify(folder, [folder / "run_A.csv.gz"])
-        log = read_log(folder / "run_A.csv.gz")
-        (to / "found.pickle").write_bytes(pickle.dumps((identification, log, find_causes(identification, log))))
-
-    made = made_once(tmp_path_factory, "causes_of_the_measured_arm", make)
-    found: tuple[Identification, Log, list[NamedCause]] = pickle.loads((made / "found.pickle").read_bytes())
-    return found
+    folder = root / "models" / "kuka_kr300"
+    identification = crosscheck.identify(folder, [folder / "run_A.csv.gz"])
+    log = read_log(folder / "run_A.csv.gz")
+    return identification, log, find_causes(identification, log)
 
 
 @pytest.mark.slow
