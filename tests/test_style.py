@@ -73,6 +73,7 @@ CARD = "how a result is shown, apart from the result"
 ALONE = {
     "crosscheck.equivalence.card": CARD,
     "crosscheck.board.jobs": "what is sent to the workers of a cluster, apart from what stays here",
+    "crosscheck.report.markdown": "a format of its own, as the others",
     "crosscheck.bisect.dependencies": "one more environment, apart from the words of an answer",
     "crosscheck.studies.robot_sweep": "states and torques of many robots, which the benchmarks take, too",
     "crosscheck.causes.quantity_causes": "what no effort shows, a question of its own",

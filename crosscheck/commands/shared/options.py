@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import importlib
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
@@ -92,6 +93,7 @@ class RunSelection:
 
         Raises Failure where a name or a pattern leads to nothing, or a program is not trusted.
         """
+        importlib.import_module("jinja2")  # a report needs it at the very end: who has none learns it now
         known = collect_engines(self.models, self.config, self.engine)
         engines = match_engines(known.engines, self.engines)
         absent = tuple(name for name, engine in engines.items() if not engine.has_tool)

@@ -16,7 +16,7 @@ def test_curves_of_other_places_have_columns_of_their_own() -> None:
     text = render_curves(DrawnCurve("x [m]", *curve) for curve in curves)
     assert list(csv.reader(text.splitlines())) == [
         ["x [m]", "a [N]", "b [N]", "x [m] of c [N]", "c [N]"],
-        ["0", "1", "3.0", "5.0", "6.0"],
+        ["0", "1", "3", "5", "6"],
         ["1", "2", "", "", ""],
     ]
     assert render_curves([]) == ""
