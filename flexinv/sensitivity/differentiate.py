@@ -111,7 +111,7 @@ def differentiate(
         start=start, start_rate=start_rate,
     )  # fmt: skip
     _check_jumps(motion, solution.time)
-    return _Differentiation(solution, motion, parameters, (start, start_rate)).run_march()
+    return _Differentiation(mechanism, solution, motion, parameters, (start, start_rate)).run_march()
 
 
 def _check_mechanism(mechanism: Mechanism) -> None:
@@ -147,10 +147,11 @@ class _Differentiation:
     """
 
     def __init__(
-        self, solution: Solution, motion: Motion, parameters: tuple[Parameter, ...], started: tuple[Start, Start]
-    ) -> None:
+        self, mechanism: Mechanism, solution: Solution, motion: Motion, parameters: tuple[Parameter, ...],
+        started: tuple[Start, Start],
+    ) -> None:  # fmt: skip
         """Prepare what all legs of the march share."""
-        mechanism = solution.mechanism
+        self.mechanism = mechanism
         self.solution = solution
         self.motion = motion
         self.parameters = parameters
@@ -172,7 +173,7 @@ class _Differentiation:
         """Return the derivatives along the whole march."""
         solution = self.solution
         time = solution.time
-        base = self._begin((solution.mechanism, self.motion))
+        base = self._begin((self.mechanism, self.motion))
         tangents = self._make_start_tangents(base)
         samples = len(time)
         out = self._make_histories(samples)
@@ -198,7 +199,7 @@ class _Differentiation:
         """March the tangents over the first steps, which are made in parts, and keep those at whole steps."""
         time = self.solution.time
         times = np.concatenate([time[:1], list_early_times(time[: count + 1])])
-        joints = self._evaluate_motion((self.solution.mechanism, self.motion), times)
+        joints = self._evaluate_motion((self.mechanism, self.motion), times)
         nodes, joints = integrate_parts(base, joints, times, self.settings)
         parts = self._make_histories(len(times))
         self._integrate_leg(nodes, joints, times, build_start_scheme(self.settings.scheme), tangents, parts)
@@ -224,7 +225,7 @@ class _Differentiation:
         bad = integrate_tangents(self.system.solver.system, task, scheme, tangents, scratch, out, make_no_record())
         if bad >= 0:
             raise ConvergenceError(
-                f"mechanism '{self.solution.mechanism.name}', at t = {time[bad]:g} s: an element turns too much to be "
+                f"mechanism '{self.mechanism.name}', at t = {time[bad]:g} s: an element turns too much to be "
                 "linearised; use more elements"
             )
 
@@ -243,7 +244,7 @@ class _Differentiation:
 
     def _compute_given(self, time: Array) -> Array:
         """Derivatives (3, samples, joints, parameters) of the joints with a motion, their rates and accelerations."""
-        mechanism = self.solution.mechanism
+        mechanism = self.mechanism
         out = np.zeros((3, len(time), mechanism.nv, len(self.parameters)))
         for (_, joint), columns in self._collect_rows().items():
             rows = [parameter for k in columns if isinstance(parameter := self.parameters[k], RowParameter)]
@@ -287,7 +288,7 @@ class _Differentiation:
             if k not in self.changing and not given[..., k].any():
                 continue
             if isinstance(self.parameters[k], RowParameter | StretchParameter):
-                variation = build_differences(self.parameters[k], self.solution.mechanism, self.motion)
+                variation = build_differences(self.parameters[k], self.mechanism, self.motion)
             starts = [self._begin(setup) for setup in variation.setups]
             if any(start.sudden != base.sudden for start in starts):
                 raise InputError(
@@ -302,7 +303,7 @@ class _Differentiation:
     def _assemble(self, out: TangentHistories) -> Sensitivities:
         """The result of the histories."""
         solution = self.solution
-        mechanism = solution.mechanism
+        mechanism = self.mechanism
         effort = np.zeros((len(solution.time), mechanism.nv, len(self.parameters)))
         effort[:, self.given] = out.effort + self._compute_friction()
         return Sensitivities(

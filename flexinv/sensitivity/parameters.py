@@ -132,6 +132,13 @@ def build_differences(parameter: Parameter, mechanism: Mechanism, motion: Motion
     except InputError:
         weights, setups = _build_setups(parameter, mechanism, motion, step, FORWARD)
     changes = any(one is not mechanism and one != mechanism for one, _ in setups)
+    if not changes and all(one is motion or one == motion for _, one in setups):
+        warnings.warn(
+            f"by: nothing depends on parameter {parameter.name!r}: mechanism and motion are the same at {parameter.value:g} and "
+            "beside it",
+            ModelWarning,
+            stacklevel=2,
+        )
     return ParameterVariation(weights, setups, changes)
 
 
@@ -146,7 +153,7 @@ def resolve_parameters(
     by: str | Parameter | Iterable[str | Parameter], mechanism: Mechanism, motion: Motion
 ) -> tuple[Parameter, ...]:
     """Return the parameters [any unit] of names and parameters; raises InputError for what is none, and for one there twice."""
-    given = [by] if isinstance(by, str | Parameter) else list(by)
+    given = [by] if isinstance(by, str | Parameter) or not isinstance(by, Iterable) else list(by)
     if not given:
         raise InputError("by: expected at least one parameter, for example by=['motion.duration']")
     found = [_resolve_parameter(one, mechanism, motion) for one in given]

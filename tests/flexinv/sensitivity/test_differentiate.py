@@ -142,6 +142,14 @@ def test_a_parameter_may_be_any_function(root):
     assert np.abs(by_name.torque - by_function.torque).max() < 1e-9 * np.abs(by_name.torque).max()
 
 
+def test_a_parameter_on_which_nothing_depends_is_said(root):
+    mechanism = _load(root, "flex_one_link_damped")
+    idle = flexinv.Parameter("idle", 1.0, lambda value: mechanism)
+    with pytest.warns(flexinv.ModelWarning, match="nothing depends on parameter 'idle'"):
+        found = flexinv.differentiate(mechanism, _move(mechanism), idle, step=STEP)
+    assert not found.torque.any()
+
+
 def test_stretching_a_motion_is_its_derivative_by_the_duration(root):
     mechanism = _load(root, "flex_one_link_damped")
     motion = _move(mechanism, law="quintic")
@@ -198,6 +206,9 @@ def test_what_has_no_derivative_says_so(root):
         flexinv.differentiate(arm, _move(arm, law="trapezoid"), "motion.hub[1]", step=STEP)
     with pytest.raises(InputError, match="there twice"):
         flexinv.differentiate(arm, motion, ["gravity[2]", "gravity[2]"], step=STEP)
+    for nothing in (None, 5):
+        with pytest.raises(InputError, match="expected a name"):
+            flexinv.differentiate(arm, motion, nothing, step=STEP)
     with pytest.raises(InputError, match="at least one"):
         flexinv.differentiate(arm, motion, [], step=STEP)
     with pytest.raises(InputError, match="returns str"):
