@@ -69,9 +69,10 @@ def export_fmu(
     Raises InputError before anything is written: as `export_c`, and for two variables of one name, or no C compiler.
     """
     check_kind("mechanism", mechanism, Mechanism)
-    check_choice("fmi", fmi, FMI_VERSIONS)
-    check_choice("kind", kind, KINDS_OF_FMU)
-    find_fmu_compiler(check_target(target))
+    fmi = check_choice("fmi", fmi, FMI_VERSIONS)
+    kind = check_choice("kind", kind, KINDS_OF_FMU)
+    target = check_target(target)
+    find_fmu_compiler(target)
     file = _check_file(Path(check_path("out", out, "a file")), check_flag("overwrite", overwrite))
     mechanism = replace_changing_forces(mechanism)
     if kind == "inverse":

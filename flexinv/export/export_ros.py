@@ -43,7 +43,8 @@ def export_ros(
         spectral_radius=spectral_radius, payloads=payloads,
     )  # fmt: skip
     header = (made.folder / "include" / f"{made.name}.h").read_text(encoding="utf-8")
-    for path, text in _render_package(mechanism, made.name, step, f"{made.name}_start_at(" in header).items():
+    cycle = None if step is None else float(step)
+    for path, text in _render_package(mechanism, made.name, cycle, f"{made.name}_start_at(" in header).items():
         file = folder / path
         file.parent.mkdir(parents=True, exist_ok=True)
         file.write_text(text, encoding="utf-8")

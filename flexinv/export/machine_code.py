@@ -22,7 +22,7 @@ from flexinv.errors import FlexinvError, InputError
 from flexinv.export.memory_image import MemoryImage, Operand
 from flexinv.kernels.compiler.choice import is_plain
 from flexinv.kernels.threads.atomics import COMPILED
-from flexinv.validation import find_nearest_word
+from flexinv.validation import find_nearest_word, shown
 
 NATIVE = "native"
 # Target -> triple and processor; `native` is this machine's.
@@ -124,11 +124,11 @@ def check_compiler() -> None:
 
 def check_target(target: str) -> str:
     """Return the name of a target [-]; raises InputError for one that is not known."""
-    if target not in TARGETS:
-        near = find_nearest_word(target, TARGETS)
+    if not isinstance(target, str) or target not in TARGETS:
+        near = find_nearest_word(target, TARGETS) if isinstance(target, str) else None
         write = near or NATIVE
-        raise InputError(f"target = {target!r}: expected one of {', '.join(TARGETS)}; write target={write!r}")
-    return target
+        raise InputError(f"target = {shown(target)}: expected one of {', '.join(TARGETS)}; write target={write!r}")
+    return str(target)
 
 
 def add_entry(image: MemoryImage, call: KernelCall) -> Entry:

@@ -281,6 +281,8 @@ def test_bad_requests_are_refused_before_anything_is_written(
         ({"step": 0.01}, "is rigid and has no state; leave out step and start"),
         ({"payloads": ("hand",)}, "payloads: there is no link 'hand'"),
         ({"target": "z80"}, "target = 'z80'"),
+        ({"target": ["native"]}, r"target = \['native'\]"),
+        ({"target": 3}, "target = 3"),
     ):
         with pytest.raises(InputError, match=said):
             flexinv.export_fmu(rigid, file, **words)
