@@ -65,6 +65,24 @@ def format_beams(image: MemoryImage, mesh: Mesh, internal: Array, prefix: str) -
     }  # fmt: skip
 
 
+def format_strains(mesh: Mesh, is_flat: bool) -> dict[str, str] | None:
+    """Return the compliances of all sections [1/N], [1/(N m)] ..., as the template `strains` names them [-].
+
+    None where beams are damped, whose stresses are those of rates, too; and in a plane where sections are coupled, of which what
+    stands across the plane is not marched.
+    """
+    e = mesh.elements
+    if e.damping.size or (is_flat and e.coupling.size):
+        return None
+    rows = list[str]()
+    for _, span, order, _ in list_section_points(mesh):
+        for k, count in zip(range(span.start, span.stop), order, strict=True):
+            for g in range(count):
+                law = np.diag(e.stiffness[k, g]) + (e.coupling[k, g] if e.coupling.size else 0.0)
+                rows.append(f"    {{{format_numbers(np.linalg.inv(law).ravel())}}}")
+    return {"compliances": ",\n".join(rows)}
+
+
 def _list_members(prefix: str, kind: str, names: list[str]) -> str:
     words: Iterator[str] = iter(make_words(f"{kind.lower()}s", names).values())
     return ",\n".join(f"    {prefix.upper()}_{kind}_{word} = {i}" for i, word in enumerate(words))

@@ -57,6 +57,10 @@ class Block:
         """Call a function of the block with arrays, numbers of samples or links, and numbers."""
         return self.call_alone(name, ctypes.c_void_p(self.address), *map(convert, arguments))
 
+    def number(self, name: str, *arguments: int) -> int:
+        """Call a function that returns a number and needs no block."""
+        return self._function(name, ctypes.c_size_t)(*map(ctypes.c_size_t, arguments))
+
     def call_alone(self, name: str, *arguments: object) -> str:
         """Call a function that needs no block."""
         given = [convert(one) if isinstance(one, np.ndarray) else one for one in arguments]

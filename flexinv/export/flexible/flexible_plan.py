@@ -29,7 +29,7 @@ from flexinv.export.machine_code import Entry, KernelCall, add_entry
 from flexinv.export.memory_image import MemoryImage, list_arrays
 from flexinv.export.names import format_numbers
 from flexinv.export.payload_nodes import add_payload_bodies
-from flexinv.export.readings import format_beams, format_poses, format_wrenches
+from flexinv.export.readings import format_beams, format_poses, format_strains, format_wrenches
 from flexinv.inverse.balance import REASON, compute_carried_energy, compute_energy_rounding, evaluate_guarded_torques
 from flexinv.kinematics.configuration import fill_given, fill_relative, integrate_array
 from flexinv.model.mechanism import Mechanism
@@ -99,6 +99,10 @@ def plan_flexible_library(mechanism: Mechanism, prefix: str, settings: MarchSett
     if damping is not None:
         values |= damping
         parts.append("damping")
+    strains = format_strains(state.solver.mesh, state.flat is not None)
+    if strains is not None:
+        values |= strains
+        parts.append("strains")
     if state.loads is not None and list_moved_forces(state.solver.mesh):
         tables = [state.loads.applied.wrench, state.arguments[0].table]
         values |= format_forces(image, state.solver.mesh, tables, prefix)

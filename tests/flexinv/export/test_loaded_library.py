@@ -229,3 +229,30 @@ def test_damping_changes_while_it_marches(model: str, tmp_path: Path) -> None:
     assert block.call("set_damping", len(bare.beams), 1.0) == "BAD_VALUE"
     assert block.call("set_damping", 0, -1.0) == "BAD_VALUE"
     assert block.call("set_damping", 0, np.nan) == "NOT_FINITE"
+
+
+def test_strains_turn_a_beam_from_its_root_to_its_end(in_plane: Mechanism, loaded: ExportedLibrary) -> None:
+    """The sum of curvatures over the length is the turn between two joints, by Gauss's rule at the stations of the sections."""
+    block = Block(loaded)
+    for now in swing(in_plane, in_plane.neutral, 0.2 * WAY, STEPS):
+        assert block.call("step", *now, np.zeros(2)) == "OK"
+    count = block.number("section_count", 0)
+    curvature = np.zeros(count)
+    for section in range(count):
+        strains = np.zeros(6)
+        assert block.call("section_strains", 0, section, strains) == "OK"
+        assert np.array_equal(strains[[1, 3]], np.zeros(2)) or np.array_equal(strains[[2, 3]], np.zeros(2))
+        curvature[section] = strains[np.abs(strains[4:]).argmax() + 4]
+    link = in_plane.links[0]
+    assert link.beam is not None
+    weights = np.polynomial.legendre.leggauss(count // link.beam.elements)[1]
+    turn = link.beam.length / link.beam.elements / 2 * float(np.tile(weights, link.beam.elements) @ curvature)
+    rotations = np.zeros((2, 3, 3))
+    for number, rotation in enumerate(rotations):
+        assert block.call("pose", number, np.zeros(3), rotation) == "OK"
+    angles = np.arctan2(rotations[:, 1, 0], rotations[:, 0, 0])
+    bent = angles[1] - angles[0] - now[0][1]
+    assert abs(abs(turn) - abs(bent)) < 1e-9
+    assert abs(turn) > 1e-3
+    assert block.call("section_strains", 0, count, np.zeros(6)) == "BAD_VALUE"
+    assert block.call("section_strains", 0, 0, None) == "NULL"
