@@ -1,0 +1,181 @@
+"""Derivatives of random mechanisms against differences of `solve`, with the error bars of these.
+
+    python campaigns/derivatives.py                     # 200 mechanisms, three parameters each
+    python campaigns/derivatives.py --count 5 --seed 7
+    python campaigns/derivatives.py --only 17
+
+Trees of rigid links and beams, in any position, with dampers, rotors, springs in joints, given forces and passive joints.  Of
+each the derivatives of all torques and tips by numbers drawn by lot, of the motion and of the mechanism, are held against
+differences of fourth order with several changes; their bar is what two of them differ by, and rounding.
+The command ends with 1 where a derivative is off by more than its bar and TOLERANCE of the largest entry.
+"""
+
+from __future__ import annotations
+
+import sys
+import warnings
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import click
+import numpy as np
+
+if __name__ == "__main__":
+    sys.path[:0] = [str(Path(__file__).resolve().parents[1])]
+
+from spectra_machines import drawn
+
+import flexinv
+from flexinv.errors import FlexinvError
+from flexinv.model.joint_kinds import KINDS
+from flexinv.model.mechanism import Mechanism
+from flexinv.sensitivity.parameters import Parameter, resolve_parameters
+from flexinv.typing import Array
+
+SEED = 41
+COUNT = 200
+PARAMETERS = 3
+STEP = 2e-3  # of the march [s]
+DURATION = 0.1  # of the moves [s]
+TOLERANCE = 1e-7  # of the largest entry: Newton's last increment and the rounding of K, C and M
+CHANGES = (1e-2, 3e-3, 1e-3, 3e-4, 1e-4)  # of a number, or in its own unit where it is zero
+MOST_DRAWS = 50
+PASSIVE = 0.25  # of the joints that have a spring
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """One derivative: of which mechanism, by what, how far it is off and the bar of that [of the largest entry], in words."""
+
+    number: int
+    by: str
+    off: float
+    bar: float
+    words: str = ""
+
+    @property
+    def is_wrong(self) -> bool:
+        """True where it is off by more than the differences can be."""
+        return bool(self.words) or not self.off <= self.bar + TOLERANCE
+
+
+def draw_tree(seed: int, number: int) -> Mechanism:
+    """Return a tree without springs between points, whose joints have one number for each coordinate [m, kg, rad]."""
+    for k in range(MOST_DRAWS):
+        machine = drawn(seed, MOST_DRAWS * number + k).mechanism
+        if all(KINDS[joint.kind].scalar for joint in machine.joints if joint.nv) and machine.nv:
+            break
+    dice = np.random.default_rng([SEED, seed, number])
+    joints = []
+    for joint in machine.joints:
+        sprung = joint.nv == 1 and joint.stiffness > 0.0
+        joints.append(replace(joint, actuated=not (sprung and dice.random() < PASSIVE)))
+    if not any(joint.actuated and joint.nv for joint in joints):
+        joints = [replace(joint, actuated=True) for joint in joints]
+    return replace(machine, joints=tuple(joints), closures=(), springs=())
+
+
+def draw_motion(dice: np.random.Generator, mechanism: Mechanism) -> flexinv.Motion:
+    """Return a smooth move of all joints with a drive [rad], [m]."""
+    start: dict[str, Array] = {}
+    end: dict[str, Array] = {}
+    for joint in mechanism.joints:
+        if joint.nv and joint.actuated:
+            start[joint.name] = dice.uniform(-0.3, 0.3, joint.nv)
+            end[joint.name] = start[joint.name] + dice.uniform(-0.5, 0.5, joint.nv)
+    return flexinv.Motion.point_to_point(start, end, duration=DURATION, law="nonic")
+
+
+def list_names(mechanism: Mechanism, motion: flexinv.Motion) -> list[str]:
+    """Return the names of numbers by which torques can be differentiated."""
+    names = ["motion.duration", *(f"gravity[{k}]" for k in range(3))]
+    for joint in mechanism.joints:
+        if joint.name in motion.joints(mechanism):
+            names += [f"motion.{joint.name}[{row},{k}]" for row in (0, 1) for k in range(joint.nv)]
+        if joint.nv == 1:
+            names += [f"joints.{joint.name}.{field}" for field in ("damping", "rotor_inertia", "stiffness")]
+        names.append(f"joints.{joint.name}.placement.position[0]")
+    for link in mechanism.links:
+        for body in link.bodies:
+            where = f"links.{link.name}.bodies.{body.name}.inertia"
+            names += [f"{where}.mass", f"{where}.com[1]", f"{where}.tensor[0,1]", f"{where}.tensor[2,2]"]
+        if link.beam is not None:
+            section = f"links.{link.name}.beam.section"
+            names += [f"links.{link.name}.beam.length", f"links.{link.name}.beam.curvature[2]"]
+            names += [f"{section}.stiffness[0,{k}]" for k in (3, 4, 5)]
+            names += [f"{section}.mass_per_length[0]", f"{section}.rotary_inertia[0,0]"]
+            names += [f"{section}.damping[0,4]"] * (link.beam.section.damping is not None)
+    return names
+
+
+def compute_differences(mechanism: Mechanism, motion: flexinv.Motion, parameter: Parameter) -> tuple[Array, float]:
+    """Return the derivative of all torques and tips by differences, and its bar over the largest entry [-]."""
+
+    def run(value: float) -> Array:
+        changed, moved = parameter.build_setup(mechanism, motion, value)
+        found = flexinv.solve(changed, moved, step=STEP, end=motion.duration)
+        return np.hstack([found.torque, *found.tip.values()])
+
+    size = abs(parameter.value) or 1.0
+    level = run(parameter.value)
+    rows: list[Array] = []
+    for part in CHANGES:
+        change = part * size
+        beside = {k: run(parameter.value + k * change) for k in (-2, -1, 1, 2)}
+        rows.append((8 * (beside[1] - beside[-1]) - (beside[2] - beside[-2])) / (12 * change))
+    bars = []
+    for coarse, fine, part in zip(rows, rows[1:], CHANGES[1:], strict=False):
+        rounding = 1e-13 * np.abs(level).max() / (part * size)  # Newton leaves as much of a torque
+        bars.append((np.abs(coarse - fine).max() + rounding, fine))
+    bar, best = min(bars, key=lambda pair: pair[0])
+    return best, float(bar / max(np.abs(best).max(), np.finfo(float).tiny))
+
+
+def try_mechanism(seed: int, number: int) -> Iterator[Outcome]:
+    """Yield the outcomes of the numbers that are drawn of one mechanism."""
+    dice = np.random.default_rng([SEED, seed, number, 1])
+    mechanism = draw_tree(seed, number)
+    motion = draw_motion(dice, mechanism)
+    names = list_names(mechanism, motion)
+    for by in dice.choice(names, min(PARAMETERS, len(names)), replace=False).tolist():
+        try:
+            (parameter,) = resolve_parameters(by, mechanism, motion)
+            best, bar = compute_differences(mechanism, motion, parameter)
+        except FlexinvError as error:  # its own differences cannot be had, as a damping below zero
+            click.echo(f"{number} {by}: no differences: {error}", err=True)
+            continue
+        found = flexinv.differentiate(mechanism, motion, by, step=STEP)
+        together = np.hstack([found.torque[:, :, 0], *(tip[:, :, 0] for tip in found.tip.values())])
+        off = np.abs(together - best).max() / max(np.abs(best).max(), np.finfo(float).tiny)
+        yield Outcome(number, by, float(off), bar, "" if np.isfinite(together).all() else "not finite")
+
+
+@click.command(help=__doc__)
+@click.option("--count", default=COUNT, show_default=True, help="Mechanisms.")
+@click.option("--seed", default=SEED, show_default=True, help="Of the lot.")
+@click.option("--only", type=int, help="The mechanism of that number alone.")
+def main(count: int, seed: int, only: int | None) -> None:
+    """Run the campaign and end with 1 where a derivative is wrong."""
+    warnings.simplefilter("ignore")
+    numbers = range(count) if only is None else [only]
+    outcomes: list[Outcome] = []
+    for number in numbers:
+        try:
+            outcomes.extend(try_mechanism(seed, number))
+        except FlexinvError as error:
+            click.echo(f"{number}: {error}", err=True)
+    wrong = [one for one in outcomes if one.is_wrong]
+    for one in wrong:
+        click.echo(f"mechanism {one.number}, by {one.by}: off by {one.off:.1e}, bar {one.bar:.1e} {one.words}")
+    sharp = [one for one in outcomes if one.bar < TOLERANCE]
+    worst = max((one.off for one in sharp), default=float("nan"))
+    click.echo(
+        f"{len(outcomes)} derivatives of {len({one.number for one in outcomes})} mechanisms: {len(wrong)} wrong; of "
+        f"{len(sharp)} with a bar below {TOLERANCE:g} the largest is off by {worst:.1e} of the largest entry"
+    )
+    sys.exit(bool(wrong))
+
+
+if __name__ == "__main__":
+    main()

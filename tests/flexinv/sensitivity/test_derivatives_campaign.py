@@ -1,0 +1,29 @@
+"""A share of the campaign of derivatives, and that it would see a wrong one."""
+
+from __future__ import annotations
+
+import derivatives
+import numpy as np
+import pytest
+from click.testing import CliRunner
+from derivatives import SEED, Outcome, try_mechanism
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("number", [3, 8])
+def test_derivatives_of_random_mechanisms_equal_differences(number: int) -> None:
+    outcomes = list(try_mechanism(SEED, number))
+    assert outcomes
+    assert not [one for one in outcomes if one.is_wrong]
+
+
+def test_a_derivative_beyond_its_bar_is_wrong_and_ends_the_command_with_1(monkeypatch: pytest.MonkeyPatch) -> None:
+    assert Outcome(0, "gravity[2]", 1e-4, 1e-6).is_wrong
+    assert Outcome(0, "gravity[2]", np.nan, 1e-6).is_wrong
+    assert not Outcome(0, "gravity[2]", 1e-6, 1e-6).is_wrong
+    monkeypatch.setattr(
+        derivatives, "try_mechanism", lambda seed, number: iter([Outcome(number, "gravity[2]", 1.0, 0.0)])
+    )
+    done = CliRunner().invoke(derivatives.main, ["--count", "1"])
+    assert done.exit_code == 1
+    assert "mechanism 0, by gravity[2]: off by 1.0e+00" in done.output
