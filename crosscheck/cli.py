@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import ast
 import importlib
+import importlib.util
 import pkgutil
 import traceback
+from pathlib import Path
 from typing import Any, cast
 
 import click
@@ -36,6 +39,12 @@ class Main(click.Group):
             return _make_refusing_command(name, describe_missing_package(error))
         return cast(click.Command, module.command)
 
+    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        """Write the list of all commands, of which none is imported for it."""
+        with formatter.section("Commands"):
+            modules = _collect_modules()
+            formatter.write_dl([(name, _read_short_help(modules[name])) for name in sorted(modules)])
+
     def invoke(self, ctx: click.Context) -> Any:
         """Run a command; what it did not foresee is a failure of the harness."""
         try:
@@ -63,6 +72,20 @@ def _collect_modules() -> dict[str, str]:
     return modules
 
 
+def _read_short_help(module: str) -> str:
+    """The line of a command in the list of all, from the source of its file: its short help, else its first line."""
+    found = importlib.util.find_spec(module)
+    assert found is not None
+    assert found.origin is not None
+    tree = ast.parse(Path(found.origin).read_text(encoding="utf-8"))
+    command = next(node for node in tree.body if isinstance(node, ast.FunctionDef) and node.name == "command")
+    for decorator in command.decorator_list:
+        for keyword in decorator.keywords if isinstance(decorator, ast.Call) else []:
+            if keyword.arg == "short_help":
+                return str(ast.literal_eval(keyword.value))
+    return (ast.get_docstring(command) or "").partition("\n")[0]
+
+
 def _make_refusing_command(name: str, words: str) -> click.Command:
     """Return a command that says what it needs; the others work."""
 
@@ -71,14 +94,7 @@ def _make_refusing_command(name: str, words: str) -> click.Command:
 
     anything = click.Argument(["words"], nargs=-1, type=click.UNPROCESSED)
     loose = {"ignore_unknown_options": True, "allow_extra_args": True}
-    return click.Command(
-        name,
-        loose,
-        refuse_command,
-        [anything],
-        help=words,
-        short_help="Needs what is not installed; its --help names it.",
-    )
+    return click.Command(name, loose, refuse_command, [anything], help=words)
 
 
 @click.group(cls=Main, context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100})

@@ -12,7 +12,7 @@ from rich.table import Table
 from crosscheck.commands.shared.terminal import MODELS, Console, plan_of
 
 
-@click.command("list")
+@click.command("list", short_help="List mechanisms, their cases, what is compared and the limits.")
 @click.argument("names", nargs=-1)
 @MODELS
 def command(names: tuple[str, ...], models: Path) -> None:

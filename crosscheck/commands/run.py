@@ -29,7 +29,7 @@ from crosscheck.verdicts import baseline as blessed
 from flexinv.errors import InputError
 
 
-@click.command("run")
+@click.command("run", short_help="Run mechanisms in all engines, compare, and write a report.")
 @add_run_options
 @out_option("reports/latest")
 @click.option(

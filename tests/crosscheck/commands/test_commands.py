@@ -343,12 +343,27 @@ def test_what_is_not_installed_is_said_with_what_to_install(module: str) -> None
     assert "'rich>=13'" in done.stderr
 
 
+def test_the_list_of_commands_says_what_each_says_of_itself() -> None:
+    shown = {line.split()[0]: line.split(None, 1)[1] for line in list_commands_in_help()}
+    for name in main.list_commands(click.Context(main)):
+        command = main.get_command(click.Context(main), name)
+        assert command is not None
+        assert shown[name] == command.get_short_help_str(80)
+
+
+def list_commands_in_help() -> list[str]:
+    done = CliRunner().invoke(main, ["--help"], terminal_width=200, max_content_width=200)
+    return done.output.partition("Commands:\n")[2].strip().splitlines()
+
+
 @pytest.mark.slow
 def test_without_a_database_everything_but_nights_runs() -> None:
     done = without("sqlalchemy", "--help")
     assert done.returncode == 0
     assert "run       Run mechanisms in all engines" in done.stdout
-    assert "nightly   Needs what is not installed; its --help names it." in done.stdout
+    assert (
+        "nightly   Run everything, judge it, and add it to the history." in done.stdout
+    )  # none is imported for the list
     night = without("sqlalchemy", "nightly", "--jobs", "1")
     assert night.returncode == 2
     assert "flexinv[history]" in night.stderr
