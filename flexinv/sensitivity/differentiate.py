@@ -28,6 +28,7 @@ from flexinv.sensitivity.march_start import MarchStart, begin_march, compute_sta
 from flexinv.sensitivity.march_states import (
     build_free_system,
     build_march_states,
+    build_massive_solver,
     build_turns,
     compute_residuals,
     compute_scalar_coordinates,
@@ -222,7 +223,9 @@ class _Differentiation:
         turns = build_turns(self.system, states)
         task = TangentTask(states, turns, inputs, self.freedoms, list_tip_nodes(self.system))
         scratch = make_tangent_scratch(self.system, len(self.freedoms.marched), len(self.parameters))
-        bad = integrate_tangents(self.system.solver.system, task, scheme, tangents, scratch, out, make_no_record())
+        solver = self.system.solver
+        massive = build_massive_solver(solver)
+        bad = integrate_tangents(solver.system, massive.system, task, scheme, tangents, scratch, out, make_no_record())
         if bad >= 0:
             raise ConvergenceError(
                 f"mechanism '{self.mechanism.name}', at t = {time[bad]:g} s: an element turns too much to be "

@@ -11,6 +11,7 @@ from flexinv.dynamics.generalized_alpha import STATICS
 from flexinv.dynamics.linearization import count_entries
 from flexinv.dynamics.loads import build_load_table
 from flexinv.dynamics.solver import Solver, build_coordinate_map
+from flexinv.elements.beam_element import Elements
 from flexinv.errors import ConvergenceError
 from flexinv.kernels.so3 import log_so3
 from flexinv.kinematics.mesh import Mesh, build, list_tips
@@ -130,11 +131,10 @@ def compute_residuals(system: FreeSystem, states: MarchStates) -> tuple[Array, A
     task = TangentTask(states, build_turns(system, states), make_no_inputs(), system.make_freedoms(()), tips)
     tangents = StepTangents(*np.empty((4, system.size, 0)))
     room = make_histories(0, system.size, 0, 0, 0)
-    bad = int(
-        integrate_tangents(
-            system.solver.system, task, STATICS, tangents, make_tangent_scratch(system, 0, 0), room, record
-        )
-    )
+    solver = system.solver
+    massive = build_massive_solver(solver)
+    scratch = make_tangent_scratch(system, 0, 0)
+    bad = int(integrate_tangents(solver.system, massive.system, task, STATICS, tangents, scratch, room, record))
     if bad >= 0:
         raise ConvergenceError(
             f"mechanism '{system.mesh.mechanism.name}': an element turns too much in sample {bad} where a parameter is varied; "
@@ -154,14 +154,24 @@ def compute_scalar_coordinates(mechanism: Mechanism, q: Array) -> Array:
     return out
 
 
+def build_massive_solver(solver: Solver) -> Solver:
+    """Return the solver without its elements where none is damped: they then have no part in C and M [kg], [N s/m]."""
+    if len(solver.elements.damping):
+        return solver
+    return replace(solver, elements=Elements(*(part[:0] for part in solver.elements)))
+
+
 def make_tangent_scratch(system: FreeSystem, marched: int, parameters: int) -> TangentScratch:
     """Return the scratch of a march with so many marched unknowns and parameters [any unit]; none where there are none."""
     count = count_entries(system.solver) if parameters else 0
+    massive = count_entries(build_massive_solver(system.solver)) if parameters else 0
     return TangentScratch(
-        np.zeros((2, count), dtype=np.int64),
-        np.zeros((3, count)),
-        np.empty((marched, marched + parameters)),
-        np.empty((system.size, parameters)),
+        at=np.zeros((2, count), dtype=np.int64),
+        stiffness=np.zeros(count),
+        massive_at=np.zeros((2, massive), dtype=np.int64),
+        massive=np.zeros((3, massive)),
+        system=np.empty((marched, marched + parameters)),
+        forces=np.empty((system.size, parameters)),
     )
 
 

@@ -121,11 +121,17 @@ class StepTangents(NamedTuple):
 
 @send_by_address
 class TangentScratch(NamedTuple):
-    """Entries of K, C and M: at (2, entries), values (3, entries)
-    system : (marched, marched + parameters); forces : (unknowns, parameters) of the residual."""
+    """Entries of the linearisation, and the linear system of a step [any unit].
+
+    at : (2, entries) places of the entries of K, stiffness : (entries,) of K
+    massive_at : (2, massive entries) places of those of C and M, massive : (3, massive entries), the first row a reference
+    system : (marched, marched + parameters); forces : (unknowns, parameters) of the residual
+    """
 
     at: Indices
-    values: Array
+    stiffness: Array
+    massive_at: Indices
+    massive: Array
     system: Array
     forces: Array
 
@@ -152,17 +158,18 @@ class ForceRecord(NamedTuple):
 
 
 @jit
-def integrate_tangents(system, task, scheme, tangents, scratch, out, record):
+def integrate_tangents(system, massive, task, scheme, tangents, scratch, out, record):
     """Fill the histories of derivatives [any unit] from the tangents of the first sample on, which are changed.
 
+    massive : the system, without its elements where these are not damped: C and M are those of nodes and joints alone
     Without room for entries in the scratch nothing is marched: the record of forces alone is filled.
     Return -1, or the sample in which an element turned too much.
     """
-    marches = scratch.values.shape[1] > 0
+    marches = len(scratch.stiffness) > 0
     inputs = task.inputs
     freedoms = task.freedoms
     for k in range(task.states.x.shape[0]):
-        if _compute_matrices(system, task.states, k, scratch, 3 if marches else 1) >= 0:
+        if _compute_matrices(system, massive, task.states, k, scratch, marches) >= 0:
             return k
         if not marches:
             _write_forces(system, task.tips, k, record)
@@ -181,23 +188,27 @@ def integrate_tangents(system, task, scheme, tangents, scratch, out, record):
 
 
 @jit_inner
-def _compute_matrices(system, states, k, scratch, matrices):
-    """Set the residual at sample k, and the entries of all three ``matrices`` K, C and M, or of one without room for it.
+def _compute_matrices(system, massive, states, k, scratch, marches):
+    """Set the residual at sample k and, if the tangents are marched, the entries of K, C and M.
 
     Return -1 or the element that turned too much.
     """
     rel = states.joints
     joints = Joints(rel.p[k], rel.dp[k], rel.ddp[k], rel.r[k], rel.w[k], rel.al[k])
     _fill_state(system, states, k)
-    for which in range(matrices):
-        bad = evaluate(system, make_weighted_scheme(which), joints, True)
+    for stage in range(4 if marches else 1):
+        which = max(stage - 1, 0)
+        present = system if stage == 0 else massive
+        bad = evaluate(present, make_weighted_scheme(which), joints, True)
         if bad >= 0:
             return bad
-        if matrices > 1:
-            fill_sparse_entries(system, scratch.at, scratch.values[which])
-    for which in range(1, matrices):
-        for e in range(scratch.values.shape[1]):
-            scratch.values[which, e] = (scratch.values[which, e] - scratch.values[0, e]) / LARGE_FACTOR
+        if marches and stage == 0:
+            fill_sparse_entries(present, scratch.at, scratch.stiffness)
+        elif stage > 0:
+            fill_sparse_entries(present, scratch.massive_at, scratch.massive[which])
+    for which in range(1, 3 if marches else 1):
+        for e in range(scratch.massive.shape[1]):
+            scratch.massive[which, e] = (scratch.massive[which, e] - scratch.massive[0, e]) / LARGE_FACTOR
     return -1
 
 
@@ -274,18 +285,16 @@ def _compute_forces(inputs, k, tangents, scratch):
             forces[i, p] = 0.0
         for q in range(len(inputs.column)):
             forces[i, inputs.column[q]] += inputs.pushed[k, i, q]
-    for e in range(scratch.values.shape[1]):
-        i = scratch.at[0, e]
-        j = scratch.at[1, e]
-        by_pose = scratch.values[0, e]
-        by_rate = scratch.values[1, e]
-        by_acceleration = scratch.values[2, e]
-        if by_pose != 0.0:
-            _add_product(forces[i], by_pose, tangents.pose[j])
-        if by_rate != 0.0:
-            _add_product(forces[i], by_rate, tangents.rate[j])
-        if by_acceleration != 0.0:
-            _add_product(forces[i], by_acceleration, tangents.acceleration[j])
+    for e in range(len(scratch.stiffness)):
+        if scratch.stiffness[e] != 0.0:
+            _add_product(forces[scratch.at[0, e]], scratch.stiffness[e], tangents.pose[scratch.at[1, e]])
+    for e in range(scratch.massive.shape[1]):
+        i = scratch.massive_at[0, e]
+        j = scratch.massive_at[1, e]
+        if scratch.massive[1, e] != 0.0:
+            _add_product(forces[i], scratch.massive[1, e], tangents.rate[j])
+        if scratch.massive[2, e] != 0.0:
+            _add_product(forces[i], scratch.massive[2, e], tangents.acceleration[j])
 
 
 @jit_inner
@@ -306,17 +315,21 @@ def _solve_step(turns, freedoms, scheme, tangents, scratch):
             system[r, c] = 0.0
         for c in range(size, wide):
             system[r, c] = -scratch.forces[freedoms.marched[r], c - size]
-    for e in range(scratch.values.shape[1]):
+    for e in range(len(scratch.stiffness)):
         r = freedoms.order[scratch.at[0, e]]
-        j = scratch.at[1, e]
-        if r < 0 or freedoms.order[j] < 0:
+        c = freedoms.order[scratch.at[1, e]]
+        if r >= 0 and c >= 0:
+            system[r, c] += scratch.stiffness[e]
+    for e in range(scratch.massive.shape[1]):
+        r = freedoms.order[scratch.massive_at[0, e]]
+        j = scratch.massive_at[1, e]
+        moved = scheme.cv * scratch.massive[1, e] + scheme.ca * scratch.massive[2, e]
+        if r < 0 or freedoms.order[j] < 0 or moved == 0.0:
             continue
-        moved = scheme.cv * scratch.values[1, e] + scheme.ca * scratch.values[2, e]
-        system[r, freedoms.order[j]] += scratch.values[0, e]
-        if turns.at[j] < 0:
+        o = turns.at[j]
+        if o < 0:
             system[r, freedoms.order[j]] += moved
-        elif moved != 0.0:
-            o = turns.at[j]
+        else:
             inverse = turns.inverse[turns.number[j]]
             for b in range(3):
                 system[r, freedoms.order[o + b]] += moved * inverse[j - o, b]
