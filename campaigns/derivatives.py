@@ -27,10 +27,10 @@ if __name__ == "__main__":
 from spectra_machines import drawn
 
 import flexinv
-from flexinv.errors import FlexinvError
+from flexinv.errors import FlexinvError, InputError
 from flexinv.model.joint_kinds import KINDS
 from flexinv.model.mechanism import Mechanism
-from flexinv.sensitivity.parameters import Parameter, resolve_parameters
+from flexinv.sensitivity.parameters import CENTRAL, FORWARD, Parameter, resolve_parameters
 from flexinv.typing import Array
 
 SEED = 41
@@ -119,11 +119,15 @@ def compute_differences(mechanism: Mechanism, motion: flexinv.Motion, parameter:
 
     size = abs(parameter.value) or 1.0
     level = run(parameter.value)
+    weights = CENTRAL
+    try:
+        run(parameter.value - 2 * CHANGES[0] * size)
+    except InputError:  # what cannot be below zero
+        weights = FORWARD
     rows: list[Array] = []
     for part in CHANGES:
         change = part * size
-        beside = {k: run(parameter.value + k * change) for k in (-2, -1, 1, 2)}
-        rows.append((8 * (beside[1] - beside[-1]) - (beside[2] - beside[-2])) / (12 * change))
+        rows.append(sum(weight * run(parameter.value + k * change) for k, weight in weights.items()) / change)
     bars = []
     for coarse, fine, part in zip(rows, rows[1:], CHANGES[1:], strict=False):
         rounding = 1e-13 * np.abs(level).max() / (part * size)  # Newton leaves as much of a torque

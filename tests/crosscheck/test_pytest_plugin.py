@@ -266,7 +266,8 @@ WORKFLOWS = sorted((Path(__file__).resolve().parents[2] / "docs" / "workflows").
 def test_workflows_are_sound(file: Path, tmp_path: Path) -> None:
     workflow = yaml.safe_load(file.read_text())
     assert {"name", True, "permissions", "jobs"} <= set(workflow)  # YAML 1.1 reads the key `on` as true
-    (job,) = workflow["jobs"].values()
+    jobs = list(workflow["jobs"].values())
+    (job,) = [one for one in jobs if any("run" in step for step in one["steps"])]  # one that publishes runs no command
     commands = [step["run"] for step in job["steps"] if "run" in step]
     assert any(command.startswith("crosscheck ") for command in commands)
     for command in commands:

@@ -350,7 +350,9 @@ def test_a_listed_command_is_there(name: str) -> None:
     assert command.help
 
 
-@pytest.mark.parametrize(("word", "advice"), [("inf", "write flexinv info"), ("zzz", "write one of export-c, follow")])
+@pytest.mark.parametrize(
+    ("word", "advice"), [("inf", "write flexinv info"), ("zzz", "write one of export-c, export-fmu")]
+)
 def test_a_command_that_there_is_not_is_told_the_nearest(
     word: str, advice: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
