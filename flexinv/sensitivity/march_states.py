@@ -158,7 +158,7 @@ def build_massive_solver(solver: Solver) -> Solver:
     """Return the solver without its elements where none is damped: they then have no part in C and M [kg], [N s/m]."""
     if len(solver.elements.damping):
         return solver
-    return replace(solver, elements=Elements(*(part[:0] for part in solver.elements)))
+    return replace(solver, elements=Elements._make(part[:0] for part in solver.elements))
 
 
 def make_tangent_scratch(system: FreeSystem, marched: int, parameters: int) -> TangentScratch:
