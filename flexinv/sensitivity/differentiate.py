@@ -1,13 +1,13 @@
 """differentiate: derivatives of the torques of a mechanism with beams, and of its tips, by numbers of motion and mechanism.
 
 The march is differentiated itself (`tangent_kernel`): along the trajectory of `solve` one linear system a step gives the tangents
-by all parameters.  What a parameter of the mechanism does to the forces at a given motion, dr/dp, is a difference of fourth
+by all parameters.  What a parameter of the mechanism does to the forces at a given motion, dr/dp, is a difference of sixth
 order, as is what one of the motion does to joints; rows of samples and of moves are sums, whose parts are evaluated themselves.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -39,6 +39,7 @@ from flexinv.sensitivity.march_states import (
 )
 from flexinv.sensitivity.parameters import (
     Parameter,
+    ParameterVariation,
     RowParameter,
     StretchParameter,
     VariedSetup,
@@ -175,7 +176,7 @@ class _Differentiation:
         solution = self.solution
         time = solution.time
         base = self._begin((self.mechanism, self.motion))
-        tangents = self._make_start_tangents(base)
+        tangents, first = self._make_start_tangents(base)
         samples = len(time)
         out = self._make_histories(samples)
         early = 0
@@ -186,7 +187,7 @@ class _Differentiation:
         late = TangentHistories(*(part[early:] for part in out))
         nodes = solution.nodes.take_samples(slice(early, None))
         self._integrate_leg(nodes, joints, time[early:], self.settings.scheme, tangents, late)
-        return self._assemble(out)
+        return self._assemble(out, first)
 
     def _make_histories(self, samples: int) -> TangentHistories:
         """Room for the derivatives at so many samples."""
@@ -282,16 +283,15 @@ class _Differentiation:
         q, qd, qdd = (part[0] for part in self._evaluate_motion(setup, time))
         return begin_march(setup[0], self.passive, (q, qd, qdd), float(time[0]), self.settings)
 
-    def _make_start_tangents(self, base: MarchStart) -> StepTangents:
-        """StepTangents at the start.  Raises InputError where a small change of a parameter makes a start sudden, or not."""
-        size = self.system.size
-        out = StepTangents(*np.zeros((4, size, len(self.parameters))))
-        given = self._compute_given(self.solution.time[:1])
-        for k, variation in enumerate(self.variations):
-            if k not in self.changing and not given[..., k].any():
-                continue
-            if isinstance(self.parameters[k], RowParameter | StretchParameter):
-                variation = build_differences(self.parameters[k], self.mechanism, self.motion)
+    def _make_start_tangents(self, base: MarchStart) -> tuple[StepTangents, Array]:
+        """Tangents at the start, and the derivatives (nv, parameters) of the efforts there, nan where nothing of it changes.
+
+        A section without rotary inertia is out of balance there: what nodal accelerations ask for is not what its beam gives.
+        Raises InputError where a small change of a parameter makes a start sudden, or not.
+        """
+        efforts = np.full((self.mechanism.nv, len(self.parameters)), np.nan)
+        out = StepTangents(*np.zeros((4, self.system.size, len(self.parameters))))
+        for k, variation in self._list_start_variations():
             starts = [self._begin(setup) for setup in variation.setups]
             if any(start.sudden != base.sudden for start in starts):
                 raise InputError(
@@ -301,14 +301,25 @@ class _Differentiation:
             found = variation.join_results(compute_start_offsets(start, base, self.system) for start in starts)
             for part, value in zip(out, found, strict=True):
                 part[:, k] = value
-        return out
+            efforts[self.given, k] = variation.join_results(start.effort[self.given] for start in starts)
+        return out, efforts
 
-    def _assemble(self, out: TangentHistories) -> Sensitivities:
+    def _list_start_variations(self) -> Iterator[tuple[int, ParameterVariation]]:
+        """Yield the numbers of the parameters on which the start depends, with setups beside the present one."""
+        given = self._compute_given(self.solution.time[:1])
+        for k, variation in enumerate(self.variations):
+            if k in self.changing or given[..., k].any():
+                if isinstance(self.parameters[k], RowParameter | StretchParameter):
+                    variation = build_differences(self.parameters[k], self.mechanism, self.motion)
+                yield k, variation
+
+    def _assemble(self, out: TangentHistories, first: Array) -> Sensitivities:
         """The result of the histories."""
         solution = self.solution
         mechanism = self.mechanism
         effort = np.zeros((len(solution.time), mechanism.nv, len(self.parameters)))
         effort[:, self.given] = out.effort + self._compute_friction()
+        effort[0] = np.where(np.isnan(first), effort[0], first)
         return Sensitivities(
             solution=solution,
             parameters=tuple(parameter.name for parameter in self.parameters),

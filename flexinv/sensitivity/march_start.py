@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from flexinv.analysis.evaluation import FirstStep, add_joint_efforts, run_second_step
 from flexinv.analysis.initial_motion import begin_motion
 from flexinv.analysis.task import Settings
 from flexinv.dynamics.generalized_alpha import build_start_scheme
@@ -15,6 +16,7 @@ from flexinv.dynamics.loads import build_load_table
 from flexinv.dynamics.solver import Solver, build_coordinate_map, write_instant
 from flexinv.dynamics.stepper import CONVERGED, integrate_instants
 from flexinv.dynamics.system import Instants, Trajectory
+from flexinv.inverse.inverse_dynamics import compute_applied_forces
 from flexinv.kernels.so3 import log_so3
 from flexinv.kinematics.mesh import build
 from flexinv.kinematics.nodal_motion import NodalMotion, compute_relative_motion, fill_passive
@@ -31,7 +33,7 @@ class MarchStart:
 
     x, r : (sections, 3), (sections, 3, 3); place : (nv,) of passive joints [rad], [m]
     u, du, pseudo : (marched,) rates, accelerations and the integrator's own ones [m, rad, s]
-    sudden : whether the first steps are made in parts
+    effort : (nv,) of all joints then, from nodal accelerations [N m], [N]; sudden : whether the first steps are made in parts
     """
 
     solver: Solver
@@ -41,6 +43,7 @@ class MarchStart:
     u: Array
     du: Array
     pseudo: Array
+    effort: Array
     sudden: bool
 
 
@@ -56,13 +59,29 @@ def begin_march(
     when = f"at the start, t = {time:g} s"
     relative = begin_motion(solver, joints, time, settings.initial, when)
     du = solver.state.du.copy()
+    effort = _compute_efforts(solver, joints, time)
     sudden = begin_step(solver, relative, settings.scheme, when)
     s = solver.state
     sections = np.flatnonzero(solver.topology.independent)
     place = build_coordinate_map(mesh, solver.topology) @ s.place
     return MarchStart(
-        solver, s.x[sections].copy(), s.r[sections].copy(), place, s.u.copy(), du, s.pseudo.copy(), bool(sudden)
+        solver, s.x[sections].copy(), s.r[sections].copy(), place, s.u.copy(), du, s.pseudo.copy(), effort, bool(sudden)
     )
+
+
+def _compute_efforts(solver: Solver, joints: Triple, time: float) -> Array:
+    """Efforts (nv,) of all joints where the solver stands [N m], [N], by the second step of the scheme."""
+    mesh = solver.mesh
+    instant = np.array([time])
+    trajectory = Trajectory.make_zero(1, mesh, 0)
+    write_instant(solver, 0, trajectory)
+    q, qd, qdd = (part[None].copy() for part in joints)
+    fill_passive(mesh, trajectory.motion, solver.passive, q, qd, qdd)
+    applied = compute_applied_forces(mesh, trajectory.motion, instant)
+    first = FirstStep(trajectory, instant, (q, qd, qdd), applied, smooth=solver.passive)
+    found = run_second_step(mesh, first)
+    efforts, _ = add_joint_efforts(mesh.mechanism, first, found.tau, found.reaction)
+    return np.asarray(efforts[0])
 
 
 def compute_start_offsets(start: MarchStart, base: MarchStart, system: FreeSystem) -> Array:

@@ -33,10 +33,13 @@ from flexinv.validation import check_number, find_nearest_word, refuse
 
 VariedSetup = tuple[Mechanism, Motion]
 
-VARIED_PART = 2e-3  # of the number, or in its own unit where it is zero
+VARIED_PART = 2e-3  # of the number: 1e-16 of the sixth power are left out, and three digits are lost
+SMALLEST_VARIED = (
+    0.05  # numbers below it, in their own unit, are varied as if they were as large: most of what they do is linear
+)
 JERK_STEP = 1e-3  # of the duration: four of the sixteen digits of accelerations are lost
-# Weights of f(p + k s) over s: exact for polynomials of degree four.
-CENTRAL = {-2: 1 / 12, -1: -8 / 12, 1: 8 / 12, 2: -1 / 12}
+# Weights of f(p + k s) over s: exact for polynomials of degree six, and of degree four.
+CENTRAL = {-3: -1 / 60, -2: 9 / 60, -1: -45 / 60, 1: 45 / 60, 2: -9 / 60, 3: 1 / 60}
 FORWARD = {0: -25 / 12, 1: 4.0, 2: -3.0, 3: 4 / 3, 4: -1 / 4}
 
 _PART = re.compile(r"(?P<name>[^.\[\]]+)(\[(?P<index>[\d,\s]+)\])?(\.|$)")
@@ -126,7 +129,7 @@ def build_differences(parameter: Parameter, mechanism: Mechanism, motion: Motion
 
     Raises InputError where neither side can be.
     """
-    step = VARIED_PART * (abs(parameter.value) or 1.0)
+    step = VARIED_PART * max(abs(parameter.value), SMALLEST_VARIED)
     try:
         weights, setups = _build_setups(parameter, mechanism, motion, step, CENTRAL)
     except InputError:

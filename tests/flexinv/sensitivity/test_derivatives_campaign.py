@@ -6,7 +6,7 @@ import derivatives
 import numpy as np
 import pytest
 from click.testing import CliRunner
-from derivatives import SEED, Outcome, try_mechanism
+from derivatives import SEED, Outcome, draw_motion, draw_tree, judge_derivative, try_mechanism
 
 
 @pytest.mark.slow
@@ -15,6 +15,15 @@ def test_derivatives_of_random_mechanisms_equal_differences(number: int) -> None
     outcomes = list(try_mechanism(SEED, number))
     assert outcomes
     assert not [one for one in outcomes if one.is_wrong]
+
+
+def test_the_first_effort_of_a_section_that_is_out_of_balance() -> None:
+    """A body beside the axis of a beam whose sections have no rotary inertia: nothing balances its moment at the start."""
+    mechanism = draw_tree(SEED, 114)
+    motion = draw_motion(np.random.default_rng([SEED, SEED, 114, 1]), mechanism)
+    outcome = judge_derivative(114, mechanism, motion, "links.link 1.bodies.payload 1.inertia.com[1]")
+    assert not outcome.is_wrong
+    assert outcome.bar < 1e-7
 
 
 def test_a_derivative_beyond_its_bar_is_wrong_and_ends_the_command_with_1(monkeypatch: pytest.MonkeyPatch) -> None:
