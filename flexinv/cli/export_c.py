@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 
-from flexinv.cli.output import MODEL, parse_start
+from flexinv.cli.output import MODEL, OVERWRITE_FOLDER, PAYLOADS, UNDEFORMED, parse_start
 from flexinv.export.export_c import export_c
 from flexinv.export.machine_code import NATIVE, TARGETS
 from flexinv.files.robot_file import read_robot_file
@@ -25,14 +25,9 @@ from flexinv.files.robot_file import read_robot_file
     metavar="NUMBERS",
     help="Links that bend: q where they begin at rest [rad], [m]: --start 0.5,-1; loops: near it.",
 )
-@click.option(
-    "--undeformed", is_flag=True, help="Links that bend: begin undeformed; else in equilibrium under gravity."
-)
-@click.option(
-    "--payload", "payloads", multiple=True, metavar="LINK",
-    help="Links that bend, or are carried by some: LINK carries something that changes while the library runs (may be repeated).",
-)  # fmt: skip
-@click.option("--overwrite", is_flag=True, help="Write into a folder that has files in it.")
+@UNDEFORMED
+@PAYLOADS
+@OVERWRITE_FOLDER
 def write_c_library(
     model: Path,
     out: Path,

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 
-from flexinv.cli.output import MODEL, parse_start
+from flexinv.cli.output import MODEL, UNDEFORMED, parse_start
 from flexinv.export.export_fmu import KINDS_OF_FMU, export_fmu
 from flexinv.export.fmu.description import FMI_VERSIONS
 from flexinv.export.machine_code import NATIVE, TARGETS
@@ -30,9 +30,7 @@ from flexinv.files.robot_file import read_robot_file
 @click.option(
     "--start", metavar="NUMBERS", help="q where it begins at rest [rad], [m]: --start 0.5,-1; loops: near it."
 )
-@click.option(
-    "--undeformed", is_flag=True, help="Links that bend: begin undeformed; else in equilibrium under gravity."
-)
+@UNDEFORMED
 @click.option(
     "--payload", "payloads", multiple=True, metavar="LINK",
     help="LINK carries something that changes: mass, centre and inertia become parameters (may be repeated).",

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 
-from flexinv.cli.output import MODEL, parse_start
+from flexinv.cli.output import MODEL, OVERWRITE_FOLDER, PAYLOADS, parse_start
 from flexinv.export.export_ros import LIBRARY_FOLDER, export_ros
 from flexinv.export.machine_code import NATIVE, TARGETS
 from flexinv.files.robot_file import read_robot_file
@@ -23,11 +23,8 @@ from flexinv.files.robot_file import read_robot_file
 @click.option(
     "--start", metavar="NUMBERS", help="Links that bend: q where they begin at rest [rad], [m]: --start 0.5,-1."
 )
-@click.option(
-    "--payload", "payloads", multiple=True, metavar="LINK",
-    help="Links that bend, or are carried by some: LINK carries something that changes (may be repeated).",
-)  # fmt: skip
-@click.option("--overwrite", is_flag=True, help="Write into a folder that has files in it.")
+@PAYLOADS
+@OVERWRITE_FOLDER
 def write_ros_package(
     model: Path, out: Path, targets: tuple[str, ...], step: float | None, start: str | None, payloads: tuple[str, ...],
     overwrite: bool,

@@ -85,8 +85,10 @@ def _compute_efforts(solver: Solver, joints: Triple, time: float) -> Array:
 
 
 def compute_start_offsets(start: MarchStart, base: MarchStart, system: FreeSystem) -> Array:
-    """Return by how much a start is off another one, (4, unknowns): pose [m], [rad], rate, acceleration and the
-    integrator's own one."""
+    """Return by how much a start is off another one, (4, unknowns) [m, rad, s].
+
+    Rows: pose, rate, acceleration, and the integrator's own one.
+    """
     out = np.zeros((4, system.size))
     to = _list_unknowns(system, start.solver)
     for row, (one, other) in enumerate(((start.u, base.u), (start.du, base.du), (start.pseudo, base.pseudo)), start=1):

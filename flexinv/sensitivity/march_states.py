@@ -1,4 +1,4 @@
-"""ForceRecord along a march as the tangents take them: of a mechanism all of whose joints are unknowns."""
+"""States along a march as the tangents take them: of a mechanism all of whose joints are unknowns."""
 
 from __future__ import annotations
 
@@ -185,7 +185,7 @@ def make_histories(samples: int, unknowns: int, joints: int, tips: int, paramete
 
 
 def make_no_record() -> ForceRecord:
-    """Return no room for states [any unit]."""
+    """Return no room for forces and tips [any unit]."""
     return ForceRecord(np.empty((0, 0)), np.empty((0, 0, 3)))
 
 

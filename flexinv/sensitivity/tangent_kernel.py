@@ -1,4 +1,4 @@
-"""StepTangents of the march: derivatives of poses, rates and accelerations by parameters, step by step (compiled).
+"""Tangents of the march: derivatives of poses, rates and accelerations by parameters, step by step (compiled).
 
 Where a step ends its residual is zero, r(y, u, u', p) = 0, for any value of a parameter p.  Its derivative is
 
@@ -35,7 +35,7 @@ from flexinv.typing import Array, Indices
 
 @send_by_address
 class MarchStates(NamedTuple):
-    """ForceRecord along a march, with all joints as unknowns.
+    """States along a march, with all joints as unknowns.
 
     x, r : (samples, nodes, 3), (samples, nodes, 3, 3) as `dynamics.system.State`; u, du, place : (samples, unknowns) [m, rad, s]
     joints : relative motion of all nodes; table : (samples, loads, 6) given wrenches [N], [N m]
@@ -83,7 +83,7 @@ class ParameterInputs(NamedTuple):
 
 @send_by_address
 class TipNodes(NamedTuple):
-    """TipNodes of links: node (tips,), and place (tips, 3) in its frame [m]."""
+    """Tips of links: node (tips,), and place (tips, 3) in its frame [m]."""
 
     node: Indices
     place: Array
