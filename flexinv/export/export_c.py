@@ -58,15 +58,17 @@ def export_c(
         raise InputError("export_c: targets is empty; write targets=('native',)")
     mechanism = replace_changing_forces(mechanism)
     check_exportable(mechanism)
-    folder = _check_folder(Path(check_path("out", out, "a folder")), check_flag("overwrite", overwrite))
+    folder = check_out_folder(out, overwrite)
     prefix = make_library_name(mechanism)
     carried = tuple(check_names("payloads", payloads, "links"))
     plan = plan_inverse_library(mechanism, prefix, StartRequest(step, start, initial, spectral_radius, carried))
     return _write_library(plan, prefix, folder, chosen)
 
 
-def _check_folder(folder: Path, overwrite: bool) -> Path:
-    """The folder, which may be written into."""
+def check_out_folder(out: str | Path, overwrite: bool) -> Path:
+    """Return the folder [-] that may be written into.  Raises InputError for one with files in it, unless told otherwise."""
+    folder = Path(check_path("out", out, "a folder"))
+    check_flag("overwrite", overwrite)
     if folder.exists() and not folder.is_dir():
         raise InputError(f"{folder} is a file; write the name of a folder")
     if folder.is_dir() and any(folder.iterdir()) and not overwrite:

@@ -10,14 +10,14 @@ from numpy.typing import ArrayLike
 from flexinv import __version__
 from flexinv.errors import InputError
 from flexinv.export.c_files import fill_template
-from flexinv.export.export_c import ExportedLibrary, export_c
+from flexinv.export.export_c import ExportedLibrary, check_out_folder, export_c
 from flexinv.export.fmu.compile_fmu import read_licence
 from flexinv.export.machine_code import NATIVE
 from flexinv.export.memory_image import ALIGNMENT
 from flexinv.export.names import format_comment, format_markdown, format_numbers, format_string
 from flexinv.model.joint_kinds import KINDS
 from flexinv.model.mechanism import Mechanism
-from flexinv.validation import check_kind, check_path
+from flexinv.validation import check_kind
 
 LIBRARY_FOLDER = "library"  # in the package
 
@@ -35,20 +35,19 @@ def export_ros(
     """
     check_kind("mechanism", mechanism, Mechanism)
     _check_joints(mechanism)
-    folder = Path(check_path("out", out, "a folder"))
-    if folder.is_file():
-        raise InputError(f"{folder} is a file; write the name of a folder")
+    folder = check_out_folder(out, overwrite)
     made = export_c(
         mechanism, folder / LIBRARY_FOLDER, targets=targets, overwrite=overwrite, step=step, start=start, initial=initial,
         spectral_radius=spectral_radius, payloads=payloads,
     )  # fmt: skip
     header = (made.folder / "include" / f"{made.name}.h").read_text(encoding="utf-8")
     cycle = None if step is None else float(step)
-    for path, text in _render_package(mechanism, made.name, cycle, f"{made.name}_start_at(" in header).items():
+    package = _render_package(mechanism, made.name, cycle, f"{made.name}_start_at(" in header)
+    for path, text in package.items():
         file = folder / path
         file.parent.mkdir(parents=True, exist_ok=True)
         file.write_text(text, encoding="utf-8")
-    files = sorted(str(path.relative_to(folder)) for path in folder.rglob("*") if path.is_file())
+    files = sorted([*package, *(f"{LIBRARY_FOLDER}/{path}" for path in made.files)])
     return ExportedLibrary(folder, f"{made.name}_ros", tuple(files), made.to_link)
 
 

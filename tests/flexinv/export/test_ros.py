@@ -180,3 +180,18 @@ def test_a_package_has_its_licence_and_refuses_what_ros_cannot_say(
         assert not (tmp_path / name).exists()
     with pytest.raises(InputError, match="has files in it already"):
         flexinv.export_ros(rigid, tmp_path / "package")
+
+
+def test_files_of_others_stay_as_they_are(rigid: Mechanism, tmp_path: Path) -> None:
+    """A folder with a README of its own is refused; told to, the package is written into it, and says what is its own."""
+    own = tmp_path / "README.md"
+    own.write_text("mine")
+    with pytest.raises(InputError, match="has files in it already"):
+        flexinv.export_ros(rigid, tmp_path)
+    assert [path.name for path in tmp_path.iterdir()] == ["README.md"]
+    assert own.read_text() == "mine"
+    (tmp_path / "notes.txt").write_text("mine, too")
+    made = flexinv.export_ros(rigid, tmp_path, overwrite=True)
+    assert "README.md" in made.files
+    assert "notes.txt" not in made.files
+    assert all((tmp_path / file).is_file() for file in made.files)
