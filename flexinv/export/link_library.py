@@ -68,4 +68,4 @@ def run_commands(folder: Path, commands: Sequence[Sequence[str]]) -> None:
     for words in commands:
         done = subprocess.run(words, cwd=folder, capture_output=True, text=True, check=False)
         if done.returncode != 0:
-            raise FlexinvError(f"export_c: {shlex.join(words)} failed in {folder}:\n{done.stderr.strip()}")
+            raise FlexinvError(f"export: {shlex.join(words)} failed in {folder}:\n{done.stderr.strip()}")

@@ -117,9 +117,7 @@ def check_compiler() -> None:
         why = (
             "NUMBA_DISABLE_JIT is set" if not COMPILED else "kernels are compiled by plain Numba (FLEXINV_PLAIN_NUMBA)"
         )
-        raise InputError(
-            f"export_c: {why}, whose code knows no records at addresses; unset that variable and call again"
-        )
+        raise InputError(f"export: {why}, whose code knows no records at addresses; unset that variable and call again")
 
 
 def check_target(target: str) -> str:
@@ -198,6 +196,6 @@ def check_needs(module: Any) -> None:
     called |= {one.name for one in module.global_variables if one.is_declaration}
     if beyond := sorted(called - NEEDED):
         raise FlexinvError(
-            f"export_c: the machine code needs {', '.join(beyond)}, which a C program does not have; where that is a library of "
+            f"export: the machine code needs {', '.join(beyond)}, which a C program does not have; where that is a library of "
             "vector mathematics (SVML), call again with NUMBA_DISABLE_INTEL_SVML=1"
         )

@@ -28,7 +28,7 @@ def make_words(kind: str, names: Sequence[str]) -> dict[str, str]:
         word = make_word(name).upper()
         if word in taken:
             raise InputError(
-                f"export_c: {kind} {taken[word]!r} and {name!r} both become {word} in C; rename one of them in the mechanism"
+                f"export: {kind} {taken[word]!r} and {name!r} both become {word} in C; rename one of them in the mechanism"
             )
         taken[word] = name
     return {name: word for word, name in taken.items()}

@@ -22,7 +22,7 @@ def add_payload_bodies(mechanism: Mechanism, links: Sequence[str]) -> Mechanism:
     for name in links:
         if name not in mechanism.link_of:
             write = find_nearest_word(name, mechanism.link_of) or next(iter(mechanism.link_of))
-            raise InputError(f"export_c: payloads: there is no link {name!r}; write payloads=({write!r},)")
+            raise InputError(f"export: payloads: there is no link {name!r}; write payloads=({write!r},)")
         station = None if mechanism.link_of[name].beam is None else 1.0
         mechanism = mechanism.with_body(name, Body(PAYLOAD, Inertia(0.0, NEXT_TO_IT), station))
     return mechanism

@@ -47,18 +47,16 @@ def plan_inverse_library(mechanism: Mechanism, prefix: str, stated: StartRequest
 def _check_stateless(mechanism: Mechanism, stated: StartRequest) -> None:
     """Refuse what is said of time of a rigid mechanism, and of a start where it has no loops to close."""
     if stated.payloads:
-        raise InputError(
-            f"export_c: mechanism {mechanism.name!r} is rigid: any link takes a payload; leave out payloads"
-        )
+        raise InputError(f"export: mechanism {mechanism.name!r} is rigid: any link takes a payload; leave out payloads")
     if stated.step is not None or (stated.start is not None and not mechanism.closures):
-        raise InputError(f"export_c: mechanism {mechanism.name!r} is rigid and has no state; leave out step and start")
+        raise InputError(f"export: mechanism {mechanism.name!r} is rigid and has no state; leave out step and start")
 
 
 def check_march_step(mechanism: Mechanism, step: float | None) -> float:
     """Return the time between two calls [s]; InputError where none is stated or none can be."""
     if step is None:
         raise InputError(
-            f"export_c: mechanism {mechanism.name!r} is marched, and its motion carried on from call to call; write step = "
+            f"export: mechanism {mechanism.name!r} is marched, and its motion carried on from call to call; write step = "
             "the time between two calls in seconds, for example step=5e-4 (--step 5e-4)"
         )
     return check_seconds("step", step, "the time between two calls in seconds, for example step=5e-4")

@@ -43,7 +43,7 @@ def _check_any(mechanism: Mechanism, asked: str, instead: str) -> None:
     """Refuse what no library does: nothing that moves, names that are one in C, closures that act for a while."""
     m = mechanism
     if m.nv == 0:
-        raise InputError(f"export_c: mechanism {m.name!r} has no joint that moves, and so no {asked}")
+        raise InputError(f"export: mechanism {m.name!r} has no joint that moves, and so no {asked}")
     check_compiler()
     make_words("coordinates", m.coordinate_names)
     make_words("rates", m.velocity_names)
@@ -66,6 +66,6 @@ def _refuse(mechanism: Mechanism, parts: str, names: Iterable[str], why: str) ->
     """Raise InputError where a mechanism has ``parts``, by their names; why : and what to call instead."""
     if listed := ", ".join(map(repr, names)):
         raise InputError(
-            f"export_c: mechanism {mechanism.name!r} has {parts} ({listed}), {why} from Python, or export the mechanism without "
+            f"export: mechanism {mechanism.name!r} has {parts} ({listed}), {why} from Python, or export the mechanism without "
             "them"
         )

@@ -142,7 +142,7 @@ def _begin_controller(mechanism: Mechanism, settings: MarchSettings) -> Controll
     controller.start(settings.start, still, still, settings.initial)
     if controller.flexible is not None and controller.flexible.early_steps:
         raise InputError(
-            f"export_c: mechanism {mechanism.name!r} begins suddenly at this position (initial = {settings.initial!r}): its "
+            f"export: mechanism {mechanism.name!r} begins suddenly at this position (initial = {settings.initial!r}): its "
             "first steps would be made in parts, for which the C library has no kernel; write initial='static', or a shorter step"
         )
     return controller
@@ -189,7 +189,7 @@ def _make_step_series(controller: Controller, state: FlexibleState, start: Array
             state.replace_state(kept)
             controller.begun = True
     raise InputError(
-        f"export_c: mechanism {state.mechanism.name!r} does not even stand still at this position for {REPLAYED_STEPS} steps of "
+        f"export: mechanism {state.mechanism.name!r} does not even stand still at this position for {REPLAYED_STEPS} steps of "
         f"{state.scheme.h:g} s; write a shorter step, or another start"
     )
 

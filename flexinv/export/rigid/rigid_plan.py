@@ -222,7 +222,7 @@ def _make_closed_series(function: TorqueFunction, guess: Array | None) -> Golden
     if not samples:
         where = "near zero coordinates" if guess is None else "near start"
         raise InputError(
-            f"export_c: the loops of mechanism {m.name!r} are not closed {where}, away from singular positions; write start = a "
+            f"export: the loops of mechanism {m.name!r} are not closed {where}, away from singular positions; write start = a "
             "position near which they close (--start)"
         )
     q, qd, qdd = (np.array(part) for part in zip(*samples, strict=True))
