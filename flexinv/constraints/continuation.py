@@ -33,6 +33,7 @@ from flexinv.kinematics.configuration import build_nodes
 from flexinv.kinematics.mesh import Mesh
 from flexinv.kinematics.nodal_motion import JointHistory, compute_rigid_motion, integrate_configuration
 from flexinv.model.joint_kinds import KINDS
+from flexinv.model.owned_cache import make_read_only
 from flexinv.typing import Array, Mask, Triple
 
 # A branch that ends is followed to this near its end [s].
@@ -212,7 +213,7 @@ class Follower:
     def find_closed_state(self, q: Array, qd: Array, qdd: Array) -> Triple | None:
         """Return the closed state near one, compiled [rad or m, s]; None where closures leave something open or Newton fails."""
         chain, problem = self.make_kernel_arguments()
-        anywhere = problem._replace(sizes=np.full(len(q), np.inf))
+        anywhere = problem._replace(sizes=make_read_only(np.full(len(q), np.inf)))
         both = np.stack([q, q])
         condition = np.empty(2)
         first, second = (np.stack([rate, rate]) for rate in (np.where(self.unknown, 0.0, one) for one in (qd, qdd)))

@@ -20,6 +20,7 @@ from flexinv.kernels.jit import jit, jit_inner
 from flexinv.kernels.records import send_by_address
 from flexinv.kernels.vec3 import EYE, ZERO, add, add_to, apply, cross, dot, mat, mul, put, scale, sub, tapply, tmul, vec
 from flexinv.kinematics.tree import take_sample
+from flexinv.model.owned_cache import make_read_only
 from flexinv.typing import Array, Mask
 
 
@@ -59,7 +60,7 @@ class Rows(NamedTuple):
             return self
         parts: dict[str, Any] = {name: getattr(self, name)[active[self.closure]] for name in self._fields[:-1]}
         parts["last"] = np.searchsorted(parts["closure"], parts["closure"], side="right")
-        return self._replace(**parts)
+        return make_read_only(self._replace(**parts))  # as those of all closures are: one type for the kernels
 
     def build_fronts(self, columns: Mask | None = None, last: Mask | None = None) -> Fronts:
         """Return the fronts of some ``columns`` (nv,) of G [-], all by default, those of ``last`` (nv,) after all others."""

@@ -262,7 +262,7 @@ class _Differentiation:
                 out[..., k] = variation.join_results(
                     np.stack([compute_scalar_coordinates(mechanism, q), qd, qdd]) for q, qd, qdd in series
                 )
-        return out[:, :, self.given]
+        return np.ascontiguousarray(out[:, :, self.given])  # one layout of memory, or kernels are compiled twice
 
     def _collect_rows(self) -> dict[tuple[int, str], list[int]]:
         """Numbers of the parameters that are rows of a motion, by track and joint."""
