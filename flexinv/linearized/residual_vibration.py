@@ -104,11 +104,7 @@ def compute_residual_vibration(
             f"residual vibration of '{name}': {unstable} at the end of the motion; expected a rest position that is stable with "
             "all other joints held"
         )
-    squared = modes.squared.real
-    rate = _compute_projection(modes, motion.v[-1], motion.omega[-1])
-    acceleration = _compute_projection(modes, motion.a[-1], motion.alpha[-1])
-    cosine = -(acceleration + modes.friction * rate) / squared
-    sine = rate / np.sqrt(squared)
+    cosine, sine = (part[-1] for part in compute_amplitudes(modes, motion.take_samples(slice(-1, None))))
     shapes = compute_tip_displacements(
         mesh, np.concatenate([modes.displacement, modes.rotation], axis=-1).real, modes.orientation
     )
@@ -140,13 +136,24 @@ def _check_end_of_motion(mechanism: Mechanism, free: Collection[str], qd: Array,
                 )
 
 
+def compute_amplitudes(modes: Modes, motion: NodalMotion) -> tuple[Array, Array]:
+    """Return a_i and b_i (samples, modes) [m kg^0.5] of stable modes, in which they would swing on from each sample.
+
+    They are linear in the rates and accelerations of the nodes, so that derivatives of these give theirs.
+    """
+    squared = modes.squared.real
+    rate = _compute_projection(modes, motion.v, motion.omega)
+    acceleration = _compute_projection(modes, motion.a, motion.alpha)
+    return -(acceleration + modes.friction * rate) / squared, rate / np.sqrt(squared)
+
+
 def _compute_projection(modes: Modes, velocity: Array, spin: Array) -> Array:
-    """(modes,) sum_n phi . M_n of rates or accelerations: velocity (nodes, 3) [m/s] world, spin (nodes, 3) [rad/s] own frame."""
+    """(samples, modes) sum_n phi . M_n of rates or accelerations (samples, nodes, 3): world [m/s], own frame [rad/s]."""
     mesh = modes.mesh
     momentum = mesh.mass[:, None] * velocity
-    turning = np.einsum("nij,nj->ni", mesh.inertia, spin)
-    pushed = np.einsum("mni,ni->m", modes.displacement.real, momentum)
-    return np.asarray(pushed + np.einsum("mni,ni->m", modes.rotation.real, turning))
+    turning = np.einsum("nij,snj->sni", mesh.inertia, spin)
+    pushed = np.einsum("mni,sni->sm", modes.displacement.real, momentum)
+    return np.asarray(pushed + np.einsum("mni,sni->sm", modes.rotation.real, turning))
 
 
 def _find_reach(shape: Array, cosine: Array, sine: Array) -> float:

@@ -7,7 +7,7 @@ order, as is what one of the motion does to joints; rows of samples and of moves
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Collection, Iterable, Iterator
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -20,6 +20,7 @@ from flexinv.constraints.loop_starts import build_joint_mask
 from flexinv.dynamics.generalized_alpha import EARLY, EXACT, SUBSTEPS, Scheme, build_start_scheme, list_early_times
 from flexinv.errors import ConvergenceError, InputError
 from flexinv.kinematics.nodal_motion import NodalMotion
+from flexinv.linearized.residual_vibration import ResidualVibration, compute_amplitudes
 from flexinv.model.by_value import ByValue
 from flexinv.model.joint_kinds import KINDS
 from flexinv.model.mechanism import Mechanism
@@ -30,6 +31,7 @@ from flexinv.sensitivity.march_states import (
     build_march_states,
     build_massive_solver,
     build_turns,
+    compute_end_slopes,
     compute_residuals,
     compute_scalar_coordinates,
     list_tip_nodes,
@@ -50,16 +52,31 @@ from flexinv.sensitivity.parameters import (
     resolve_parameters,
 )
 from flexinv.sensitivity.tangent_kernel import (
+    MarchStates,
     ParameterInputs,
     StepTangents,
     TangentHistories,
     TangentTask,
     integrate_tangents,
 )
-from flexinv.typing import Array, Triple
+from flexinv.typing import Array, Mask, Triple
 
 if TYPE_CHECKING:
     import pandas as pd
+
+
+@dataclass(frozen=True, eq=False)
+class ResidualSlopes(ByValue):
+    """Derivatives of a residual vibration by parameters.
+
+    vibration : where they are taken; cosine, sine : (modes, parameters) of a_i, b_i [m kg^0.5] per unit
+    energy : (parameters,) [J] per unit
+    """
+
+    vibration: ResidualVibration
+    cosine: Array
+    sine: Array
+    energy: Array
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -69,6 +86,8 @@ class Sensitivities(ByValue):
     solution : where they are taken; parameters : names; values : (parameters,) where they stand
     torque : (samples, actuated, parameters) [N m] or [N] per unit, columns as ``solution.torque_names``
     tip : link -> (samples, 3, parameters) [m] per unit; q : (samples, nv, parameters) [rad], [m] per unit, of all joints
+    end : of the motion of all nodes in the last sample, with an axis of parameters in place of samples, where
+    ends_alike : (parameters,) says that a parameter leaves the mechanism and its joints at the end as they are
     """
 
     solution: Solution
@@ -77,6 +96,28 @@ class Sensitivities(ByValue):
     torque: Array
     tip: dict[str, Array]
     q: Array
+    end: NodalMotion
+    ends_alike: Mask
+
+    def differentiate_residual_vibration(self, free: Collection[str] | None = None) -> ResidualSlopes:
+        """Return the derivatives of the vibration after the last sample by parameters of the motion [m kg^0.5], [J] per unit.
+
+        free : names of joints that go on moving, as of ``Solution.find_residual_vibration``
+        Raises InputError for parameters that change the mechanism or where and when joints come to rest, and as
+        ``find_residual_vibration``.
+        """
+        for name, ends in zip(self.parameters, self.ends_alike, strict=True):
+            if not ends:
+                raise InputError(
+                    f"residual vibration by {name!r}: it changes how joints are at {self.solution.time[-1]:g} s, or the mechanism, "
+                    "and with that the modes; expected rows of the motion between its ends, or 'motion.duration' with an end "
+                    "behind the motion's own"
+                )
+        vibration = self.solution.find_residual_vibration(free)
+        cosine, sine = compute_amplitudes(vibration.modes, self.end)
+        squared = vibration.modes.squared.real
+        weighted = squared * vibration.cosine, squared * vibration.sine
+        return ResidualSlopes(vibration, cosine.T, sine.T, cosine @ weighted[0] + sine @ weighted[1])
 
     def frame(self) -> pd.DataFrame:
         """Return the derivatives of the torques [N m], [N] per unit over time [s], a column for each drive and parameter."""
@@ -186,8 +227,9 @@ class _Differentiation:
         joints = solution.q[early:], solution.qd[early:], solution.qdd[early:]
         late = TangentHistories(*(part[early:] for part in out))
         nodes = solution.nodes.take_samples(slice(early, None))
-        self._integrate_leg(nodes, joints, time[early:], self.settings.scheme, tangents, late)
-        return self._assemble(out, first)
+        states = self._integrate_leg(nodes, joints, time[early:], self.settings.scheme, tangents, late)
+        end = compute_end_slopes(self.system, states, tangents, (solution.q[-1], solution.qd[-1], solution.qdd[-1]))
+        return self._assemble(out, first, end)
 
     def _make_histories(self, samples: int) -> TangentHistories:
         """Room for the derivatives at so many samples."""
@@ -217,8 +259,8 @@ class _Differentiation:
         scheme: Scheme,
         tangents: StepTangents,
         out: TangentHistories,
-    ) -> None:
-        """March the tangents along states at equal steps.  Raises ConvergenceError where an element turns too much."""
+    ) -> MarchStates:
+        """March the tangents along states at equal steps, and return these.  Raises ConvergenceError where an element turns too much."""
         states = build_march_states(self.system, nodes, joints, time)
         inputs = self._compute_inputs(nodes, joints, time)
         turns = build_turns(self.system, states)
@@ -232,6 +274,7 @@ class _Differentiation:
                 f"mechanism '{self.mechanism.name}', at t = {time[bad]:g} s: an element turns too much to be "
                 "linearised; use more elements"
             )
+        return states
 
     def _compute_inputs(self, nodes: NodalMotion, joints: Triple, time: Array) -> ParameterInputs:
         """Compute what the parameters do from outside along given states: to joints with a motion, to the residual, to tips."""
@@ -313,8 +356,10 @@ class _Differentiation:
                     variation = build_differences(self.parameters[k], self.mechanism, self.motion)
                 yield k, variation
 
-    def _assemble(self, out: TangentHistories, first: Array) -> Sensitivities:
-        """The result of the histories."""
+    def _assemble(self, out: TangentHistories, first: Array, end: NodalMotion) -> Sensitivities:
+        """The result of the histories and of the slopes in the last sample."""
+        ends_alike = ~self._compute_given(self.solution.time[-1:]).any(axis=(0, 1, 2))
+        ends_alike[self.changing] = False
         solution = self.solution
         mechanism = self.mechanism
         effort = np.zeros((len(solution.time), mechanism.nv, len(self.parameters)))
@@ -327,6 +372,8 @@ class _Differentiation:
             torque=effort[:, mechanism.actuated],
             tip=dict(zip((joint.child for joint in mechanism.joints), out.tip.transpose(1, 0, 2, 3), strict=True)),
             q=out.pose[:, self.system.unknown],
+            end=end,
+            ends_alike=ends_alike,
         )
 
     def _compute_friction(self) -> Array:

@@ -13,9 +13,10 @@ from flexinv.dynamics.loads import build_load_table
 from flexinv.dynamics.solver import Solver, build_coordinate_map
 from flexinv.elements.beam_element import Elements
 from flexinv.errors import ConvergenceError
-from flexinv.kernels.so3 import log_so3
+from flexinv.kernels.so3 import exp_so3, log_so3
 from flexinv.kinematics.mesh import Mesh, build, list_tips
-from flexinv.kinematics.nodal_motion import NodalMotion, compute_relative_motion
+from flexinv.kinematics.nodal_motion import NodalMotion, compute_relative_motion, integrate_configuration
+from flexinv.kinematics.tree import Joints
 from flexinv.linearized.modal_damping import apply_stated_ratio
 from flexinv.model.joint_kinds import KINDS
 from flexinv.model.mechanism import Mechanism
@@ -33,6 +34,8 @@ from flexinv.sensitivity.tangent_kernel import (
     integrate_tangents,
 )
 from flexinv.typing import Array, Indices, Triple
+
+END_CHANGE = 1e-4  # [m] or [rad] of the largest pose, or of the parameter's unit: its square is left out, four digits are lost
 
 
 @dataclass(frozen=True)
@@ -141,6 +144,59 @@ def compute_residuals(system: FreeSystem, states: MarchStates) -> tuple[Array, A
             "use more elements"
         )
     return record.residual, record.tip
+
+
+def compute_end_slopes(
+    system: FreeSystem, states: MarchStates, tangents: StepTangents, joints: Triple
+) -> NodalMotion:
+    """Return the derivatives of all nodes' motion in the last sample, with an axis of parameters in place of samples [m, rad, s].
+
+    rotation : (parameters, nodes, 3, 3), derivatives of the matrices; joints : q (nq,), qd, qdd (nv,) of then [rad or m, s]
+    Differences along the tangents, whose error is of the square of `END_CHANGE`; what a parameter moves at given unknowns is
+    left out.
+    """
+    solver = system.solver
+    parameters = tangents.pose.shape[1]
+    slopes = NodalMotion.make_uninitialized(parameters, system.mesh.size)
+    for p in range(parameters):
+        column = np.stack([tangents.pose[:, p], tangents.rate[:, p], tangents.acceleration[:, p]])
+        change = END_CHANGE / max(float(np.abs(column[0]).max()), 1.0)
+        sides = []
+        for sign in (1.0, -1.0):
+            relative = _move_end(system, states, sign * change * column, joints)
+            solver.evaluate(STATICS, relative)
+            sides.append([part.copy() for part in solver.frames])
+        x, r, v, w, a, al = ((up - down) / (2.0 * change) for up, down in zip(*sides, strict=True))
+        for slope, value in zip(slopes.parts, (x, r, v, w, a, al), strict=True):
+            slope[p] = value
+    return slopes
+
+
+def _move_end(system: FreeSystem, states: MarchStates, moves: Array, joints: Triple) -> Joints:
+    """Put the system beside the last state, by ``moves`` (3, unknowns) of pose, rate and acceleration; its joints then."""
+    solver = system.solver
+    s = system.sections
+    at = system.first[:, None] + np.arange(6)
+    pose, rate, acceleration = moves
+    state = solver.state
+    state.x[:] = states.x[-1]
+    state.r[:] = states.r[-1]
+    state.x[s] += pose[at[:, :3]]
+    state.r[s] = state.r[s] @ exp_so3(pose[at[:, 3:]])
+    state.u[:] = states.u[-1] + rate
+    state.du[:] = states.du[-1] + acceleration
+    state.place[:] = states.place[-1] + pose
+    state.d[:] = 0.0
+    q, qd, qdd = joints
+    by_joint = system.unknown
+    moved = integrate_configuration(system.mesh.mechanism, q, pose[by_joint])
+    relative = compute_relative_motion(
+        system.mesh, moved[None], (qd + rate[by_joint])[None], (qdd + acceleration[by_joint])[None]
+    )
+    held = solver.topology.freedoms > 0
+    state.x[held] = relative.p[0, held]
+    state.r[held] = relative.r[0, held]
+    return Joints(*(part[0] for part in relative))
 
 
 def compute_scalar_coordinates(mechanism: Mechanism, q: Array) -> Array:
