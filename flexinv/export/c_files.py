@@ -68,7 +68,7 @@ def render_sources(plan: LibraryPlan, prefix: str) -> tuple[str, str]:
 def make_constants(plan: LibraryPlan, prefix: str) -> dict[str, bytes]:
     """Return the name of each constant of the object -> its bytes [-]."""
     places = b"".join(one.to_bytes(8, "little") for one in plan.image.relocations)
-    return {f"{prefix}_model": plan.image.write_content(), f"{prefix}_relocations": places}
+    return {f"{prefix}_model": b"".join(plan.image.split_content()), f"{prefix}_relocations": places}
 
 
 def _join(parts: Sequence[str], ending: str, values: Mapping[str, str]) -> str:
@@ -88,11 +88,13 @@ def _collect_values(plan: LibraryPlan, prefix: str, targets: Sequence[str]) -> d
     """Name in the templates -> text."""
     m = plan.mechanism
     content = plan.image.write_content()
+    head, tail = plan.image.split_content()
     start = m.neutral if plan.start is None else plan.start
     values = {
         "name": prefix, "NAME": prefix.upper(), "title": format_comment(m.name), "markdown_title": format_markdown(m.name),
         "version": flexinv.__version__, "layout": str(LAYOUT), "size": str(plan.image.size), "alignment": str(ALIGNMENT),
-        "nq": str(m.nq), "nv": str(m.nv), "content": str(len(content)), "relocations": str(len(plan.image.relocations)),
+        "nq": str(m.nq), "nv": str(m.nv), "head": str(len(head)), "tail": str(len(tail)),
+        "at_tail": str(plan.image.zeros[1]), "relocations": str(len(plan.image.relocations)),
         "mark": "0x" + sha256(content).hexdigest()[:16], "target": targets[0], "targets": ", ".join(targets),
         "kernels": "\n".join(f"int32_t {one.call.name}(char *block);" for one in plan.entries),
         "gravity": ", ".join(f"{one:g}" for one in m.gravity), "start": format_numbers(start),

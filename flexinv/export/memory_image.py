@@ -50,6 +50,7 @@ class MemoryImage:
 
     content : what is not zero, from the beginning on; size : of the whole block [bytes]
     relocations : offsets of all words that hold addresses [bytes]
+    zeros : the stretch of arrays that are zero [bytes]: from where, to before where
     """
 
     def __init__(self, header: int, arrays: Sequence[Array]) -> None:
@@ -59,11 +60,14 @@ class MemoryImage:
         self._words: list[tuple[int, bytes]] = []
         self._segments = list[_Segment]()
         end = header
+        filled = header
         for address, data in sorted(_join_intervals(arrays), key=lambda piece: not any(piece[1])):
             end = -(-end // ALIGNMENT) * ALIGNMENT
             self._segments.append(_Segment(address, data, end))
             end += len(data)
+            filled = end if any(data) else filled
         self.size = -(-end // ALIGNMENT) * ALIGNMENT
+        self.zeros = filled, self.size
 
     def find_place(self, array: NDArray[Any]) -> int:
         """Return the offset [bytes], [-] of the first number of an array; FlexinvError where it was not laid out."""
@@ -102,6 +106,12 @@ class MemoryImage:
         for offset, word in self._words:
             block[offset : offset + len(word)] = word
         return bytes(block).rstrip(b"\0")
+
+    def split_content(self) -> tuple[bytes, bytes]:
+        """Return the bytes [-] of the block before and behind the arrays that are zero, up to the last that is not."""
+        content = self.write_content()
+        start, end = self.zeros
+        return content[:start], content[end:]
 
     def _write_record(self, kind: Any, value: Any, offset: int) -> None:
         """Write a record and those in it, as `record_types` lays them out."""

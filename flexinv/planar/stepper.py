@@ -284,6 +284,7 @@ def integrate_planar_motion(system, step, start_at, still, given, row, out):
             copy(ties.saved_multiplier, ties.multiplier)
             status, count, size = run_newton(system, step, given[n], 0.0, MOST_ITERATIONS)
         if status != CONVERGED:
+            copy(ties.saved_multiplier, ties.multiplier)  # which may be none: what comes next begins where this one has
             return status, n, count, size
         if not moves:
             _write_instant(system, row[n], count, True, out)

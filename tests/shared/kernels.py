@@ -80,7 +80,7 @@ def all_coefficients(s):
 
 @jit_blocks
 def six(multipliers, efforts, entries, least):
-    """Solve sum lambda_i row_i = efforts for six rows, 128 samples each; return how many are in doubt."""
+    """Solve sum lambda_i row_i = efforts for six rows, a block of samples each; return how many are in doubt."""
     few = (least, least, least, least, least, least)
     return solve_six_forces(multipliers, efforts, entries, LANES, few)
 

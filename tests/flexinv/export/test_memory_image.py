@@ -35,6 +35,18 @@ def test_an_array_is_described_as_numba_has_it() -> None:
     assert [one.offset for one in operands] == [first + WORD * k for k in range(9)]
 
 
+def test_arrays_that_are_zero_are_none_of_the_content_that_is_kept() -> None:
+    """What is filled, then what is zero, then the descriptions: the middle is left out, and nothing else."""
+    filled, empty = np.arange(1.0, 5.0), np.zeros(1000)
+    image = MemoryImage(HEADER, [empty, filled])
+    image.add_argument(typeof(empty), empty)
+    head, tail = image.split_content()
+    start, end = image.zeros
+    assert image.find_place(filled) < start <= image.find_place(empty) < end
+    assert head + bytes(end - start) + tail == image.write_content()
+    assert len(head) + len(tail) < 1000
+
+
 def test_what_was_not_laid_out_is_said() -> None:
     image = MemoryImage(HEADER, [np.ones(3)])
     with pytest.raises(FlexinvError, match=r"was not laid out"):

@@ -15,6 +15,7 @@ from scipy.spatial.transform import Rotation
 import flexinv
 from flexinv.constraints.allocation import PrescribedLoops
 from flexinv.files.load_cases import load_cases
+from flexinv.kernels.simd import BLOCK
 from flexinv.model.mechanism import WORLD, Attachment, Closure, Joint, Mechanism, Placement
 from flexinv.rigid.prepare import _build_torque_function, prepare
 from flexinv.rnea import loop_plan
@@ -232,7 +233,7 @@ def test_what_the_kernel_doubts_the_other_way_finds() -> None:
 
 def test_blocks_in_doubt_are_shared_out_later(monkeypatch: pytest.MonkeyPatch) -> None:
     """One block of three at a dead point of its drive: those samples, and no others, go the other way."""
-    mechanism, state = solved(four_bar(), 384)
+    mechanism, state = solved(four_bar(), 3 * BLOCK)
     f = prepare(mechanism, threads=1)
     asked: list[int] = []
     shared = PrescribedLoops.apply_shares
@@ -252,12 +253,12 @@ def test_blocks_in_doubt_are_shared_out_later(monkeypatch: pytest.MonkeyPatch) -
     tau = dead.torques(*state)
     blocks = doubts(dead, len(s.q))
     assert 0 < len(blocks) <= 6  # two dead points, some blocks around each
-    assert asked == [k for b in blocks for k in range(128 * b, min(128 * (b + 1), len(s.q)))]
+    assert asked == [k for b in blocks for k in range(BLOCK * b, min(BLOCK * (b + 1), len(s.q)))]
     assert np.isfinite(tau).all()
     alone = prepare(mechanism, threads=1)
     alone.torques(*state)
     assert doubts(alone, len(s.q)) == []
-    assert np.array_equal(f.torques(*(a[:384] for a in state)), f.torques(*(a[:384] for a in state)))
+    assert np.array_equal(f.torques(*(a[: 3 * BLOCK] for a in state)), f.torques(*(a[: 3 * BLOCK] for a in state)))
 
 
 def test_threads_and_orders_agree() -> None:

@@ -13,6 +13,7 @@ from loop_examples import Example, at, loaded, platform, spatial
 
 import flexinv
 from flexinv.files.load_cases import load_cases
+from flexinv.kernels.simd import BLOCK
 from flexinv.model.mechanism import WORLD, Attachment, Spring
 from flexinv.rigid.prepare import _build_torque_function, prepare
 from flexinv.rnea import loop_plan, loop_tables
@@ -70,7 +71,7 @@ def test_closures_to_the_ground(name: str, monkeypatch: pytest.MonkeyPatch) -> N
         assert doubts(f, 150) == []
         f.torques(*moved)
         at = int(f.plan.plan[LIMITS])
-        squares.append([f._own.work[0][at + 128 * k : at + 128 * (k + 1)].max() for k in range(3)])
+        squares.append([f._own.work[0][at + BLOCK * k : at + BLOCK * (k + 1)].max() for k in range(3)])
     # roundings of some 1e-16 over a gap of 1e-8, and twice that for its square
     for result, other in zip(squares[:2], squares[2:], strict=True):
         assert np.abs(np.array(result) / other - 1.0).max() < 1e-7
@@ -91,7 +92,7 @@ def test_a_universal_joint_in_line_is_left_to_singular_values() -> None:
     column = mechanism.q_slices["B"].start + 1
     assert mechanism.joint_of["B"].kind == "universal"
     q = q.copy()
-    q[130, column] = np.pi / 2  # the second axis carries the coupler, 0.55 m along x, into the first one, z
+    q[BLOCK + 2, column] = np.pi / 2  # the second axis carries the coupler, 0.55 m along x, into the first one, z
     with pytest.raises(flexinv.InputError, match=": q violates closure"):
         f.torques(q, 0 * qd, 0 * qd)
     assert doubts(f, 200) == [1]
@@ -100,13 +101,13 @@ def test_a_universal_joint_in_line_is_left_to_singular_values() -> None:
 def test_six_forces_are_those_of_linear_equations() -> None:
     """Rows in any order, zeros where a pivot would be among them; a sample whose rows depend on each other is in doubt, alone."""
     random = np.random.default_rng(5)
-    g, tau = random.normal(size=(128, 6, 6)), random.normal(size=(128, 6))
+    g, tau = random.normal(size=(BLOCK, 6, 6)), random.normal(size=(BLOCK, 6))
     g[1, :, 5], g[1, 3, 5] = 0.0, 1.0  # one entry in the first column that is taken
     g[2] = np.eye(6)[random.permutation(6)]
-    entries, efforts, result = g.transpose(1, 2, 0).ravel().copy(), tau.T.ravel().copy(), np.zeros(SIX_ROWS * 128)
+    entries, efforts, result = g.transpose(1, 2, 0).ravel().copy(), tau.T.ravel().copy(), np.zeros(SIX_ROWS * BLOCK)
     assert six(result, efforts, entries, 1e-9) == 0
     exact = np.linalg.solve(g.transpose(0, 2, 1), tau[:, :, None])[:, :, 0]
-    error = np.abs(result[: 6 * 128].reshape(6, 128).T - exact).max(axis=1) / np.abs(exact).max(axis=1)
+    error = np.abs(result[: 6 * BLOCK].reshape(6, BLOCK).T - exact).max(axis=1) / np.abs(exact).max(axis=1)
     assert (error < 1e-14 * np.linalg.cond(g)).all()  # some tens of roundings, times the condition
     assert not efforts.any()
     g[7, 2] = g[7, 0] - 2.0 * g[7, 5]
@@ -116,7 +117,7 @@ def test_six_forces_are_those_of_linear_equations() -> None:
 
 def test_pivots_that_are_too_small_are_counted() -> None:
     """Next to their column, next to nothing, none, or no number."""
-    pivot, size, effort, result = np.ones(128), np.full(128, 4.0), np.full(128, 3.0), np.zeros(128)
+    pivot, size, effort, result = np.ones(BLOCK), np.full(BLOCK, 4.0), np.full(BLOCK, 3.0), np.zeros(BLOCK)
     pivot[:6] = 1.9e-4, -2.1e-4, 1.1e-6, 0.9e-6, 0.0, np.nan
     size[2:4] = 0.0
     assert solved_by(result, pivot, effort, size, 1e-8, 1e-12) == 4
