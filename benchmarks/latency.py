@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import gc
 import time as clock
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +17,8 @@ from flexinv.files.load_mechanism import load_mechanism
 from flexinv.model.mechanism import Mechanism
 from flexinv.model.motion import Motion
 from flexinv.typing import Array
+
+MotionRow = tuple[Array, Array, Array]  # q, qd, qdd
 
 STEPS = 100_000
 CYCLE = 1e-3  # [s], of a controller at 1 kHz; the paper's takes 10 ms
@@ -68,7 +71,15 @@ def sample_latencies(mechanism: Mechanism, stroke: float, steps: int) -> Array:
     rows = list(zip(*states, strict=True))
     controller = Controller.of(mechanism, step=CYCLE)
     controller.start(*rows[0])
-    for row in rows[1:]:  # once to and fro before it counts
+    return time_steps(controller, rows[1:], rows, steps)
+
+
+def time_steps(controller: Controller, before: Sequence[MotionRow], rows: Sequence[MotionRow], steps: int) -> Array:
+    """Return the time of every step of a controller, (steps,) [s], that is given rows of q, qd, qdd again and again.
+
+    before : rows that it is given first, which do not count
+    """
+    for row in before:
         controller.step(*row)
     latencies = np.empty(steps)
     was = gc.isenabled()
