@@ -71,10 +71,12 @@ def sample_latencies(mechanism: Mechanism, stroke: float, steps: int) -> Array:
     rows = list(zip(*states, strict=True))
     controller = Controller.of(mechanism, step=CYCLE)
     controller.start(*rows[0])
-    return time_steps(controller, rows[1:], rows, steps)
+    return sample_step_times(controller, rows[1:], rows, steps)
 
 
-def time_steps(controller: Controller, before: Sequence[MotionRow], rows: Sequence[MotionRow], steps: int) -> Array:
+def sample_step_times(
+    controller: Controller, before: Sequence[MotionRow], rows: Sequence[MotionRow], steps: int
+) -> Array:
     """Return the time of every step of a controller, (steps,) [s], that is given rows of q, qd, qdd again and again.
 
     before : rows that it is given first, which do not count

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 import flexinv
-from benchmarks.latency import time_steps
+from benchmarks.latency import sample_step_times
 from campaigns.hardness.libraries import HERE, MACHINES, Library, Machine, open_library, open_library_of, run_command
 from crosscheck.studies.robot_sweep import remove_damping
 from flexinv.export.c_files import LAYOUT
@@ -123,7 +123,7 @@ def sample_controller(library: Library, steps: int) -> Array:
     start = library.start
     rest = np.zeros(nv)
     controller.start(start, rest, rest, initial="static")
-    return time_steps(controller, rows, rows, steps)
+    return sample_step_times(controller, rows, rows, steps)
 
 
 def describe_times(taken: Array) -> str:
