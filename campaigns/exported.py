@@ -16,7 +16,7 @@ import subprocess
 import sys
 import tempfile
 import warnings
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
@@ -164,10 +164,19 @@ def compare_all(name: str, mechanism: Mechanism, cases: dict[str, Case], known: 
                 yield Outcome(f"{name}/{case.name}", 0, np.inf, str(error))
 
 
+def add_source_options(command: Callable[..., None]) -> Callable[..., None]:
+    """Give a command the options that say what is exported [-]: of the gallery, and so many at random."""
+    for option in (
+        click.option("--seed", default=1, show_default=True),
+        click.option("--random", "count", default=30, show_default=True, help="Random mechanisms beside the gallery."),
+        click.option("--only", default="", help="One folder of models/."),
+    ):
+        command = option(command)
+    return command
+
+
 @click.command()
-@click.option("--only", default="", help="One folder of models/.")
-@click.option("--random", "count", default=30, show_default=True, help="Random mechanisms beside the gallery.")
-@click.option("--seed", default=1, show_default=True)
+@add_source_options
 def main(only: str, count: int, seed: int) -> None:
     """Compare all libraries with Python; end with 1 where one differs or is refused without being listed."""
     warnings.simplefilter("ignore")

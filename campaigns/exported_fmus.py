@@ -25,7 +25,7 @@ if __name__ == "__main__":
     sys.path[:0] = [str(ROOT), str(ROOT / "tests" / "shared")]
 
 import flexinv
-from campaigns.exported import Outcome, compute_rigid, list_gallery, list_random, march
+from campaigns.exported import Outcome, add_source_options, compute_rigid, list_gallery, list_random, march
 from crosscheck.engines.flexinv_c.adapter import CasePlan, plan_case, unsupported
 from flexinv.errors import InputError
 from flexinv.files.load_cases import Case
@@ -113,9 +113,7 @@ def compare_all(name: str, mechanism: Mechanism, cases: dict[str, Case]) -> Iter
 
 
 @click.command()
-@click.option("--only", default="", help="One folder of models/.")
-@click.option("--random", "count", default=30, show_default=True, help="Random mechanisms beside the gallery.")
-@click.option("--seed", default=1, show_default=True)
+@add_source_options
 def main(only: str, count: int, seed: int) -> None:
     """Compare all FMUs with Python; end with 1 where one differs."""
     warnings.simplefilter("ignore")

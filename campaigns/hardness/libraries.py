@@ -47,7 +47,7 @@ class Machine:
 
 MACHINES = (
     Machine("one link", "flex_one_link", 1e-3, payload="link", mass=0.01),
-    Machine("two links", "flex_two_link", 1e-3, payload="link2", mass=0.01),
+    Machine("two links", "flex_two_link", 1e-3, payload="link2", mass=0.002),
     Machine("spatial arm", "spatial_arm", 1e-3, payload="forearm"),
     Machine("flexible four-bar", "four_bar_flexible", 1e-3, 0.1, "rocker"),
     Machine("Talos", "talos", payload="arm_left_7_link", mass=1.0),

@@ -16,6 +16,7 @@ from dataclasses import dataclass, field, replace
 from typing import Any, NotRequired, TypedDict, cast
 
 from crosscheck.engines.base import Adapter
+from flexinv.export.names import C_COMPILERS, COMPILER_PACKAGE
 from flexinv.files.load_cases import Limit
 
 
@@ -125,7 +126,7 @@ ENGINES: dict[str, Engine] = {
         replace(
             _make_engine("flexinv-c", "flexinv_c.adapter", "flexinv", ".", exports=False, limits=(_EXPORTED,)),
             same_steps=True,
-            tools=("cc", "gcc", "clang", "ziglang"),
+            tools=(*C_COMPILERS, COMPILER_PACKAGE),
         ),
         _make_engine("measured", "measured.adapter", "numpy", ".", exports=False),
     )

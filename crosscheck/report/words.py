@@ -7,6 +7,7 @@ from collections.abc import Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
+from crosscheck.engines import ENGINES
 from crosscheck.measures.limits import VERDICTS, Verdict, find_worst_verdict
 from crosscheck.report.explanations import (
     describe_causes,
@@ -156,9 +157,9 @@ def describe_scope(results: Results) -> str:
     compared = dict.fromkeys(c.quantity for c in results.comparisons if c.maximum is not None)
     if compared:
         against = " and ".join(dict.fromkeys(c.reference for c in results.comparisons if c.maximum is not None))
-        scope += (
-            f" Every engine builds them by itself from the same data; compared with {against}: {', '.join(compared)}."
-        )
+        shared = [name for name in names if name in ENGINES and ENGINES[name].same_steps]
+        but = f" but {', '.join(shared)}, which runs the kernels of flexinv in C," if shared else ""
+        scope += f" Every engine{but} builds them by itself from the same data; compared with {against}: {', '.join(compared)}."
     return scope
 
 

@@ -14,6 +14,7 @@ from pathlib import Path
 
 from flexinv.errors import FlexinvError
 from flexinv.export.machine_code import NATIVE, TARGETS
+from flexinv.export.names import C_COMPILERS, COMPILER_PACKAGE
 
 # No contraction: the checks and the parameters have the same digits with every compiler.
 C_OPTIONS = ("-std=c99", "-O2", "-fPIC", "-ffp-contract=off", "-Wall", "-Wextra")
@@ -34,8 +35,8 @@ def find_compiler(target: str) -> Compiler | None:
     found = next(filter(None, map(shutil.which, _list_names(target))), None)
     if found and archive:
         return Compiler((found,), (archive,))
-    if importlib.util.find_spec("ziglang") is not None:
-        zig = sys.executable, "-m", "ziglang"
+    if importlib.util.find_spec(COMPILER_PACKAGE) is not None:
+        zig = sys.executable, "-m", COMPILER_PACKAGE
         crossed = () if target == NATIVE else ("-target", f"{machine}-linux-gnu")
         return Compiler((*zig, "cc", *crossed), (*zig, "ar"))
     return None
@@ -45,7 +46,7 @@ def _list_names(target: str) -> tuple[str, ...]:
     """Names of compilers for a target, the usual one first."""
     machine = TARGETS[target][0].partition("-")[0]
     native = target == NATIVE or platform.machine().lower().replace("amd64", "x86_64") == machine
-    return ("cc", "gcc", "clang") if native else (f"{machine}-linux-gnu-gcc",)
+    return C_COMPILERS if native else (f"{machine}-linux-gnu-gcc",)
 
 
 def list_link_commands(prefix: str, target: str, compiler: Compiler | None) -> list[list[str]]:

@@ -10,6 +10,9 @@ from collections.abc import Iterable, Sequence
 
 from flexinv.errors import InputError
 
+# Commands that compile C for this machine, the usual one first; and the Python package that brings one.
+C_COMPILERS = ("cc", "gcc", "clang")
+COMPILER_PACKAGE = "ziglang"
 LIBRARY_PREFIX = "flexinv_"  # of all that a library defines: no keyword of C or C++, no name of the system begins so
 LONGEST = 100  # characters of a mangled name: a file that bears it has a name that every system takes
 

@@ -35,7 +35,9 @@ from flexinv.sensitivity.tangent_kernel import (
 )
 from flexinv.typing import Array, Indices, Triple
 
-END_CHANGE = 1e-4  # [m] or [rad] of the largest pose, or of the parameter's unit: its square is left out, four digits are lost
+END_CHANGE = (
+    1e-4  # [m] or [rad] of the largest pose, or of the parameter's unit: its square is left out, four digits are lost
+)
 
 
 @dataclass(frozen=True)
@@ -146,9 +148,7 @@ def compute_residuals(system: FreeSystem, states: MarchStates) -> tuple[Array, A
     return record.residual, record.tip
 
 
-def compute_end_slopes(
-    system: FreeSystem, states: MarchStates, tangents: StepTangents, joints: Triple
-) -> NodalMotion:
+def compute_end_slopes(system: FreeSystem, states: MarchStates, tangents: StepTangents, joints: Triple) -> NodalMotion:
     """Return the derivatives of all nodes' motion in the last sample, with an axis of parameters in place of samples [m, rad, s].
 
     rotation : (parameters, nodes, 3, 3), derivatives of the matrices; joints : q (nq,), qd, qdd (nv,) of then [rad or m, s]

@@ -24,14 +24,15 @@ from flexinv.export.given_forces import list_moved_forces
 from flexinv.export.link_library import C_OPTIONS, find_compiler
 from flexinv.export.machine_code import NATIVE
 from flexinv.export.memory_image import ALIGNMENT
+from flexinv.export.names import C_COMPILERS, COMPILER_PACKAGE
 from flexinv.kinematics.mesh import build
 from flexinv.linearized.modal_damping import apply_stated_ratio
 from flexinv.model.mechanism import Mechanism
 
 Array = NDArray[np.float64]
 NO_COMPILER = (
-    "there is no C compiler here to link the exported library with (cc, gcc or clang and ar, or the wheel ziglang); "
-    "write apt-get install gcc, or python -m pip install ziglang"
+    f"there is no C compiler here to link the exported library with ({', '.join(C_COMPILERS)} with ar, or the wheel "
+    f"{COMPILER_PACKAGE}); write apt-get install gcc, or python -m pip install {COMPILER_PACKAGE}"
 )
 # Kind of library -> question -> call; those of `COUNTS` answer so many numbers as C says, all others one for each rate.
 QUESTIONS = {

@@ -18,11 +18,11 @@ from flexinv.export.library_plan import LibraryPlan
 from flexinv.export.link_library import C_OPTIONS, Compiler, find_compiler, run_commands
 from flexinv.export.machine_code import NATIVE, TARGETS, Processor, write_entries
 from flexinv.export.memory_image import ALIGNMENT
-from flexinv.export.names import format_numbers, format_string
+from flexinv.export.names import COMPILER_PACKAGE, format_numbers, format_string
 
 NO_FMU_COMPILER = (
-    "export_fmu: an FMU holds a library, and no C compiler was found to link one; install gcc or clang, or the wheel ziglang "
-    "(python -m pip install ziglang), and call again"
+    "export_fmu: an FMU holds a library, and no C compiler was found to link one; install gcc or clang, or the wheel "
+    f"{COMPILER_PACKAGE} (python -m pip install {COMPILER_PACKAGE}), and call again"
 )
 
 

@@ -11,7 +11,7 @@ from crosscheck.report import words
 from crosscheck.run.work import Event
 from crosscheck.verdicts.baseline import HOW, UNBLESSED
 from crosscheck.verdicts.compare import Comparison
-from crosscheck.verdicts.results import CaseRow, Results, RunRow
+from crosscheck.verdicts.results import CaseRow, EngineRow, Results, RunRow
 from crosscheck.verdicts.signals import Move
 
 ONE = Comparison("arm", "move", "e", "flexinv", "torque", "N m", "deviation", "why", 1.0, 0.5, 10.0, 1e-3)
@@ -35,6 +35,24 @@ def test_what_is_only_not_blessed_yet_is_one_line_of_a_mechanism() -> None:
         ("deviation", "e reaction"), ("unjudged", "6 comparisons (e, f)"),
     ]  # fmt: skip
     assert troubles[1][3] == new
+
+
+def test_what_was_compared_names_the_engine_that_builds_nothing_by_itself() -> None:
+    """The exported library runs our own kernels: it confirms the export, not the mechanics."""
+    said = {
+        name: words.describe_scope(
+            replace(
+                night(replace(ONE, engine=name, maximum=1e-9)),
+                engines=(EngineRow("flexinv", True), EngineRow(name, True)),
+                runs=tuple(RunRow("arm", "move", one, "ok") for one in ("flexinv", name)),
+            )
+        )
+        for name in ("mujoco", "flexinv-c")
+    }
+    assert "Every engine builds them by itself from the same data" in said["mujoco"]
+    assert (
+        "Every engine but flexinv-c, which runs the kernels of flexinv in C, builds them by itself" in said["flexinv-c"]
+    )
 
 
 def test_a_quantity_in_several_units_is_told_with_its_unit() -> None:
