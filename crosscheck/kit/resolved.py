@@ -37,6 +37,7 @@ from crosscheck.kit.tables import (
 )
 from crosscheck.measures.record import XYZ, list_effort_units
 from crosscheck.measures.series_csv import list_all_series
+from flexinv.errors import InputError
 from flexinv.files.load_cases import Case
 from flexinv.model.attachments import GasLaw, SpringLaw
 from flexinv.model.joint_kinds import KINDS
@@ -190,6 +191,8 @@ def list_quantity_series(mechanism: Mechanism, case: Case, quantity: str) -> dic
 
 
 def _convert_link(link: Link) -> LinkData:
+    if link.part is not None:
+        raise InputError(f"link {link.name!r} is a mesh, which no case kit carries yet: leave the kit out")
     beam = None if link.beam is None else _convert_beam(link.beam)
     return LinkData(
         name=link.name, bodies=[_convert_body(b) for b in link.bodies], beam=beam, tip=_list_numbers(link.tip)

@@ -25,6 +25,7 @@ from flexinv.files.closures import (
     TableSpringTable,
 )
 from flexinv.files.joints import DRIVES, JOINT_TABLES, MOTORS
+from flexinv.files.parts import InterfaceTable, MeshLinkTable, SolidTable
 from flexinv.files.schema import BeamLinkTable, MechanismTable, OverlayLinkTable, RigidLinkTable
 from flexinv.files.sections import MATRICES, SECTION_SHAPES, MatrixSectionTable, StiffnessSectionTable
 
@@ -40,11 +41,13 @@ MECHANISM: Places = {
         **SECTION_SHAPES,
         MATRICES: MatrixSectionTable,
     },
-    ("MechanismTable", "links", "kind"): {"": RigidLinkTable, "beam": BeamLinkTable},
+    ("MechanismTable", "links", "kind"): {"": RigidLinkTable, "beam": BeamLinkTable, "mesh": MeshLinkTable},
     ("MechanismTable", "joints", "kind"): JOINT_TABLES,
     ("MechanismTable", "closures", "kind"): {**CLOSURE_TABLES, "coupling": CouplingTable},
     ("MechanismTable", "springs", "law"): {"": LinearSpringTable, "gas": GasSpringTable, "table": TableSpringTable},
     ("MechanismTable", "forces", ""): {"": ForceTable},
+    ("MeshLinkTable", "materials", ""): {"": SolidTable},
+    ("MeshLinkTable", "interfaces", ""): {"": InterfaceTable},
     ("OverlayTable", "links", ""): {"": OverlayLinkTable},
     ("OverlayTable", "joints", ""): DRIVES,
 }

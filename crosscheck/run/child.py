@@ -96,6 +96,8 @@ def _run(job: CaseJobFile, adapter: Adapter) -> Record:
 
 def ask_for_refusal(adapter: Adapter, mechanism: Mechanism, case: Case, engine: str) -> str | None:
     """Return the reason why an engine cannot do a case, None where it can.  Raises TypeError where it says neither."""
+    if (meshed := [link.name for link in mechanism.meshed]) and not getattr(adapter, "MESHES", False):
+        return f"{engine} is given no links that are meshes yet; here: {', '.join(meshed)}"
     reason: object = adapter.unsupported(mechanism, case, engine)
     if reason is not None and not isinstance(reason, str):
         raise TypeError(

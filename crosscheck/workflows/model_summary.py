@@ -10,14 +10,13 @@ from typing import Any
 import numpy as np
 
 from crosscheck.verdicts.plan import Task
-from flexinv.analysis.overview import describe_mobility, resolve_start_configuration
+from flexinv.analysis.overview import compute_whole_mass, describe_mobility, resolve_start_configuration
 from flexinv.analysis.solution import Solution
 from flexinv.analysis.solve import solve
 from flexinv.analysis.views.solution_card import list_instants
 from flexinv.display import drawing
 from flexinv.errors import FlexinvError
 from flexinv.linearized.natural_modes import natural_modes
-from flexinv.model.link_mass import compute_link_mass
 from flexinv.typing import Array
 
 SHOWN = 4  # frequencies
@@ -40,7 +39,7 @@ def portrait(task: Task) -> ModelSummary:
         mechanism, case.motion, case.step, end=case.end, spectral_radius=case.spectral_radius, initial=case.initial,
         start=case.start,
     )  # fmt: skip
-    total = sum(compute_link_mass(link) for link in mechanism.links)
+    total = sum(compute_whole_mass(link) for link in mechanism.links)
     beams = [link.name for link in mechanism.beams]
     tips = np.stack(list(solution.tip.values()))  # (link, sample, xyz)
     reach = np.linalg.norm(tips - solution.nodes.x[:, 0], axis=2)

@@ -22,6 +22,7 @@ from flexinv.inverse.inverse_dynamics import (
     compute_nodal_forces,
 )
 from flexinv.inverse.nodal_sums import SecondStepArrays, SecondStepInputs, Skeleton, fill_second_step
+from flexinv.inverse.part_forces import compare_torques
 from flexinv.inverse.spring_lengths import InterpolatedMotion, check_spring_lengths
 from flexinv.kernels.memory import make_adjacent_arrays, make_contiguous
 from flexinv.kinematics.mesh import Mesh, list_tips
@@ -72,7 +73,10 @@ def assemble_solution(
         loops = replace(loops, left=tau * ~mechanism.actuated)
     internal, stations = _split_by_beam(mesh, first.trajectory.internal)
     elastic, _, dissipated = first.trajectory.energy.T
-    balance = Balance(found.kinetic, found.potential, elastic, found.power, found.work, found.momentum, dissipated)
+    balance = Balance(
+        *(found.kinetic, found.potential, elastic, found.power, found.work, found.momentum, dissipated),
+        meshes=compare_torques(mesh, first.trajectory.motion, time),
+    )
     # samples left out may hide work
     whole = not settings.incremental and time[-1] - time[0] < 1.5 * settings.step * len(time)
     if whole:

@@ -10,6 +10,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from flexinv.dynamics.dofs import list_amplitudes
 from flexinv.dynamics.generalized_alpha import ACCELERATIONS
 from flexinv.dynamics.initial_state import begin_undeformed, fill_initial_unknowns, find_equilibrium
 from flexinv.dynamics.solver import Solver
@@ -69,6 +70,7 @@ def _begin_with_fixed_drives(solver: Solver, q: Array, time: float, when: str) -
     for n in np.flatnonzero(held.topology.freedoms):
         of, to = (int(part.offset[part.block[n]] + part.column[n]) for part in (held.topology, t))
         solver.state.place[to : to + t.freedoms[n]] = held.state.place[of : of + t.freedoms[n]]
+    solver.state.place[list_amplitudes(t)] = held.state.place[list_amplitudes(held.topology)]
     solver.frames.x[:] = held.frames.x
     solver.frames.r[:] = held.frames.r
     ties.multiplier[:] = acting.multiplier
@@ -116,7 +118,7 @@ def _move_as_rigid(solver: Solver, joints: Joints, qd: Array, qdd: Array) -> Non
     frames = solver.frames
     t = solver.topology
     shape = Joints(*(part.copy() for part in joints))
-    free = np.flatnonzero(t.independent)
+    free = np.flatnonzero(t.independent | (t.shapes.part >= 0))
     held = t.freedoms > 0
     parent = mesh.parent[free]
     back = frames.r[mesh.parent[free]].transpose(0, 2, 1)

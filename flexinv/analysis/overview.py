@@ -12,9 +12,12 @@ from flexinv.files.load_cases import Case
 from flexinv.kinematics.mesh import build
 from flexinv.linearized.modal_damping import apply_stated_ratio
 from flexinv.model.link_mass import compute_link_mass
+from flexinv.model.links import Link
 from flexinv.model.mechanism import CLOSURES, Mechanism, Section
+from flexinv.model.mechanism_card import describe_carrier
 from flexinv.model.motion import resolve_start_coordinates
 from flexinv.model.section_matrices import COMPONENTS, UPPER, scale_to_unit_strengths
+from flexinv.parts.reductions import find_reduction
 from flexinv.typing import Array
 
 SEEN = 1e-3  # of the geometric mean of two stiffnesses: a smaller coupling of theirs is not named
@@ -69,7 +72,28 @@ def build_overview_tables(mechanism: Mechanism) -> dict[str, pd.DataFrame]:
         "closures": _build_closure_table(mechanism),
         "links": _build_link_table(mechanism),
         "beams": _build_beam_table(mechanism),
+        "meshes": _build_mesh_table(mechanism),
     }
+
+
+def compute_whole_mass(link: Link) -> float:
+    """Return the mass of a link with all that it carries [kg], of a meshed one with its mesh."""
+    return compute_link_mass(link) + (0.0 if link.part is None else float(find_reduction(link.part).mass.sum()))
+
+
+def _build_mesh_table(mechanism: Mechanism) -> pd.DataFrame:
+    """Meshes and what is kept of them: frequencies held at the root with all other interfaces free, and the first left out."""
+    parts = [(link.name, link.part, find_reduction(link.part)) for link in mechanism.meshed if link.part is not None]
+    columns: dict[str, Sequence[object]] = {
+        "mesh": [name for name, _, _ in parts],
+        "nodes": [len(reduced.points) for _, _, reduced in parts],
+        "interfaces (root first)": [", ".join([part.root, *(one.name for one in part.moved)]) for _, part, _ in parts],
+        "shapes": [f"{6 * len(part.moved)} static, {len(reduced.fixed)} modes" for _, part, reduced in parts],
+        "held at the root [Hz]": [", ".join(f"{f:.5g}" for f in reduced.frequency[:4]) for _, _, reduced in parts],
+        "fixed interfaces [Hz]": [", ".join(f"{f:.5g}" for f in reduced.fixed[:4]) or "-" for _, _, reduced in parts],
+        "left out from [Hz]": [f"{reduced.left_out:.5g}" for _, _, reduced in parts],
+    }
+    return pd.DataFrame(columns)
 
 
 def _build_joint_table(mechanism: Mechanism) -> pd.DataFrame:
@@ -77,7 +101,7 @@ def _build_joint_table(mechanism: Mechanism) -> pd.DataFrame:
     columns: dict[str, Sequence[object]] = {
         "joint": [j.name for j in moving],
         "kind": [j.kind for j in moving],
-        "parent": [j.parent if j.station is None else f"{j.parent} at {j.station:g}" for j in moving],
+        "parent": [describe_carrier(j) for j in moving],
         "child": [j.child for j in moving],
         "q": [" ".join(mechanism.coordinate_names[mechanism.q_slices[j.name]]) for j in moving],
         "actuated": ["yes" if j.actuated else "no" for j in moving],
@@ -105,8 +129,8 @@ def _build_link_table(mechanism: Mechanism) -> pd.DataFrame:
     links = mechanism.links
     columns = {
         "link": [link.name for link in links],
-        "kind": ["rigid" if link.beam is None else "beam" for link in links],
-        "mass [kg]": [compute_link_mass(link) for link in links],
+        "kind": ["beam" if link.beam else "mesh" if link.part else "rigid" for link in links],
+        "mass [kg]": [compute_whole_mass(link) for link in links],
         "bodies": [", ".join(body.name for body in link.bodies) or "-" for link in links],
     }
     return pd.DataFrame(columns)

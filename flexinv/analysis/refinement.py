@@ -43,7 +43,7 @@ FINEST = 1e-9
 COARSEST = 0.1
 # More steps times nodes than this in one run are a wish that no step meets: an undamped vibration that never ends.
 MOST_NODE_STEPS = 2_000_000
-# Meshes of beams, (times the elements of the mechanism, order), each better than that before.
+# Meshes of beams, (times the elements of the mechanism, order), each better than that before; meshed links have twice the modes.
 MESHES = ((1, 4), (1, 6), (1, 8), (1, 10), (2, 8), (2, 10), (4, 8), (4, 10))
 # A bar is the largest difference within this part of the run: steps as long as half an oscillation leave an error that is largest
 # elsewhere than the difference that shows it.
@@ -199,7 +199,8 @@ def apply_mesh(mechanism: Mechanism, mesh: int) -> Mechanism:
         if link.beam is not None:
             count = 1 if link.beam.order == 1 else link.beam.elements  # elements of order 1 are many
             links[k] = replace(link, beam=replace(link.beam, elements=times * count, order=order))
-    return replace(mechanism, links=tuple(links)) if mechanism.beams else mechanism
+    finer = replace(mechanism, links=tuple(links)) if mechanism.beams else mechanism
+    return finer.add_modes(2**mesh) if mesh else finer
 
 
 @dataclass
@@ -257,7 +258,7 @@ def find_cheapest_answer(refinement: Refinement) -> Answer:
     mesh, index = _find_coarsest_mesh(refinement)
     while True:
         answer, index = _find_fine_steps(refinement, mesh, index, answer)
-        if not refinement.problem.mechanism.beams:
+        if refinement.problem.mechanism.is_rigid:
             return answer
         # At the longest steps of the three rungs: what meshes differ by hardly depends on the step, or falls with it; only where
         # something jumps undamped it grows, 1 to 2 times from these steps to the shortest.
@@ -271,7 +272,7 @@ def find_cheapest_answer(refinement: Refinement) -> Answer:
 
 def _find_coarsest_mesh(refinement: Refinement) -> tuple[int, int]:
     """The coarsest mesh whose error, as the coarsest steps that converge show it, leaves enough to the steps; and their rung."""
-    last = len(MESHES) - 2 if refinement.problem.mechanism.beams else 0
+    last = 0 if refinement.problem.mechanism.is_rigid else len(MESHES) - 2
     mesh = index = 0
     while refinement.run_level(mesh, compute_refinement(index + 2)) is None:
         if not isinstance(refinement.failure, TooFewElements):

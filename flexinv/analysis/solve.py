@@ -148,7 +148,7 @@ def _has_even_errors(task: Task) -> bool:
     What is rigid and moved whole is exact at any step.
     """
     mechanism = task.mesh.mechanism
-    marched = bool(mechanism.beams) or (bool(task.passive) and not mechanism.closures)
+    marched = bool(mechanism.flexible) or (bool(task.passive) and not mechanism.closures)
     sticks = any(joint.friction for joint in mechanism.joints if joint.name in task.passive)
     return marched and not (sticks or any(closure.active for closure in mechanism.closures))
 
@@ -170,9 +170,9 @@ def add_error_bars(
     if even:
         both = compute_extrapolated_step(mechanism, [first, take_every_sample(halved, stride)], weights((1, 2)))
         better = assemble_solution(solution.mesh, both, settings)
-    if mechanism.beams:
+    if mechanism.flexible:
         # doubled where elements are linear (second order), two orders higher else
-        linear = max(link.beam.order for link in mechanism.beams if link.beam is not None) == 1
+        linear = max((link.beam.order for link in mechanism.beams if link.beam is not None), default=0) == 1
         finer, factor = (mechanism.refined(elements=2), 4 / 3) if linear else (mechanism.refined(order=2), 1.0)
         mesh, first = again(finer, steps, (), settings)
         bars.append(_compute_scaled_difference(solution, assemble_solution(mesh, first, settings), 1, factor))

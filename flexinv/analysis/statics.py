@@ -31,7 +31,7 @@ from flexinv.kinematics.tree import Joints
 from flexinv.linearized.modal_damping import apply_stated_ratio
 from flexinv.linearized.rest_position import SLOWEST, count_unstable_motions
 from flexinv.model import rules
-from flexinv.model.links import Frozen
+from flexinv.model.frozen import Frozen
 from flexinv.model.mechanism import Attachment, Force, Mechanism, Placement
 from flexinv.typing import Array
 from flexinv.validation import check_kind, check_kinds, convert_to_floats, shown

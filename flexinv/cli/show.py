@@ -21,7 +21,6 @@ from flexinv.kinematics.mesh import build
 from flexinv.linearized.modal_damping import apply_stated_ratio
 from flexinv.linearized.natural_modes import natural_modes
 from flexinv.linearized.steady_modes import steady_modes
-from flexinv.model.link_mass import compute_link_mass
 from flexinv.model.mechanism import Mechanism
 from flexinv.planar.detection import NotPlanar, find_plane
 from flexinv.rigid.torque_regressor import base_parameters, sample_states, torque_regressor
@@ -34,7 +33,7 @@ def info(model: Path) -> None:
     mechanism = read_robot_file(model)
     click.echo(mechanism.name + (f": {mechanism.title}" if mechanism.title else ""))
     gravity = ", ".join(f"{g:g}" for g in mechanism.gravity)
-    mass = sum(compute_link_mass(link) for link in mechanism.links)
+    mass = sum(overview.compute_whole_mass(link) for link in mechanism.links)
     fixed = f"{sum(not j.nv for j in mechanism.joints)} of {len(mechanism.joints)} joints fixed"
     size = f"nq = {mechanism.nq}, nv = {mechanism.nv}"
     click.echo(f"total mass {mass:.6g} kg, gravity ({gravity}) m/s^2, {size}, {fixed}")

@@ -7,7 +7,7 @@ accelerations vary with them as the integrator says, dv = cv dx, da = ca dx (`ge
 
 from __future__ import annotations
 
-from flexinv.elements.beam import fill_relative_poses, fill_relative_rates
+from flexinv.elements.beam import compute_tangent_slope, fill_relative_poses, fill_relative_rates
 from flexinv.elements.beam_element import (
     fill_damped_tangent,
     fill_element_forces,
@@ -21,9 +21,10 @@ from flexinv.elements.joint_law import (
     compute_smooth_direction,
     take_joint_law,
 )
+from flexinv.elements.shapes import fill_shaped_motion, fill_shaped_variation, turn_shapes
 from flexinv.kernels import vec3
 from flexinv.kernels.jit import jit_inner
-from flexinv.kernels.so3 import exp, inverse_tangent
+from flexinv.kernels.so3 import coefficients, exp, inverse_tangent, log, tangent_with
 from flexinv.kernels.vec3 import (
     EYE,
     ZERO,
@@ -47,8 +48,12 @@ LARGEST_TURN = 2.5  # [rad]
 
 
 @jit_inner
-def run_forward_pass(topology, state, joints, frames, variation, cv, ca, want_tangent):
-    """Set ``frames`` and ``variation`` of all nodes from ``state`` and the prescribed motion of ``joints`` [m, rad, s]."""
+def run_forward_pass(topology, state, joints, frames, variation, moved, factors, want_tangent):
+    """Set ``frames`` and ``variation`` of all nodes from ``state`` and the prescribed motion of ``joints`` [m, rad, s].
+
+    moved : of `system.Work`, is set; factors : cv, ca
+    """
+    cv, ca = factors
     for n in range(len(topology.parent)):
         columns = topology.size[topology.block[n]] if want_tangent else 0
         for k in range(columns):
@@ -59,6 +64,8 @@ def run_forward_pass(topology, state, joints, frames, variation, cv, ca, want_ta
         else:
             if topology.freedoms[n] > 0:
                 _fill_passive_motion(n, topology, state, joints, variation, cv, ca, columns)
+            elif topology.shapes.part[n] >= 0:
+                _fill_shaped_motion(n, topology, state, joints, variation, moved, factors, columns)
             compute_child_motion(n, topology.parent[n], frames, joints)
             add_parent_variation(n, topology.parent[n], columns, frames, joints, variation)
 
@@ -127,6 +134,115 @@ def _fill_passive_motion(n, topology, state, joints, variation, cv, ca, columns)
     put(joints.ddp[n], 0, ddp)
     put(joints.w[n], 0, w)
     put(joints.al[n], 0, al)
+
+
+@jit_inner
+def _fill_shaped_motion(n, topology, state, joints, variation, moved, factors, columns):
+    """Relative motion of a node of a meshed link, and with ``columns`` its variation."""
+    shapes = topology.shapes
+    column = topology.amplitude[shapes.part[n]]
+    first = topology.offset[topology.block[n]] + column
+    motion = fill_shaped_motion(n, shapes, first, state, moved, joints)
+    if columns > 0:
+        fill_shaped_variation(n, shapes, (column, first), state, moved, motion, variation, factors)
+    if shapes.turns[shapes.row[n]]:
+        turn_shapes(n, shapes, motion, moved)
+
+
+@jit_inner
+def add_amplitude_forces(topology, state, work, moving, cv, want_tangent):
+    """Begin the rows of all amplitudes with K y + D y' [N], and add what they store [J] and lose [W] to that of the elements.
+
+    moving : False where velocities do not count, at rest
+    """
+    shapes = topology.shapes
+    for part in range(len(shapes.root)):
+        b = topology.block[shapes.root[part]]
+        column = topology.amplitude[part]
+        for k in range(shapes.size[part]):
+            at = topology.offset[b] + column + k
+            y = state.place[at] + state.d[at]
+            stiffness = shapes.stiffness[part, k]
+            drag = shapes.damping[part, k] * state.u[at] if moving else 0.0
+            work.residual[0, at] = stiffness * y + drag
+            work.energy[0] += 0.5 * stiffness * y * y
+            work.energy[1] += (stiffness * y + drag) * state.u[at]
+            work.energy[2] += drag * state.u[at]
+            if want_tangent:
+                for c in range(topology.size[b]):
+                    work.diagonal[b, column + k, c] = 0.0
+                work.diagonal[b, column + k, column + k] = stiffness + (cv * shapes.damping[part, k] if moving else 0.0)
+
+
+@jit_inner
+def _add_shaped_rows(n, columns, system, joints):
+    """Add to the rows of a part's amplitudes what acts on one of its nodes, and with ``columns`` its derivatives."""
+    work = system.work
+    topology = system.topology
+    shapes = topology.shapes
+    m = topology.parent[n]
+    b = topology.block[n]
+    row = shapes.row[n]
+    part = shapes.part[n]
+    column = topology.amplitude[part]
+    frame = mat(system.frames.r[m])
+    force = tapply(frame, vec(work.wrench[n]))
+    moment = vec_at(work.wrench[n], 3)
+    turns = shapes.turns[row]
+    for k in range(shapes.size[part]):
+        pushed = dot(vec(work.moved[row, k]), force)
+        if turns:
+            pushed += dot(vec_at(work.moved[row, k], 3), moment)
+        work.residual[0, topology.offset[b] + column + k] += pushed
+    for c in range(columns):
+        dforce = vec3.sub(tapply(frame, vec(work.dwrench[n, c])), cross(vec(system.variation.t[m, c]), force))
+        dmoment = vec_at(work.dwrench[n, c], 3)
+        for k in range(shapes.size[part]):
+            by = dot(vec(work.moved[row, k]), dforce)
+            if turns:
+                by += dot(vec_at(work.moved[row, k], 3), dmoment)
+            work.diagonal[b, column + k, c] += by
+    if columns > 0:
+        _add_bent_rows(n, system, force)
+        if turns:
+            _add_turned_rows(n, system, joints, moment)
+
+
+@jit_inner
+def _add_bent_rows(n, system, force):
+    """Add how the slides of a node vary with the amplitudes under its force in the frame of the part [N]."""
+    topology = system.topology
+    shapes = topology.shapes
+    diagonal = system.work.diagonal[topology.block[n]]
+    soft = shapes.soft[shapes.part[n]]
+    column = topology.amplitude[shapes.part[n]]
+    for k in range(soft):
+        for c in range(soft):
+            diagonal[column + k, column + c] += dot(vec(shapes.bend[shapes.row[n], k, c]), force)
+
+
+@jit_inner
+def _add_turned_rows(n, system, joints, moment):
+    """Add how the turns of a frame by amplitudes, H(psi) T, vary with the amplitudes under its moment [N m]."""
+    work = system.work
+    topology = system.topology
+    shapes = topology.shapes
+    row = shapes.row[n]
+    count = shapes.size[shapes.part[n]]
+    column = topology.amplitude[shapes.part[n]]
+    psi = log(mat(joints.r[n]))
+    back = inverse_tangent(psi)
+    q = coefficients(dot(psi, psi))
+    along = tapply(tangent_with(psi, q), moment)
+    soft = shapes.soft[shapes.part[n]]
+    for k in range(count):
+        turn = apply(back, vec_at(work.moved[row, k], 3))  # T(y), of H T(y)
+        by = tapply(back, tapply(compute_tangent_slope(psi, turn, q, 1.0), moment))
+        for c in range(count):
+            added = dot(by, vec_at(work.moved[row, c], 3))
+            if k < soft and c < soft:
+                added += dot(along, vec(shapes.whirl[row, k, c]))
+            work.diagonal[topology.block[n], column + k, column + c] += added
 
 
 @jit_inner
@@ -232,6 +348,8 @@ def assemble_residual(system, joints, cv, ca, want_tangent):
             continue
         if topology.freedoms[n] > 0:
             _fill_passive_rows(n, columns, system, cv, ca)
+        elif topology.shapes.part[n] >= 0:
+            _add_shaped_rows(n, columns, system, joints)
         if m >= 0:
             add_wrench_to_parent(n, m, system.frames, joints, work.wrench)
             _add_variation_to_parent(n, m, columns, system, joints)
@@ -247,11 +365,16 @@ def _add_variation_to_parent(n, m, columns, system, joints):
     r = mat(system.frames.r[m])
     local = tapply(r, vec(work.wrench[n]))
     mu = vec_at(work.wrench[n], 3)
+    part = topology.shapes.part[n]
+    own = topology.column[n] if part < 0 else topology.amplitude[part]
+    count = topology.freedoms[n] if part < 0 else topology.shapes.size[part]
     for k in range(columns):
-        i = k - topology.column[n]
-        is_freedom = 0 <= i < topology.freedoms[n]
-        slide = vec(topology.slide[n, i]) if is_freedom else ZERO
-        turn = vec(topology.turn[n, i]) if is_freedom else ZERO
+        i = k - own
+        slide = ZERO
+        turn = ZERO
+        if 0 <= i < count:
+            slide = vec(topology.slide[n, i]) if part < 0 else vec(work.moved[topology.shapes.row[n], i])
+            turn = vec(topology.turn[n, i]) if part < 0 else vec_at(work.moved[topology.shapes.row[n], i], 3)
         df = vec(work.dwrench[n, k])
         dmu = vec_at(work.dwrench[n, k], 3)
         dlocal = vec3.sub(tapply(r, df), cross(vec(system.variation.t[m, k]), local))

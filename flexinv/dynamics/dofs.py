@@ -3,9 +3,9 @@
 *Independent* nodes are the beam sections beyond each root: six unknowns each.  All other nodes *depend* on one of
 them (or on the world) through rigid offsets and joints; they are eliminated exactly.  A dependent joint without a
 prescribed motion (a passive joint) adds its own freedoms.  An independent node, the nodes that depend on it and the passive
-freedoms among them form one *block* of unknowns.  The first blocks hang on the world, one for each joint there, and have passive
-freedoms only; a *part* of the mechanism is such a block with all that hangs on it.  Parts share no element and no inertia:
-closures and springs alone couple them.
+freedoms among them form one *block* of unknowns, with the amplitudes of meshed links that hang on them.  The first blocks hang
+on the world, one for each joint there, and have passive freedoms and amplitudes only; a *part* of the mechanism is such a block
+with all that hangs on it.  Parts share no element and no inertia: closures and springs alone couple them.
 """
 
 from __future__ import annotations
@@ -15,6 +15,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from flexinv.elements.shapes import PartShapes
 from flexinv.errors import InputError
 from flexinv.kernels.records import send_by_address
 from flexinv.kinematics.mesh import Mesh
@@ -36,6 +37,7 @@ class Topology(NamedTuple):
     drives : (5, nodes) the law of the passive joint, as `mechanism.Mechanism.drive_table`
     scale : (unknowns,) length or 1: a unit step
     mass, inertia, gravity : [kg], [kg m^2], [m/s^2]; length : of the mechanism [m]
+    shapes : of meshed links; amplitude : (parts,) column of the first amplitude in the block of the link's frame
     """
 
     parent: NDArray[np.int64]
@@ -56,6 +58,8 @@ class Topology(NamedTuple):
     inertia: Array
     gravity: Array
     length: float
+    shapes: PartShapes
+    amplitude: NDArray[np.int64]
 
 
 @make_owner_cache()
@@ -79,6 +83,8 @@ def build_topology(mesh: Mesh, passive: frozenset[str]) -> Topology:
         turn[node] = mesh.turn[node]
         triple[node] = {SPHERICAL: 0, FREE: 3}.get(int(mesh.kind[node]), -1)
         drives[:, node] = mesh.mechanism.drive_table[:, mesh.v_index[node]]
+    shapes = mesh.shapes
+    amplitude = _add_amplitudes(shapes, block, size)
     offset, span = compute_offsets(size, part)
     gravity = np.array(mesh.mechanism.gravity, dtype=float)
     first = offset[block]
@@ -86,10 +92,21 @@ def build_topology(mesh: Mesh, passive: frozenset[str]) -> Topology:
         int(size.sum())
     )  # convergence is judged on increments over the length of the mechanism, over 1 for rotations
     scale[_list_translations(independent, freedoms, first, first + column, turn)] = mesh.length
-    return Topology(
+    topology = Topology(
         mesh.parent, block, independent, size, offset, part, span, freedoms, column, triple, slide, turn,
-        drives, scale, mesh.mass, mesh.inertia, gravity, mesh.length,
+        drives, scale, mesh.mass, mesh.inertia, gravity, mesh.length, shapes, amplitude,
     )  # fmt: skip
+    scale[list_amplitudes(topology)] = mesh.length
+    return topology
+
+
+def _add_amplitudes(shapes: PartShapes, block: Indices, size: Indices) -> Indices:
+    """Add the amplitudes of all parts to the sizes of their blocks; return the column of the first of each."""
+    amplitude = np.zeros(len(shapes.root), dtype=np.int64)
+    for number, root in enumerate(shapes.root.tolist()):
+        amplitude[number] = size[block[root]]
+        size[block[root]] += shapes.size[number]
+    return amplitude
 
 
 def _find_blocks(mesh: Mesh, independent: Mask) -> tuple[Indices, Indices]:
@@ -143,3 +160,10 @@ def compute_offsets(size: Indices, part: Indices) -> tuple[Indices, Indices]:
     offset[order] = np.cumsum(size[order]) - size[order]
     counts = np.bincount(part, weights=size).astype(np.int64)
     return offset, np.concatenate([[0], np.cumsum(counts)]).astype(np.int64)
+
+
+def list_amplitudes(topology: Topology) -> Indices:
+    """Return the numbers of the unknowns [-] that are amplitudes of meshed links, part after part."""
+    first = topology.offset[topology.block[topology.shapes.root]] + topology.amplitude
+    spans = [np.arange(at, at + count) for at, count in zip(first, topology.shapes.size, strict=True)]
+    return np.concatenate([*spans, np.empty(0)]).astype(np.int64)

@@ -188,6 +188,11 @@ def apply_increment(topology, scheme, state, y):
             if topology.triple[n] >= 0:
                 at = first + topology.triple[n]
                 add_to(state.d, at, apply(turned, vec_at(y, at)))
+    shapes = topology.shapes
+    for part in range(len(shapes.root)):
+        first = topology.offset[topology.block[shapes.root[part]]] + topology.amplitude[part]
+        for k in range(shapes.size[part]):
+            state.d[first + k] += y[first + k]
     if scheme.mode == DYNAMIC:
         update_rates(scheme, state)
 

@@ -50,7 +50,7 @@ def update_accelerations(system, joints, y):
     level = system.loads.level[0]
     full = work.projection[0]
     change = work.projection[1]
-    run_forward_pass(topology, state, joints, frames, variation, 0.0, 1.0, True)
+    run_forward_pass(topology, state, joints, frames, variation, work.moved, (0.0, 1.0), True)
     _write_scaled(1.0, work.wrench, full)
     compute_node_wrenches(topology, frames, variation, level, work, False)
     _write_scaled(-1.0, work.wrench, change)
@@ -64,7 +64,7 @@ def update_accelerations(system, joints, y):
     solve_border(ties, ties.layout.blocks, 1.0, y)
     for i in range(y.shape[1]):
         state.du[i] += y[0, i]
-    run_forward_pass(topology, state, joints, frames, variation, 0.0, 1.0, False)
+    run_forward_pass(topology, state, joints, frames, variation, work.moved, (0.0, 1.0), False)
     compute_node_wrenches(topology, frames, variation, level, work, False)
     _add_wrenches(work.wrench, change)
     add_ties(ties, ties.step, change)  # those of springs are zero

@@ -70,6 +70,7 @@ def _make_work(mesh: Mesh, topology: Topology, tied: Ties) -> Work:
         system=np.zeros((max(rows, widest), max(rows, widest) + widest + sides)),
         solved=np.zeros((elements, rows, widest + sides)),
         projection=np.zeros((2, mesh.size, 6)),
+        moved=np.zeros((*mesh.shapes.turn.shape[:2], 6)),
     )
 
 

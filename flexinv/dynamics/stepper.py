@@ -5,7 +5,13 @@ from __future__ import annotations
 import numpy as np
 
 from flexinv.dynamics import constraint_rows, generalized_alpha
-from flexinv.dynamics.assembly import add_elements, assemble_residual, compute_node_wrenches, run_forward_pass
+from flexinv.dynamics.assembly import (
+    add_amplitude_forces,
+    add_elements,
+    assemble_residual,
+    compute_node_wrenches,
+    run_forward_pass,
+)
 from flexinv.dynamics.constraint_rows import (
     PULL,
     RATES,
@@ -73,7 +79,8 @@ def evaluate(system, scheme, joints, want_tangent):
     loads = system.loads
     level = loads.level[0]
     rated = scheme.mode == ACCELERATION or scheme.mode == RESOLVED
-    run_forward_pass(topology, system.state, joints, frames, variation, scheme.cv, scheme.ca, want_tangent)
+    factors = scheme.cv, scheme.ca
+    run_forward_pass(topology, system.state, joints, frames, variation, work.moved, factors, want_tangent)
     compute_node_wrenches(topology, frames, variation, level, work, want_tangent)
     add_loads(topology, frames, variation, loads, work, want_tangent)
     evaluate_ties(ties, system.state, frames, constraint_rows.SECOND_RATES if rated else VALUES)
@@ -81,6 +88,7 @@ def evaluate(system, scheme, joints, want_tangent):
     add_ties(ties, ties.multiplier, work.wrench)
     bad = add_elements(topology, system.elements, frames, variation, work, scheme.mode != STATIC, want_tangent)
     if bad < 0:
+        add_amplitude_forces(topology, system.state, work, scheme.mode != STATIC, scheme.cv, want_tangent)
         if want_tangent:
             turn_arms(topology, pulls, ties, frames, variation, work.dwrench)
         assemble_residual(system, joints, scheme.cv, scheme.ca, want_tangent)

@@ -30,7 +30,8 @@ class State(NamedTuple):
     pseudo : (unknowns,) the integrator's auxiliary acceleration at the start of the step; trend, bend : (unknowns,) its first
         and second difference over the steps before; order : (1,) of the prediction that would have been best for the last one
     u0, du0 : (unknowns,) velocity and acceleration at the start of the step; saved_acceleration : (unknowns,) set aside
-    place : (unknowns,) coordinate of a passive scalar joint at the start of the step, against which its spring pulls [rad], [m];
+    place : (unknowns,) coordinate of a passive scalar joint at the start of the step, against which its spring pulls [rad], [m],
+        and amplitudes of meshed links [m];
         in a plane also the poses of independent nodes, x, y, theta
     """
 
@@ -68,6 +69,7 @@ class Work(NamedTuple):
     element, rates : scratch of one element
     system : (rows, rows + columns + sides of a part), scratch of one elimination
     projection : (2, nodes, 6), scratch of `dynamics.index1`
+    moved : (rows, amplitudes, 6) slides and turns of nodes of meshed links by the amplitudes (`elements.shapes`) [-], [rad/m]
     solved : (elements, rows, columns + sides of a part) eliminated unknowns by those of the element's first block
     """
 
@@ -83,6 +85,7 @@ class Work(NamedTuple):
     system: Array
     solved: Array
     projection: Array
+    moved: Array
 
 
 @send_by_address

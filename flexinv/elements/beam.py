@@ -327,7 +327,7 @@ def compute_rate_slopes(point, rate):
     by_u = mscale(-1.0, mul(whirl, transpose(s)))
     slides = mul(vec3.msub(skew(slid), mul(whirl, skew(stretch))), h)
     by_psi = madd(slides, mul(skew(stretch), compute_tangent_slope(psi, psi_rate, q, 1.0)))
-    twice = _compute_curvature_rate(psi, dpsi, psi_rate, q)
+    twice = compute_curvature_rate(psi, dpsi, psi_rate, q)
     by_bend = madd(compute_tangent_slope(psi, dpsi_rate, q, 1.0), twice)
     return StrainSlopes(by_u, by_psi, _compute_tangent_rate(psi, psi_rate, q), by_bend)
 
@@ -400,8 +400,8 @@ def _compute_tangent_rate(psi, rate, q):
 
 
 @jit_inner
-def _compute_curvature_rate(psi, dpsi, rate, q):
-    """The rate of d(H dpsi)/dpsi, from the second derivatives of H dpsi."""
+def compute_curvature_rate(psi, dpsi, rate, q):
+    """Return the rate of d(H dpsi)/dpsi [unit of dpsi rate], from the second derivatives of H dpsi."""
     x, y, z = EYE
     a = apply(compute_tangent_curvature(psi, x, dpsi, q), rate)
     b = apply(compute_tangent_curvature(psi, y, dpsi, q), rate)

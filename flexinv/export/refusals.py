@@ -16,6 +16,7 @@ def check_exportable(mechanism: Mechanism) -> None:
     """Raise InputError [-] for a mechanism that has no C library: names that are one in C, parts for which there is no kernel."""
     m = mechanism
     _check_any(m, "torques", "flexinv.solve")
+    _check_meshes(m)
     if m.is_rigid:
         _check_loops(m)
         return
@@ -31,6 +32,7 @@ def check_exportable(mechanism: Mechanism) -> None:
 def check_movable(mechanism: Mechanism) -> None:
     """Raise InputError [-] for a mechanism that torques do not move in a library: names, phases, joints that are no scalars."""
     _check_any(mechanism, "motion", "flexinv.simulate")
+    _check_meshes(mechanism)
     for joint in mechanism.joints:
         if joint.nv and (not KINDS[joint.kind].scalar or KINDS[joint.kind].circle):
             raise InputError(
@@ -52,6 +54,12 @@ def _check_any(mechanism: Mechanism, asked: str, instead: str) -> None:
     _refuse(
         m, "closures that act for a while", phases, f"of which a call that knows no time cannot tell; call {instead}"
     )
+
+
+def _check_meshes(mechanism: Mechanism) -> None:
+    """Refuse meshed links, whose shapes no library holds yet."""
+    names = [link.name for link in mechanism.meshed]
+    _refuse(mechanism, "links that are meshes", names, "whose shapes no library holds yet; call flexinv.solve")
 
 
 def _check_loops(mechanism: Mechanism) -> None:

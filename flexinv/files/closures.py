@@ -10,7 +10,7 @@ import numpy as np
 from pydantic import PlainValidator, WithJsonSchema
 
 from flexinv.files.joints import read_axes, read_placement
-from flexinv.files.schema import SOURCE, PlacementTable, check_station, read_finite_number
+from flexinv.files.schema import SOURCE, PlacementTable, check_interface, check_station, read_finite_number
 from flexinv.files.toml_tables import (
     Location,
     Table,
@@ -30,7 +30,7 @@ CLOSURE_NAMES = (
 )
 LAW = '"linear" (the default), "gas" or "table"'
 IMPACT = '"error" (the default) or "plastic", which stops them at once'
-END = "a table: link, and where on it: xyz_m [m], rpy_deg [deg], on a beam station [-]"
+END = "a table: link, and where on it: xyz_m [m], rpy_deg [deg], on a beam station [-], on a mesh interface"
 FREE_AXIS = "the free axis in both frames, three numbers [-]"
 
 
@@ -52,6 +52,7 @@ class EndTable(PlacementTable):
 
     link: Name = make_key('the link that carries it, or "world"', '"coupler"')
     station: Fraction | None = make_optional_key("on a beam: the fraction 0..1 of its length [-]", "1.0")
+    interface: Name | None = make_optional_key("on a mesh: the interface whose frame it is in", '"flange"')
 
 
 class PairTable(Table):
@@ -282,4 +283,5 @@ def read_end(table: EndTable, links: Mapping[str, Link], where: Location) -> Att
     beam = f"the beam {table.link} that carries it"
     other = f"{table.link} is not a beam"
     check_station(table.station, on_beam, where, beam, other, "xyz_m = [0.4, 0, 0]")
-    return Attachment(table.link, read_placement(table, where), table.station)
+    check_interface(table.interface, None if table.link == WORLD else links[table.link], where)
+    return Attachment(table.link, read_placement(table, where), table.station, table.interface or "")

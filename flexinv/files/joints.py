@@ -164,6 +164,7 @@ class JointTable(Table):
     child: Name = make_key("the link that it carries", '"forearm"')
     placement: PlacementTable | None = make_optional_key(PLACEMENT, "{ xyz_m = [0.4, 0, 0] }")
     station: Fraction | None = make_optional_key("on a beam parent: the fraction 0..1 of its length [-]", "1.0")
+    interface: Name | None = make_optional_key("on a meshed parent: the interface that carries it", '"flange"')
     source: Text = SOURCE
 
 
@@ -244,6 +245,7 @@ def read_joint(data: Any, where: Location, name: str) -> Joint:
         name, table.kind, table.parent, table.child, read_placement(table.placement, where.make_inner_location("placement")),
         table.station, **axes, **read_drive_properties(table, where), limits=limits,
         drive=read_drive(getattr(table, "drive", None), where.make_inner_location("drive")), pitch=pitch or 0.0,
+        interface=table.interface or "",
     )  # fmt: skip
 
 

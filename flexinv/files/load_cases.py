@@ -22,8 +22,8 @@ from flexinv.files import case_schema as schema
 from flexinv.files.toml_tables import Location, check_table, check_table_names, make_input_error, read_bytes
 from flexinv.files.values import UNITS
 from flexinv.model import rules
+from flexinv.model.frozen import Frozen
 from flexinv.model.joint_kinds import KINDS, POSE
-from flexinv.model.links import Frozen
 from flexinv.model.mechanism import Joint, Mechanism
 from flexinv.model.motion import Motion
 from flexinv.typing import Array

@@ -23,7 +23,14 @@ from flexinv.files.joints import (
     read_joint,
     read_placement,
 )
-from flexinv.files.schema import INERTIA_SHAPES, check_station, compute_far_end, read_inertia, read_payloads
+from flexinv.files.schema import (
+    INERTIA_SHAPES,
+    check_interface,
+    check_station,
+    compute_far_end,
+    read_inertia,
+    read_payloads,
+)
 from flexinv.files.sections import CrossSection, assemble_section, read_section
 from flexinv.files.toml_tables import (
     Location,
@@ -37,6 +44,8 @@ from flexinv.files.toml_tables import (
 from flexinv.model.links import REPLACED, WORLD, Beam, Body, Inertia, Link, Placement
 from flexinv.model.mechanism import Joint, Mechanism, ModalDamping, build_drive_model, with_retardation
 from flexinv.validation import find_nearest_word
+
+KINDS_OF_LINKS = '"rigid", "beam" or "mesh"'
 
 
 def load_mechanism(path: str | Path) -> Mechanism:
@@ -112,7 +121,7 @@ def _build_native(table: schema.MechanismTable, sections: Mapping[str, CrossSect
         advice = "its keys in [links.NAME] and [joints.NAME] themselves"
         raise top.make_inner_location("overlay").make_error("", given, "an overlay of a URDF", advice)
     gravity = "gravity_m_per_s2 = [0, 0, -9.81]   (zeros for a horizontal plane)"
-    a_link = '[links.arm] with kind = "rigid" or "beam"'
+    a_link = '[links.arm] with kind = "rigid", "beam" or "mesh"'
     base = f'[joints.base] with kind, parent = "{WORLD}", child'
     for key, write in (("gravity_m_per_s2", gravity), ("links", a_link), ("joints", base)):
         if not getattr(table, key):
@@ -131,6 +140,7 @@ def _build_native(table: schema.MechanismTable, sections: Mapping[str, CrossSect
         other = f"{joint.parent} is not a beam"
         where = top.make_inner_location(f"joints.{joint.name}")
         check_station(joint.station, on_beam, where, beam, other, "placement = { xyz_m = [0.4, 0, 0] }")
+        check_interface(joint.interface or None, None if joint.parent == WORLD else links[joint.parent], where)
     pull = np.array(table.gravity_m_per_s2, dtype=np.float64)
     return Mechanism("", tuple(links[joint.child] for joint in moving), moving, pull)
 
@@ -157,7 +167,10 @@ def _build_link(data: Any, name: str, sections: Mapping[str, CrossSection], wher
     if name == WORLD:
         advice = f'[links.base], and joints that hang on parent = "{WORLD}"'
         raise where.make_error("", f'a link named "{WORLD}"', "another name: the world is no link", advice)
-    if read_option(data, where, "kind", ("rigid", "beam"), '"rigid" or "beam"', "rigid") == "beam":
+    kind = read_option(data, where, "kind", ("rigid", "beam", "mesh"), KINDS_OF_LINKS, "rigid")
+    if kind == "mesh":
+        return _build_mesh_link(data, name, where)
+    if kind == "beam":
         made = check_table(schema.BeamLinkTable, data, where)
         section = assemble_section(made.section, sections, where)
         bend = made.curvature_per_m
@@ -175,6 +188,15 @@ def _build_link(data: Any, name: str, sections: Mapping[str, CrossSection], wher
         compute_far_end(long) if table.tip_m is None and long is not None else np.array(table.tip_m or [0.0, 0.0, 0.0])
     )
     return Link(name, (*bodies, *read_payloads(table.payload, False, name, where)), tip=tip)
+
+
+def _build_mesh_link(data: Any, name: str, where: Location) -> Link:
+    """A link of any shape; what its mesh needs is imported with the first one."""
+    from flexinv.files.parts import read_meshed_part
+
+    part, table = read_meshed_part(data, where)
+    bodies = read_payloads(table.payload, False, name, where, tuple(part.interface_of))
+    return Link(name, bodies, part=part)
 
 
 def _build_from_urdf(table: schema.MechanismTable, sections: Mapping[str, CrossSection], top: Location) -> Mechanism:

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from typing import Annotated, Any, Literal
 
 import numpy as np
 from pydantic import Field, PlainValidator, WithJsonSchema
 
+from flexinv.errors import InputError
 from flexinv.files.toml_tables import Location, Table, make_key, make_optional_key
 from flexinv.files.values import (
     Count,
@@ -20,8 +22,9 @@ from flexinv.files.values import (
     Vector,
     check_bounded,
 )
-from flexinv.model.links import Body, Inertia, describe_impossible_inertia
+from flexinv.model.links import Body, Inertia, Link, describe_impossible_inertia
 from flexinv.typing import Array
+from flexinv.validation import find_nearest_word
 
 NumbersByName = dict[str, float]
 
@@ -189,12 +192,13 @@ class PayloadTable(BodyTable):
     station: Fraction | None = make_optional_key(
         "on a beam: the fraction 0..1 of its length that carries it [-]", "1.0"
     )
+    interface: Name | None = make_optional_key("on a mesh: the interface that carries it", '"flange"')
 
 
 class RigidLinkTable(BodyTable):
     """A rigid link; without mass only when it says so."""
 
-    kind: Literal["rigid"] = make_key('"rigid" or "beam"', '"rigid"')
+    kind: Literal["rigid"] = make_key('"rigid", "beam" or "mesh"', '"rigid"')
     mass_kg: Positive | None = make_optional_key(
         "the mass, a number > 0 [kg]", "0.215   (or massless = true for a link that is only a frame)"
     )
@@ -225,7 +229,7 @@ class MeshTable(Table):
 class BeamLinkTable(MeshTable):
     """A beam from the link frame (or from ``root``) along x."""
 
-    kind: Literal["beam"] = make_key('"rigid" or "beam"', '"beam"')
+    kind: Literal["beam"] = make_key('"rigid", "beam" or "mesh"', '"beam"')
     length_m: Positive = make_key("the arc length of the beam, a number > 0 [m]", "0.4")
     curvature_per_m: CurvatureTable | None = make_optional_key("a table: twist, y, z [1/m]", "{ z = 0.5 }")
     root: PlacementTable | None = make_optional_key(PLACEMENT, "{ xyz_m = [0.05, 0, 0] }")
@@ -376,10 +380,13 @@ def _build_long_tensor(table: RodTable | CylinderTable, axial: float, across: fl
     return np.diag(moments)
 
 
-def read_payloads(tables: list[PayloadTable], beam: bool, body_name: str, where: Location) -> tuple[Body, ...]:
+def read_payloads(
+    tables: list[PayloadTable], beam: bool, body_name: str, where: Location, interfaces: Collection[str] = ()
+) -> tuple[Body, ...]:
     """Read the bodies that a link carries; on a beam each names its station [-], on a rigid link none does.
 
     body_name : the name of the link's own body, which no payload may have
+    interfaces : of a mesh, of which a body may name one
     """
     bodies: list[Body] = []
     for k, table in enumerate(tables):
@@ -390,7 +397,9 @@ def read_payloads(tables: list[PayloadTable], beam: bool, body_name: str, where:
         if table.name in (body_name, *(body.name for body in bodies)):
             expected = "a name of its own for each body of a link"
             raise here.make_error("name", f'"{table.name}" twice', expected, f'name = "{table.name}_2"')
-        bodies.append(Body(table.name, read_inertia(table, here), table.station))
+        if table.interface is not None and table.interface not in interfaces:
+            raise make_interface_error(table.interface, interfaces, here)
+        bodies.append(Body(table.name, read_inertia(table, here), table.station, table.interface or ""))
     return tuple(bodies)
 
 
@@ -400,3 +409,18 @@ def check_station(station: float | None, on_beam: bool, where: Location, beam: s
         raise where.make_error("station", "nothing", f"the fraction 0..1 of {beam} [-]", "station = 1.0   (the tip)")
     if not on_beam and station is not None:
         raise where.make_error("station", f"station = {station}", f"no station: {other}", write)
+
+
+def check_interface(name: str | None, link: Link | None, where: Location) -> None:
+    """Check that an interface is one of the link's mesh [-]; link : None for the world."""
+    known = () if link is None or link.part is None else tuple(link.part.interface_of)
+    if name is not None and name not in known:
+        raise make_interface_error(name, known, where)
+
+
+def make_interface_error(name: str, known: Collection[str], where: Location) -> InputError:
+    """Return the error about an interface that is none of those that are known [-]."""
+    expected = f"an interface of the mesh: {', '.join(known)}" if known else "no interface: that link is no mesh"
+    near = find_nearest_word(name, list(known)) or next(iter(known), "")
+    write = f'interface = "{near}"' if near else "xyz_m = [0.4, 0, 0]"
+    return where.make_error("interface", f'interface = "{name}"', expected, write)

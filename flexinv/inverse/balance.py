@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
@@ -28,6 +28,8 @@ class Balance:
     power : (samples,) [W] residual of  tau . qd = sum P . v + Q . w + power of internal forces, at every instant
     work : (samples,) [J] residual of  integral (tau . qd + power of applied forces - dissipated) dt = change of energy
         (trapezoidal: time error shows here)
+    meshes : (samples compared, nv) [N m], [N] efforts by P = M (a - g) of every finite-element node of meshed links less those
+        of the reduced equations (`part_forces`); no samples without such links
     momentum : (samples, 6) [N], [N m] reaction at the base (elastic side) less sum P and sum x x P + Q (inertia side)
     """
 
@@ -38,6 +40,7 @@ class Balance:
     work: Array
     momentum: Array
     dissipated: Array
+    meshes: Array = field(default_factory=lambda: np.empty((0, 0)))
 
     def check(self, mesh: Mesh, time: Array, qd: Array, passive: set[str], step: float) -> None:
         """Raise ConvergenceError where kinetic and elastic energy exceed what was put in beyond all reason (`REASON`).
@@ -47,7 +50,7 @@ class Balance:
         """
         holds = self.kinetic + self.elastic
         from_nowhere = -self.work
-        if not len(mesh.elements.order) or not (from_nowhere > (1 - 1 / REASON) * holds).any():
+        if mesh.mechanism.is_rigid or not (from_nowhere > (1 - 1 / REASON) * holds).any():
             return
         fallen = np.abs(self.potential - self.potential[0])
         whole = self.work + holds + self.potential
@@ -82,8 +85,13 @@ def find_excessive_energies(mesh: Mesh, from_nowhere: Array | float, most: Array
 
 
 def compute_energy_rounding(mesh: Mesh) -> float:
-    """Return the energy below which nothing is said of where it comes from [J], `ENERGY_ROUNDING` of a beam bent by a radian."""
-    return float(ENERGY_ROUNDING * mesh.elements.stiffness[..., 3:].max() / mesh.length)
+    """Return the energy below which nothing is said of where it comes from [J].
+
+    `ENERGY_ROUNDING` of a beam bent by a radian, or of a meshed link bent by the mechanism's length.
+    """
+    beam = mesh.elements.stiffness[..., 3:].max(initial=0.0) / mesh.length
+    softest = mesh.shapes.stiffness[:, 0].max(initial=0.0) if mesh.shapes.stiffness.size else 0.0
+    return float(ENERGY_ROUNDING * max(beam, softest * mesh.length**2))
 
 
 @send_by_address

@@ -4,7 +4,8 @@ Every point that carries mass, a joint or a beam cross-section is a *node* with 
 one, either rigidly (a centre of mass), or through a joint, or as the next cross-section of a beam:
     X_W,node = X_W,parent  .  placement  .  X_joint(q)
 A rigid link is a joint node and one node at the centre of mass of each of its bodies; a beam link is a joint node
-(the link frame), a root node, its Gauss-Lobatto nodes, and one node per body carried by a section.  Universal joints are two
+(the link frame), a root node, its Gauss-Lobatto nodes, and one node per body carried by a section.  A meshed link is a joint
+node, a node for each interface, the point masses that move as its mesh does, and one node per body.  Universal joints are two
 revolute ones with a massless node between, so that every joint has constant axes in the frame of its own node.
 """
 
@@ -21,12 +22,16 @@ from numpy.typing import NDArray
 from flexinv.elements.beam_element import Elements
 from flexinv.elements.beam_law import split_coupling
 from flexinv.elements.quadrature import build_reference
+from flexinv.elements.shapes import PartLaw, PartShapes, ShapedNode, build_shapes
 from flexinv.errors import InputError
 from flexinv.kernels.so3 import exp_so3, log_so3, tangent3
-from flexinv.model.joint_kinds import CONFIGURATIONS, KINDS, RIGID, SECTION, VELOCITIES
+from flexinv.model.joint_kinds import CONFIGURATIONS, KINDS, RIGID, SECTION, SHAPED, VELOCITIES
 from flexinv.model.mechanism import WORLD, Attachment, Beam, Joint, Link, Mechanism, Placement, Section, check_expanded
 from flexinv.model.owned_cache import make_owner_cache
+from flexinv.model.part import MeshedPart
 from flexinv.model.section_matrices import split_mass_matrix
+from flexinv.parts.point_masses import build_point_masses
+from flexinv.parts.reductions import find_reduction
 from flexinv.typing import Array
 
 # Axis, first coordinate in q and in the velocities, and motion subspace of a node without a joint.
@@ -45,6 +50,7 @@ class MeshPlaces:
     section_nodes : beam link name -> node numbers along the beam, root first
     section_stations : beam link name -> their fractions of the length [-]
     body_node : (link name, body name) -> node at the body's centre of mass
+    interface_node : (link name, interface name) -> node of the interface's frame
     """
 
     mechanism: Mechanism
@@ -53,6 +59,7 @@ class MeshPlaces:
     section_nodes: dict[str, NDArray[np.int64]]
     section_stations: dict[str, Array]
     body_node: dict[tuple[str, str], int]
+    interface_node: dict[tuple[str, str], int]
 
     def find_section_node(self, link: str, station: float) -> int:
         """Return the node of a beam's section nearest to ``station`` [-] (the mesh has one wherever something is attached)."""
@@ -71,6 +78,7 @@ class Mesh(MeshPlaces):
         frame: translation and rotation of the node for a unit of each of them [-], zero beyond (`joint_kinds`)
     mass : (nodes,) [kg]; inertia : (nodes, 3, 3) [kg m^2] about the node, in its frame
     link : (nodes,) index into mechanism.links
+    shapes : of meshed links, whose amplitudes move their nodes
     """
 
     parent: NDArray[np.int64]
@@ -87,6 +95,7 @@ class Mesh(MeshPlaces):
     inertia: Array
     link: NDArray[np.int64]
     elements: Elements
+    shapes: PartShapes
 
     @property
     def size(self) -> int:
@@ -95,8 +104,12 @@ class Mesh(MeshPlaces):
 
     @property
     def length(self) -> float:
-        """Return the length that positions are scaled by [m]: the sum of all offsets, or a metre where there are none."""
-        return float(np.abs(self.offset).sum()) or 1.0
+        """Return the length that positions are scaled by [m]: the sum of all offsets, or a metre where there are none.
+
+        Point masses of meshed links have places that are none of the mechanism's.
+        """
+        placed = (self.kind != SHAPED) | (self.mass == 0.0)
+        return float(np.abs(self.offset[placed]).sum()) or 1.0
 
 
 _AT_ITS_PARENT = Placement()  # of the second axis of a joint on its first
@@ -119,6 +132,9 @@ class _Builder(MeshPlaces):
     mass: list[float] = field(default_factory=list)
     inertia: list[Array] = field(default_factory=list)
     elements: list[list[Array]] = field(default_factory=list)  # of each the arrays of `Elements`
+    shaped: list[ShapedNode] = field(default_factory=list)
+    parts: list[PartLaw] = field(default_factory=list)
+    part: dict[int, int] = field(default_factory=dict)  # node -> its part
 
     def add_node(self, parent: int, kind: int, placement: Placement, link: int) -> int:
         self.rows.append([parent, kind, placement, link, *_NO_JOINT])
@@ -127,7 +143,7 @@ class _Builder(MeshPlaces):
         return len(self.rows) - 1
 
     def add_joint(self, joint: Joint, link: int) -> None:
-        node = find_attachment_node(self, Attachment(joint.parent, station=joint.station))
+        node = find_attachment_node(self, Attachment(joint.parent, station=joint.station, interface=joint.interface))
         placement = joint.placement
         q, v = (slices[joint.name].start for slices in (self.mechanism.q_slices, self.mechanism.v_slices))
         number = KINDS[joint.kind].number
@@ -141,15 +157,49 @@ class _Builder(MeshPlaces):
         self.joint_node[joint.name] = node
         if owner.beam is not None:
             self.add_beam(owner, owner.beam, link, node)
+        if owner.part is not None:
+            self.add_part(owner.name, owner.part, link, node)
         for body in owner.bodies:
             at = (
                 node if body.station is None or owner.beam is None else self.find_section_node(owner.name, body.station)
             )
+            if body.interface:
+                at = self.interface_node[(owner.name, body.interface)]
             if body.inertia.com.any():
                 at = self.add_node(at, RIGID, Placement(body.inertia.com), link)
             self.body_node[(owner.name, body.name)] = at
             self.mass[at] += body.inertia.mass
             self.inertia[at] = self.inertia[at] + body.inertia.tensor
+
+    def add_part(self, name: str, part: MeshedPart, link: int, root: int) -> None:
+        """Append the nodes of a meshed link: frames of its interfaces, and the point masses that have its inertia."""
+        reduced = find_reduction(part)
+        number = len(self.parts)
+        damping = part.drag * reduced.modal_mass + part.retardation * reduced.modal_stiffness
+        self.parts.append(PartLaw(root, link, reduced.soft, reduced.modal_stiffness, damping))
+        clamped = part.interface_of[part.root]
+        self.interface_node[(name, part.root)] = self.add_node(root, RIGID, Placement(clamped.origin), link)
+        frames = zip(reduced.moves, reduced.turns, reduced.second_moves, reduced.second_turns, strict=True)
+        for one, derivatives in zip(part.moved, frames, strict=True):
+            node = self.add_shaped_node(root, link, number, ShapedNode(-1, one.origin, *derivatives))
+            self.interface_node[(name, one.name)] = node
+        points = build_point_masses(reduced)
+        for place, slide, bend in zip(points.place, points.shapes, points.second, strict=True):
+            shaped = ShapedNode(-1, place, slide, np.zeros_like(slide), bend, np.zeros_like(bend))
+            node = self.add_shaped_node(root, link, number, shaped)
+            self.mass[node] = points.mass
+        self.tip_node[name] = self.interface_node[(name, part.tip)]
+
+    def build_part_shapes(self) -> PartShapes:
+        part = np.full(len(self.rows), -1)
+        part[list(self.part)] = list(self.part.values())
+        return build_shapes(part, self.shaped, self.parts)
+
+    def add_shaped_node(self, root: int, link: int, part: int, shaped: ShapedNode) -> int:
+        node = self.add_node(root, SHAPED, Placement(shaped.place), link)
+        self.shaped.append(shaped._replace(number=node))
+        self.part[node] = part
+        return node
 
     def add_beam(self, link: Link, beam: Beam, index: int, node: int) -> None:
         hung = [j.station for j in self.mechanism.joints if j.parent == link.name] + [b.station for b in link.bodies]
@@ -361,7 +411,7 @@ def build(mechanism: Mechanism) -> Mesh:
             f"mechanism '{mechanism.name}': its damping is stated as a ratio of a mode, and beams know stresses by rates of "
             "strain only; write flexinv.linearized.modal_damping.resolve_damping_ratio(mechanism) for it"
         )
-    builder = _Builder(mechanism, {}, {}, {}, {}, {})
+    builder = _Builder(mechanism, {}, {}, {}, {}, {}, {})
     index = {link.name: k for k, link in enumerate(mechanism.links)}
     for joint in mechanism.joints:
         check_expanded(joint)
@@ -377,11 +427,13 @@ def build(mechanism: Mechanism) -> Mesh:
     ]
     return Mesh(
         mechanism, builder.joint_node, builder.tip_node, builder.section_nodes, builder.section_stations, builder.body_node,
+        builder.interface_node,
         whole[0], whole[1],
         np.array([p.position for p in placement], dtype=float).reshape(-1, 3),
         np.array([p.rotation for p in placement], dtype=float).reshape(-1, 3, 3),
         np.array(axis, dtype=float).reshape(-1, 3), whole[2], whole[3], whole[4], slide, turn,
         np.array(builder.mass), np.array(builder.inertia).reshape(-1, 3, 3), whole[5], _assemble_elements(builder.elements),
+        builder.build_part_shapes(),
     )  # fmt: skip
 
 
@@ -389,6 +441,8 @@ def find_attachment_node(mesh: MeshPlaces, at: Attachment) -> int:
     """Return the node that carries an attachment (its frame is constant there, placement in [m]); -1 is the world."""
     if at.link == WORLD:
         return -1
+    if at.interface:
+        return mesh.interface_node[(at.link, at.interface)]
     if at.link in mesh.section_nodes:
         return mesh.find_section_node(at.link, 1.0 if at.station is None else at.station)
     return next(mesh.joint_node[j.name] for j in mesh.mechanism.joints if j.child == at.link)

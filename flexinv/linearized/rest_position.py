@@ -14,6 +14,7 @@ import numpy as np
 import scipy  # its parts are loaded when they are asked for
 from numpy.typing import NDArray
 
+from flexinv.dynamics.dofs import list_amplitudes
 from flexinv.dynamics.generalized_alpha import STATICS, apply_increment, end_step
 from flexinv.dynamics.initial_state import begin_undeformed, find_equilibrium
 from flexinv.dynamics.linearization import Matrices, compute_matrices
@@ -69,6 +70,7 @@ def find_rest_position(solver: Solver, q: Array) -> tuple[Joints, Solver]:
     sections = solver.topology.independent
     solver.state.x[sections] = held.state.x[sections]
     solver.state.r[sections] = held.state.r[sections]
+    solver.state.place[list_amplitudes(solver.topology)] = held.state.place[list_amplitudes(held.topology)]
     return joints, held
 
 

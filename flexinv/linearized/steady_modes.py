@@ -26,6 +26,7 @@ from numpy.typing import ArrayLike
 
 from flexinv.constraints.allocation import REDUNDANT
 from flexinv.display.card import Card, Shown
+from flexinv.dynamics.dofs import list_amplitudes
 from flexinv.dynamics.generalized_alpha import DYNAMIC, STATICS
 from flexinv.dynamics.initial_state import compute_joint_motion
 from flexinv.dynamics.linearization import Matrices, compute_matrices
@@ -118,6 +119,7 @@ def build_steady_motion(mesh: Mesh, q: Array, rates: Mapping[str, float], free: 
         sections = solver.topology.independent
         solver.state.x[sections] = held.state.x[sections]
         solver.state.r[sections] = held.state.r[sections]
+        solver.state.place[list_amplitudes(solver.topology)] = held.state.place[list_amplitudes(held.topology)]
         joints = _apply_rates(solver, q, rates, 1.0)
     solver.evaluate(STATICS, joints)
     along = _build_turning(solver, rates, 1.0)

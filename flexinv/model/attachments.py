@@ -14,8 +14,9 @@ from numpy.typing import ArrayLike
 
 from flexinv.errors import InputError
 from flexinv.model import rules
+from flexinv.model.frozen import Frozen
 from flexinv.model.joint_kinds import KINDS
-from flexinv.model.links import Attachment, Frozen
+from flexinv.model.links import Attachment
 from flexinv.typing import Array
 
 

@@ -13,7 +13,7 @@ import numpy as np
 from flexinv.typing import Array
 
 # Kinds of connection between a node and its parent, as numbers for kernels.
-RIGID, REVOLUTE, PRISMATIC, SPHERICAL, FREE, SECTION, CONTINUOUS, HELICAL = range(8)
+RIGID, REVOLUTE, PRISMATIC, SPHERICAL, FREE, SECTION, CONTINUOUS, HELICAL, SHAPED = range(9)
 
 # Layouts of the configuration coordinates: numbers of their own, cosine and sine, a quaternion, a position and a quaternion.
 PLAIN = "plain"
@@ -81,8 +81,10 @@ KINDS: dict[str, JointKind] = {
     "free": JointKind(FREE, (".x", ".y", ".z", *_QUATERNION), (".vx", ".vy", ".vz", *_RATES), _LENGTHS + _ANGLES, POSE),
 }
 # Node kind -> number of configuration and of velocity coordinates.
-CONFIGURATIONS = {RIGID: 0, SECTION: 0} | {k.number: len(k.q) for k in KINDS.values() if k != KINDS["universal"]}
-VELOCITIES = {RIGID: 0, SECTION: 0} | {k.number: len(k.v) for k in KINDS.values() if k != KINDS["universal"]}
+CONFIGURATIONS = {RIGID: 0, SECTION: 0, SHAPED: 0} | {
+    k.number: len(k.q) for k in KINDS.values() if k != KINDS["universal"]
+}
+VELOCITIES = {RIGID: 0, SECTION: 0, SHAPED: 0} | {k.number: len(k.v) for k in KINDS.values() if k != KINDS["universal"]}
 
 
 def compute_motion_subspace(number: int, axis: Array, pitch: float = 0.0) -> tuple[Array, Array]:

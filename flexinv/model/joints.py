@@ -8,8 +8,9 @@ from typing import ClassVar
 import numpy as np
 
 from flexinv.model import rules
+from flexinv.model.frozen import Frozen
 from flexinv.model.joint_kinds import KINDS, compute_motion_subspace
-from flexinv.model.links import STATION, Frozen, Placement
+from flexinv.model.links import STATION, Placement
 from flexinv.typing import Array
 
 
@@ -69,6 +70,7 @@ class Joint(Frozen):
 
     kind : a key of `joint_kinds.KINDS`
     station : on a beam parent the fraction 0..1 of the length whose section frame carries the joint, else None
+    interface : of a meshed parent, whose frame carries the joint; "" for the parent's link frame
     axis : (3,) [-], unit, in the joint frame (first axis of a universal joint); second_axis : (3,), universal
     pitch : [m], helical: the way of the child along the axis for a whole turn about it (the screw's lead); negative: left-handed
     rotor_inertia : [kg m^2] or [kg], reflected to the joint; damping : [N m s/rad] or [N s/m];
@@ -97,6 +99,7 @@ class Joint(Frozen):
     limits: Limits = field(default_factory=Limits)
     drive: Drive | None = None
     pitch: float = 0.0
+    interface: str = ""
 
     RULES: ClassVar[rules.Rules] = {
         "name": rules.check_text,
@@ -117,6 +120,7 @@ class Joint(Frozen):
         "limits": rules.make_kind_rule(Limits),
         "drive": rules.make_optional_rule(rules.make_kind_rule(Drive)),
         "pitch": rules.make_real_rule("m"),
+        "interface": rules.check_text,
     }
 
     @property

@@ -8,7 +8,10 @@ from flexinv.model.links import Link
 
 
 def compute_link_mass(link: Link) -> float:
-    """Return the mass of a link with all that it carries [kg]."""
+    """Return the mass of a link with all that it carries [kg], of a meshed one without its mesh.
+
+    `analysis.overview.compute_whole_mass` knows that, too.
+    """
     bodies = sum(body.inertia.mass for body in link.bodies)
     if link.beam is None:
         return bodies

@@ -6,72 +6,18 @@ A beam link is a Timoshenko beam whose undeformed axis starts at ``beam.placemen
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Any, ClassVar, TypeVar
+from typing import ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from flexinv.errors import InputError
 from flexinv.model import rules
 from flexinv.model import section_matrices as matrices
-from flexinv.model.by_value import ByValue, compute_hash
+from flexinv.model.frozen import Frozen
+from flexinv.model.part import MeshedPart
 from flexinv.typing import Array
 
-T = TypeVar("T", bound=np.generic)
 WORLD = "world"
-
-
-class Frozen(ByValue):
-    """Base of frozen dataclasses: what their fields hold is checked when they are made, and nobody can write to it after.
-
-    Meshes, solvers and prepared functions are kept for a mechanism by its identity, so it must not change.
-    RULES : field -> its rule (`rules`), which returns the value that is held: floats, read-only arrays of floats, tuples
-    """
-
-    RULES: ClassVar[rules.Rules] = {}
-    # `owned_cache.freeze` need not look through a record whose arrays nobody can write to.
-    ARRAYS_ARE_FROZEN: ClassVar[bool] = True
-
-    def __post_init__(self) -> None:
-        """Hold every value as its rule has it.  Raises InputError: the record, its field, what was given and expected."""
-        where = self._describe_record()
-        for name, rule in self.RULES.items():
-            given = getattr(self, name)
-            held = rule(where + name, given)
-            if held is not given:
-                object.__setattr__(self, name, held)
-        self._replace_writable_arrays()
-        self._check(where)
-
-    def _describe_record(self) -> str:
-        """Return the words before the name of a field in a message [-]."""
-        name = getattr(self, "name", None)
-        return f"{type(self).__name__} {name!r}: " if isinstance(name, str) else f"{type(self).__name__}: "
-
-    def _check(self, where: str) -> None:
-        """Raise InputError where fields contradict one another [any unit]; each of them keeps its rule."""
-
-    def _replace_writable_arrays(self) -> None:
-        """Replace every array that can be written to by a copy that cannot."""
-        for name, value in list(vars(self).items()):
-            if isinstance(value, np.ndarray) and value.flags.writeable:
-                object.__setattr__(self, name, read_only(value))
-
-    def __setstate__(self, state: dict[str, Any]) -> None:
-        """Take over what a pickle or a copy holds, and freeze it again."""
-        self.__dict__.update(state)
-        self._replace_writable_arrays()
-
-    def __hash__(self) -> int:
-        """Return the hash of the data [-]."""
-        return compute_hash(self)
-
-
-def read_only(values: NDArray[T]) -> NDArray[T]:
-    """Return a copy of an array [any unit] that cannot be written to."""
-    copy = values.copy()
-    copy.flags.writeable = False
-    return copy
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,16 +35,21 @@ STATION = rules.make_optional_rule(rules.make_real_rule("-", 0.0, most=1.0))
 
 @dataclass(frozen=True, eq=False)
 class Attachment(Frozen):
-    """A frame on a link (or on the world): ``placement`` in the link frame, or in a beam's section at ``station``."""
+    """A frame on a link (or on the world): ``placement`` in the link frame, or in a beam's section at ``station``.
+
+    interface : the one of a meshed link in whose frame the placement is; "" for the link frame
+    """
 
     link: str
     placement: Placement = field(default_factory=Placement)
     station: float | None = None
+    interface: str = ""
 
     RULES: ClassVar[rules.Rules] = {
         "link": rules.check_text,
         "placement": rules.make_kind_rule(Placement),
         "station": STATION,
+        "interface": rules.check_text,
     }
 
 
@@ -179,16 +130,19 @@ class Body(Frozen):
     """A rigid body carried by a link: the link itself, a payload, a flange, a motor.
 
     station : None in the link frame; on a beam the fraction 0..1 of the length whose section frame carries the body
+    interface : of a meshed link, whose frame carries the body; "" for the link frame
     """
 
     name: str
     inertia: Inertia
     station: float | None = None
+    interface: str = ""
 
     RULES: ClassVar[rules.Rules] = {
         "name": rules.check_text,
         "inertia": rules.make_kind_rule(Inertia),
         "station": STATION,
+        "interface": rules.check_text,
     }
 
 
@@ -364,25 +318,43 @@ class Beam(Frozen):
 
 @dataclass(frozen=True, eq=False)
 class Link(Frozen):
-    """One member of the mechanism: rigid when ``beam`` is None.
+    """One member of the mechanism: rigid when ``beam`` and ``part`` are None.
 
-    tip : (3,) [m], the point of a rigid link (link frame) whose motion is reported; a beam reports its end
+    part : the mesh of a link of any shape, in the link frame
+    tip : (3,) [m], the point of a rigid link (link frame) whose motion is reported; a beam reports its end, a mesh its tip
     """
 
     name: str
     bodies: tuple[Body, ...] = ()
     beam: Beam | None = None
     tip: Array = field(default_factory=lambda: np.zeros(3))
+    part: MeshedPart | None = None
 
     RULES: ClassVar[rules.Rules] = {
         "name": rules.check_text,
         "bodies": rules.make_list_rule(rules.make_kind_rule(Body)),
         "beam": rules.make_optional_rule(rules.make_kind_rule(Beam)),
         "tip": rules.make_array_rule((3,), "m"),
+        "part": rules.make_optional_rule(rules.make_kind_rule(MeshedPart)),
     }
 
+    @property
+    def is_rigid(self) -> bool:
+        """True where the link is neither a beam nor a mesh [-]."""
+        return self.beam is None and self.part is None
+
+    def check_interface(self, name: str, what: str) -> None:
+        """Raise InputError for an interface [-] that the link has not; ``what`` is on it."""
+        known = [] if self.part is None else list(self.part.interface_of)
+        if name and name not in known:
+            expected = f"one of {', '.join(known)}" if known else "no interface: it is no mesh"
+            raise InputError(f"{what}: interface {name!r} on link {self.name!r}, expected {expected}")
+
     def _check(self, where: str) -> None:
+        if self.beam is not None and self.part is not None:
+            raise InputError(f"{where}beam and part: expected one of both, or none for a rigid link")
         for body in self.bodies:
+            self.check_interface(body.interface, f"{where}body {body.name!r}")
             if body.station is not None and self.beam is None:
                 raise InputError(
                     f"{where}body {body.name!r} has station {body.station}, expected no station: the link is rigid"

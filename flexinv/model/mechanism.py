@@ -22,6 +22,7 @@ from flexinv.display.card import Card, Shown
 from flexinv.errors import InputError
 from flexinv.model import rules
 from flexinv.model.attachments import CLOSURES, GEARED, IMPACTS, Closure, Force, Spring
+from flexinv.model.frozen import Frozen, read_only
 from flexinv.model.joint_kinds import KINDS
 from flexinv.model.joints import Drive, Joint, Limits
 from flexinv.model.links import (
@@ -29,13 +30,12 @@ from flexinv.model.links import (
     Attachment,
     Beam,
     Body,
-    Frozen,
     Inertia,
     Link,
     Placement,
     Section,
-    read_only,
 )  # fmt: skip
+from flexinv.model.part import MeshedPart
 from flexinv.typing import Array
 from flexinv.validation import check_kind, check_whole_number
 
@@ -131,6 +131,19 @@ class Mechanism(Shown, Frozen):
         for end in self.attachments:
             if end.link not in placed:
                 raise InputError(f"{where}something is attached to {end.link!r}, which is no link and not {WORLD!r}")
+            if end.interface:
+                self._check_interface(where, "an attachment", end.link, end.interface)
+        for joint in self.joints:
+            if joint.interface:
+                self._check_interface(where, f"joint {joint.name!r}", joint.parent, joint.interface)
+
+    def _check_interface(self, where: str, what: str, link: str, interface: str) -> None:
+        """Raise InputError where something is attached to an interface that its link has not."""
+        if link == WORLD:
+            raise InputError(
+                f"{where}{what}: interface {interface!r} of the world, expected no interface: it is no mesh"
+            )
+        self.link_of[link].check_interface(interface, f"{where}{what}")
 
     def _check_names(self, where: str) -> None:
         """Raise InputError where two of a kind, or two coordinates, have one name."""
@@ -229,8 +242,8 @@ class Mechanism(Shown, Frozen):
 
     @property
     def is_rigid(self) -> bool:
-        """True when no link is a beam."""
-        return all(link.beam is None for link in self.links)
+        """True when no link is a beam or a mesh."""
+        return all(link.is_rigid for link in self.links)
 
     @property
     def neutral(self) -> Array:
@@ -246,14 +259,35 @@ class Mechanism(Shown, Frozen):
 
     @property
     def beams(self) -> tuple[Link, ...]:
-        """The flexible links, in the order of the mechanism."""
+        """The links that are beams, in the order of the mechanism."""
         return tuple(link for link in self.links if link.beam is not None)
 
+    @property
+    def flexible(self) -> tuple[Link, ...]:
+        """The links that deform, beams and meshes, in the order of the mechanism."""
+        return tuple(link for link in self.links if not link.is_rigid)
+
+    @property
+    def meshed(self) -> tuple[Link, ...]:
+        """The links that are meshes, in the order of the mechanism."""
+        return tuple(link for link in self.links if link.part is not None)
+
     def refined(self, elements: int = 1, order: int = 0) -> Mechanism:
-        """Return the mechanism with ``elements`` times as many elements, each ``order`` higher [-]."""
+        """Return the mechanism with ``elements`` times as many elements, each ``order`` higher [-]; twice the modes of meshes."""
         times = check_whole_number("elements", elements, 1)
         more = check_whole_number("order", order, 0)
-        return self._replace_beams(lambda b: replace(b, elements=b.elements * times, order=b.order + more))
+        finer = self._replace_beams(lambda b: replace(b, elements=b.elements * times, order=b.order + more))
+        return finer.add_modes(2) if times > 1 or more else finer
+
+    def add_modes(self, times: int) -> Mechanism:
+        """Return the mechanism with ``times`` as many vibration modes of every meshed link [-], two of each at least."""
+        more = check_whole_number("times", times, 1)
+
+        def add_to_part(part: MeshedPart) -> MeshedPart:
+            return replace(part, modes=max(part.modes, 2) * more, frequency=part.frequency * more)
+
+        links = (link if link.part is None else replace(link, part=add_to_part(link.part)) for link in self.links)
+        return replace(self, links=tuple(links)) if self.meshed else self
 
     def with_mesh(self, elements: int, order: int) -> Mechanism:
         """Return the mechanism with every beam meshed by ``elements`` elements of ``order`` [-]."""
@@ -270,9 +304,10 @@ class Mechanism(Shown, Frozen):
         owner = self.link_of.get(link) if isinstance(link, str) else None
         if owner is None:
             raise InputError(f"with_body: there is no link {link!r}; {self.name} has {', '.join(self.link_of)}")
+        owner.check_interface(body.interface, f"with_body: body {body.name!r}")
         placed = body.station is None if owner.beam is None else body.station is not None and 0 <= body.station <= 1
         if not placed:
-            expected = "a station from 0 to 1" if owner.beam is not None else "no station: the link is rigid"
+            expected = "a station from 0 to 1" if owner.beam is not None else "no station: the link is no beam"
             given = f"with_body: body {body.name!r} on link {link!r} has station {body.station}"
             raise InputError(f"{given}, expected {expected}")
         loaded = replace(owner, bodies=(*owner.bodies, body))
@@ -339,7 +374,8 @@ def build_drive_model(mechanism: Mechanism) -> Mechanism:
             continue
         gear = Link(joint.name + GEAR)
         spring = replace(
-            joint, name=joint.name + SPRING, kind=SPRINGS[joint.kind], parent=gear.name, station=None, placement=Placement(),
+            joint, name=joint.name + SPRING, kind=SPRINGS[joint.kind], parent=gear.name, station=None, interface="",
+            placement=Placement(),
             stiffness=drive.stiffness, rest=0.0, damping=drive.damping, actuated=False, weight=1.0, limits=Limits(), drive=None,
         )  # fmt: skip
         links[gear.name] = gear

@@ -37,7 +37,9 @@ def make_mechanism_card(mechanism: Mechanism) -> Card:
 def _describe_size(mechanism: Mechanism, moving: list[Joint]) -> str:
     beams = [link.name for link in mechanism.beams]
     links = format_count(len(mechanism.links), "link")
-    kinds = f"{links}, of which beams: {', '.join(beams)}" if beams else f"{links}, all rigid"
+    meshes = [link.name for link in mechanism.meshed]
+    several = [f"{kind}: {', '.join(names)}" for kind, names in (("beams", beams), ("meshes", meshes)) if names]
+    kinds = f"{links}, of which {'; '.join(several)}" if several else f"{links}, all rigid"
     drives = format_count(sum(joint.actuated for joint in moving), "drive")
     joints = f"{format_count(len(moving), 'joint')} that move" if len(moving) != 1 else "1 joint that moves"
     return f"{joints}, {drives}; nq = {mechanism.nq}, nv = {mechanism.nv}; {kinds}"
@@ -46,7 +48,8 @@ def _describe_size(mechanism: Mechanism, moving: list[Joint]) -> str:
 def _describe_mass(mechanism: Mechanism) -> str:
     mass = sum(map(compute_link_mass, mechanism.links))
     gravity = ", ".join(map(format_number, mechanism.gravity))
-    return f"mass {format_number(mass)} kg, gravity ({gravity}) m/s^2"
+    beside = f" without {format_count(len(mechanism.meshed), 'meshed link')}" if mechanism.meshed else ""
+    return f"mass {format_number(mass)} kg{beside}, gravity ({gravity}) m/s^2"
 
 
 def _describe_parts(mechanism: Mechanism) -> Iterator[str]:
@@ -67,9 +70,16 @@ def _describe_parts(mechanism: Mechanism) -> Iterator[str]:
 
 
 def _list_joint_row(mechanism: Mechanism, joint: Joint) -> tuple[str, ...]:
-    on = joint.parent if joint.station is None else f"{joint.parent} at {joint.station:g}"
-    mass = format_number(compute_link_mass(mechanism.link_of[joint.child]))
+    on = describe_carrier(joint)
+    child = mechanism.link_of[joint.child]
+    mass = format_number(compute_link_mass(child)) if child.part is None else "of its mesh"
     return joint.name, joint.kind, on, joint.child, "yes" if joint.actuated else "no", mass
+
+
+def describe_carrier(joint: Joint) -> str:
+    """Return the link that carries a joint and where on it [-], in words."""
+    where = joint.interface if joint.station is None else f"{joint.station:g}"
+    return f"{joint.parent} at {where}" if where else joint.parent
 
 
 def _draw_outline(mechanism: Mechanism) -> tuple[Picture, ...]:
@@ -93,6 +103,8 @@ def list_outline(mechanism: Mechanism) -> list[Stroke]:
         carrier = frames[joint.parent]
         if parent is not None and parent.beam is not None:
             carrier = _find_section(carrier, parent.beam, 1.0 if joint.station is None else joint.station)
+        if parent is not None and parent.part is not None and joint.interface:
+            carrier = _compute_placed_frame(carrier, Placement(parent.part.interface_of[joint.interface].origin))
         frame = _compute_placed_frame(carrier, joint.placement)
         frames[joint.child] = frame
         strokes += [(np.stack([carrier[0], frame[0]]), False), *_list_link_lines(mechanism.link_of[joint.child], frame)]
@@ -102,7 +114,10 @@ def list_outline(mechanism: Mechanism) -> list[Stroke]:
 def _list_link_lines(link: Link, frame: PlacedFrame) -> list[Stroke]:
     """Lines from a link's frame to its mass centres and its tip, or along its beam."""
     lines: list[Stroke] = []
-    if link.beam is None:
+    if link.part is not None:
+        ends = [frame[0] + frame[1] @ one.origin for one in link.part.interfaces]
+        lines += [(np.stack([ends[0], end]), True) for end in ends[1:]]
+    elif link.beam is None:
         lines.append((np.stack([frame[0], frame[0] + frame[1] @ link.tip]), False))
     else:
         points = np.linspace(0.0, 1.0, BEAM_POINTS if link.beam.curvature.any() else 2)

@@ -48,6 +48,8 @@ class NotPlanar:
 def find_plane(mesh: Mesh) -> Plane | NotPlanar:
     """Return the plane [m] in which a mechanism moves whatever its joints do, or why there is none."""
     m = mesh.mechanism
+    if m.meshed:
+        return NotPlanar("it has links that are meshes")
     couplings = [closure for closure in m.closures if closure.kind == "coupling"]
     for what, items in (("springs", m.springs), ("applied forces", m.forces), ("couplings", couplings)):
         if items:

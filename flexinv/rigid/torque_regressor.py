@@ -114,7 +114,7 @@ def torque_regressor(
     """
     check_kind("mechanism", mechanism, Mechanism)
     if not mechanism.is_rigid:
-        beams = ", ".join(link.name for link in mechanism.beams)
+        beams = ", ".join(link.name for link in mechanism.flexible)
         raise InputError(
             f"mechanism '{mechanism.name}' has links that bend ({beams}), and ten parameters for each link are those of "
             'rigid ones; write kind = "rigid" for them to see what torques tell of the rigid mechanism'

@@ -165,6 +165,12 @@ def _check_mechanism(mechanism: Mechanism) -> None:
                 f"differentiate: mechanism '{mechanism.name}' has {what}; derivatives are given of trees without springs between "
                 "points: take differences of flexinv.solve"
             )
+    if mechanism.meshed:
+        names = ", ".join(link.name for link in mechanism.meshed)
+        raise InputError(
+            f"differentiate: mechanism '{mechanism.name}' has links that are meshes ({names}); derivatives are given of rigid "
+            "links and beams: take differences of flexinv.solve"
+        )
     for joint in mechanism.joints:
         if joint.nv and not KINDS[joint.kind].scalar:
             raise InputError(

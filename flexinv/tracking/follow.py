@@ -175,7 +175,11 @@ def follow(
 
 def _check_open(mechanism: Mechanism) -> None:
     """Raise InputError for what a path cannot be followed with yet."""
-    for what, items in (("closures", mechanism.closures), ("springs between points", mechanism.springs)):
+    for what, items in (
+        ("closures", mechanism.closures),
+        ("springs between points", mechanism.springs),
+        ("links that are meshes", mechanism.meshed),
+    ):
         if items:
             raise InputError(
                 f"mechanism '{mechanism.name}' has {what}: a path of a frame is followed by open mechanisms so far; "

@@ -19,7 +19,7 @@ from numpy.typing import ArrayLike
 from flexinv.errors import InputError
 from flexinv.kernels.so3 import exp_so3, log_so3
 from flexinv.model import rules
-from flexinv.model.links import Frozen
+from flexinv.model.frozen import Frozen
 from flexinv.model.track import LAWS, evaluate_progress, find_law
 from flexinv.typing import Array
 from flexinv.validation import check_finite_array, check_number, check_seconds, convert_to_floats, shown

@@ -90,6 +90,8 @@ def export(mechanism: Mechanism, case: Case, engine: str, effort: Array, folder:
     """
     if engine == TREE:
         check_rigid(mechanism, engine)
+    if mechanism.meshed:
+        raise NotExported("links that are meshes are not exported yet")
     if (reason := adapter.unsupported(mechanism, case, engine)) is not None:
         raise NotExported(reason)
     if mechanism.beams and exudyn_phases.has_switched_closures(mechanism):

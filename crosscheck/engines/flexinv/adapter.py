@@ -39,6 +39,7 @@ PARTS = ("step", "mesh")  # what is refined
 
 
 # What this adapter offers beside (`crosscheck.engines.base`).
+MESHES = True
 certify = beside("crosscheck.engines.flexinv.certificate", "certify")
 
 

@@ -127,5 +127,8 @@ def write_table(file: Path, time: Array, names: Sequence[str], values: Array) ->
 def check_rigid(mechanism: Mechanism, engine: str) -> None:
     """Raise NotExported where a link is a beam."""
     if not mechanism.is_rigid:
+        meshes = ", ".join(link.name for link in mechanism.meshed)
+        if meshes:
+            raise NotExported(f"links that are meshes ({meshes}) are not exported yet")
         names = ", ".join(link.name for link in mechanism.beams)
         raise NotExported(f"beams ({names}) are exported for exudyn-ancf and exudyn-ge, not for {engine}")

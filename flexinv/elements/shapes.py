@@ -1,0 +1,253 @@
+"""Shapes of meshed links as the march takes them: nodes that amplitudes move against the frame of their link, and modal laws.
+
+With the amplitudes y of a part, slide U, turn T and their derivatives B, D of a node, and psi = (T + T(y)) y / 2:
+
+    p = p_0 + (U + U(y)) y / 2        U(y) = U + B y        p' = U(y) y'        p'' = U(y) y'' + y' B y'
+    R = exp(psi)        T(y) = T + D y        w = H(psi) T(y) y'        (and likewise al)
+
+Point masses of a part (`parts.point_masses`) slide alone; frames of interfaces turn as well.  B and D are of the softest shapes,
+which come first: what is quadratic in the amplitudes gives loads along a part their stiffness against bending.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flexinv.elements.beam import compute_curvature_rate, compute_tangent_slope
+from flexinv.kernels.jit import jit_inner
+from flexinv.kernels.records import send_by_address
+from flexinv.kernels.so3 import coefficients, exp_with, tangent_with
+from flexinv.kernels.vec3 import EYE, ZERO, add, add_scaled, apply, dot, put, put_block, sum3, vec, vec_at
+from flexinv.typing import Array
+
+
+@send_by_address
+class PartShapes(NamedTuple):
+    """Parts of a mechanism, padded to the largest number of amplitudes.
+
+    part : (nodes,) the part whose amplitudes move a node against its parent, -1 without; row : (nodes,) of the tables below
+    place : (rows, 3) [m] of the undeformed node; slide : (rows, amplitudes, 3) [-]; turn : (rows, amplitudes, 3) [rad/m]
+    bend : (rows, soft, soft, 3) second derivatives of the place [1/m]; whirl : those of the rotation vector [rad/m^2]
+    turns : (rows,) whether a node turns at all
+    root : (parts,) nodes of the link frames; link : (parts,) index into mechanism.links
+    size, soft : (parts,) amplitudes, and those of them with second derivatives
+    stiffness, damping : (parts, amplitudes) modal [N/m], [N s/m]
+    """
+
+    part: NDArray[np.int64]
+    row: NDArray[np.int64]
+    place: Array
+    slide: Array
+    turn: Array
+    bend: Array
+    whirl: Array
+    turns: NDArray[np.bool_]
+    root: NDArray[np.int64]
+    size: NDArray[np.int64]
+    soft: NDArray[np.int64]
+    link: NDArray[np.int64]
+    stiffness: Array
+    damping: Array
+
+
+class Turn(NamedTuple):
+    """Turn of a frame by amplitudes: psi [rad], its rates [1/s], [1/s^2], and the coefficients of H(psi)."""
+
+    psi: tuple[float, float, float]
+    rate: tuple[float, float, float]
+    change: tuple[float, float, float]
+    q: tuple[float, ...]
+
+
+@jit_inner
+def fill_shaped_motion(n, shapes, first, state, moved, joints):
+    """Set the motion of node n against its parent from the amplitudes at ``first`` of the unknowns; return its `Turn`.
+
+    moved : (rows, amplitudes, 6) is filled with U(y) and T(y) of the node [-], [rad/m]
+    """
+    row = shapes.row[n]
+    turns = shapes.turns[row]
+    p = vec(shapes.place[row])
+    dp = ZERO
+    ddp = ZERO
+    psi = ZERO
+    rate = ZERO
+    change = ZERO
+    for k in range(shapes.size[shapes.part[n]]):
+        y = state.place[first + k] + state.d[first + k]
+        u = state.u[first + k]
+        du = state.du[first + k]
+        slide, slide_rate, turn, turn_rate = _compute_bent_shape(n, k, shapes, first, state)
+        p = add_scaled(p, 0.5 * y, add(vec(shapes.slide[row, k]), slide))
+        dp = add_scaled(dp, u, slide)
+        ddp = add_scaled(add_scaled(ddp, du, slide), u, slide_rate)
+        put(moved[row, k], 0, slide)
+        if turns:
+            psi = add_scaled(psi, 0.5 * y, add(vec(shapes.turn[row, k]), turn))
+            rate = add_scaled(rate, u, turn)
+            change = add_scaled(add_scaled(change, du, turn), u, turn_rate)
+            put(moved[row, k], 3, turn)
+    put(joints.p[n], 0, p)
+    put(joints.dp[n], 0, dp)
+    put(joints.ddp[n], 0, ddp)
+    motion = Turn(psi, rate, change, coefficients(dot(psi, psi)))
+    _write_turn(n, turns, motion, joints)
+    return motion
+
+
+@jit_inner
+def _write_turn(n, turns, motion, joints):
+    """Write rotation, angular velocity and acceleration of a frame; a point mass does not turn."""
+    psi, rate, change, q = motion
+    if turns:
+        tangent = tangent_with(psi, q)
+        put_block(joints.r[n], 0, 0, exp_with(psi, q))
+        put(joints.w[n], 0, apply(tangent, rate))
+        put(joints.al[n], 0, add(apply(tangent, change), apply(compute_tangent_slope(psi, rate, q, 1.0), rate)))
+    else:
+        put_block(joints.r[n], 0, 0, EYE)
+        put(joints.w[n], 0, ZERO)
+        put(joints.al[n], 0, ZERO)
+
+
+@jit_inner
+def _compute_bent_shape(n, k, shapes, first, state):
+    """U(y) and T(y) of node n for amplitude k, and their rates B y', D y'."""
+    row = shapes.row[n]
+    slide = vec(shapes.slide[row, k])
+    turn = vec(shapes.turn[row, k])
+    slide_rate = ZERO
+    turn_rate = ZERO
+    soft = shapes.soft[shapes.part[n]]
+    for j in range(soft if k < soft else 0):
+        y = state.place[first + j] + state.d[first + j]
+        bend = vec(shapes.bend[row, k, j])
+        slide = add_scaled(slide, y, bend)
+        slide_rate = add_scaled(slide_rate, state.u[first + j], bend)
+        if shapes.turns[row]:
+            whirl = vec(shapes.whirl[row, k, j])
+            turn = add_scaled(turn, y, whirl)
+            turn_rate = add_scaled(turn_rate, state.u[first + j], whirl)
+    return slide, slide_rate, turn, turn_rate
+
+
+@jit_inner
+def _compute_shape_rates(n, k, shapes, first, state):
+    """B y', B y'', D y' and D y'' of node n for amplitude k."""
+    row = shapes.row[n]
+    slide_rate = ZERO
+    slide_change = ZERO
+    turn_rate = ZERO
+    turn_change = ZERO
+    soft = shapes.soft[shapes.part[n]]
+    for j in range(soft if k < soft else 0):
+        bend = vec(shapes.bend[row, k, j])
+        slide_rate = add_scaled(slide_rate, state.u[first + j], bend)
+        slide_change = add_scaled(slide_change, state.du[first + j], bend)
+        if shapes.turns[row]:
+            whirl = vec(shapes.whirl[row, k, j])
+            turn_rate = add_scaled(turn_rate, state.u[first + j], whirl)
+            turn_change = add_scaled(turn_change, state.du[first + j], whirl)
+    return slide_rate, slide_change, turn_rate, turn_change
+
+
+@jit_inner
+def fill_shaped_variation(n, shapes, columns, state, moved, motion, variation, factors):
+    """Set the variation of node n against its parent by the amplitudes; ``columns`` : their first column and unknown [-].
+
+    moved : of `fill_shaped_motion`; motion : its `Turn`; factors : cv, ca of the scheme
+    """
+    row = shapes.row[n]
+    column, first = columns
+    cv, ca = factors
+    psi, rate, change, q = motion
+    tangent = tangent_with(psi, q)
+    by_rate = compute_tangent_slope(psi, rate, q, 1.0)
+    by_change = compute_tangent_slope(psi, change, q, 1.0)
+    twice = compute_curvature_rate(psi, rate, rate, q)
+    for k in range(shapes.size[shapes.part[n]]):
+        slide_rate, slide_change, turn_rate, turn_change = _compute_shape_rates(n, k, shapes, first, state)
+        slide = vec(moved[row, k])
+        put(variation.x[n, column + k], 0, slide)
+        put(variation.v[n, column + k], 0, add_scaled(slide_rate, cv, slide))
+        put(variation.a[n, column + k], 0, add_scaled(add_scaled(slide_change, 2.0 * cv, slide_rate), ca, slide))
+        if shapes.turns[row]:
+            turn = vec_at(moved[row, k], 3)
+            of_rate = add_scaled(turn_rate, cv, turn)
+            of_change = add_scaled(add_scaled(turn_change, 2.0 * cv, turn_rate), ca, turn)
+            across = add(apply(compute_tangent_slope(psi, of_rate, q, 1.0), rate), apply(by_rate, of_rate))
+            put(variation.t[n, column + k], 0, apply(tangent, turn))
+            put(variation.w[n, column + k], 0, add(apply(by_rate, turn), apply(tangent, of_rate)))
+            still = sum3(apply(tangent, of_change), apply(by_change, turn), apply(twice, turn))
+            put(variation.al[n, column + k], 0, add(still, across))
+
+
+@jit_inner
+def turn_shapes(n, shapes, motion, moved):
+    """Make the turns T(y) of a node in ``moved`` those of its frame, H(psi) T(y) [rad/m]."""
+    row = shapes.row[n]
+    tangent = tangent_with(motion.psi, motion.q)
+    for k in range(shapes.size[shapes.part[n]]):
+        put(moved[row, k], 3, apply(tangent, vec_at(moved[row, k], 3)))
+
+
+def build_no_shapes(nodes: int) -> PartShapes:
+    """Return the record of a mechanism of so many nodes [-] without meshed links."""
+    return build_shapes(np.full(nodes, -1), [], [])
+
+
+def build_shapes(part: NDArray[np.int64], nodes: list[ShapedNode], parts: list[PartLaw]) -> PartShapes:
+    """Return the record of parts [N/m], [N s/m] and of the nodes that their amplitudes move [m], [-], [rad/m].
+
+    part : (nodes of the mechanism,) as in `PartShapes`; nodes, parts : in the order of their numbers
+    """
+    of_parts = [(law.root, len(law.stiffness), law.soft, law.link) for law in parts]
+    root, size, soft, link = np.array(of_parts, dtype=np.int64).reshape(-1, 4).T.copy()
+    most = int(size.max(initial=0))
+    softest = int(soft.max(initial=0))
+    row = np.full(len(part), -1)
+    row[[node.number for node in nodes]] = np.arange(len(nodes))
+    place = _fill_up(nodes, "place", (3,))
+    slide, turn = (_fill_up(nodes, name, (3, most)).transpose(0, 2, 1).copy() for name in ("slide", "turn"))
+    curved = (_fill_up(nodes, name, (3, softest, softest)) for name in ("bend", "whirl"))
+    bend, whirl = (table.transpose(0, 2, 3, 1).copy() for table in curved)
+    turns = np.array([bool(table.any()) for table in turn], dtype=np.bool_)
+    stiffness, damping = (_fill_up(parts, name, (most,)) for name in ("stiffness", "damping"))
+    return PartShapes(part, row, place, slide, turn, bend, whirl, turns, root, size, soft, link, stiffness, damping)
+
+
+def _fill_up(records: Sequence[ShapedNode | PartLaw], name: str, shape: tuple[int, ...]) -> Array:
+    """Tables of a name one after the other, each filled up with zeros to a shape."""
+    out = np.zeros((len(records), *shape))
+    for whole, record in zip(out, records, strict=True):
+        table = getattr(record, name)
+        whole[tuple(map(slice, table.shape))] = table
+    return out
+
+
+class ShapedNode(NamedTuple):
+    """A node that a part moves: number, place (3,) [m], slide (3, amplitudes) [-], turn [rad/m], and second derivatives.
+
+    bend, whirl : (3, soft, soft) of the place [1/m], of the rotation vector [rad/m^2]
+    """
+
+    number: int
+    place: Array
+    slide: Array
+    turn: Array
+    bend: Array
+    whirl: Array
+
+
+class PartLaw(NamedTuple):
+    """A part: node of its link frame, link, amplitudes with second derivatives [-], modal stiffness, damping [N/m], [N s/m]."""
+
+    root: int
+    link: int
+    soft: int
+    stiffness: Array
+    damping: Array
