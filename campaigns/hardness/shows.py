@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from string import Template
 
+from campaigns.hardness.first_torques import list_first_rows
 from campaigns.hardness.fuzz_calls import write_calls
 from campaigns.hardness.instructions import list_instruction_rows
 from campaigns.hardness.libraries import HERE, MACHINES, RIGID_ARM, Library, open_library, run_command
@@ -81,5 +82,5 @@ def _compile_fuzz(library: Library, target: str, sanitized: bool = True) -> Path
 SHOWS: dict[str, Callable[[float], Iterator[str]]] = {
     "memory": show_memory, "threads": show_threads, "fuzz": show_fuzz, "valgrind": show_valgrind,
     "instructions": list_instruction_rows, "processors": list_processor_rows, "samples": list_sample_rows,
-    "steps": list_step_rows,
+    "steps": list_step_rows, "first": list_first_rows,
 }  # fmt: skip

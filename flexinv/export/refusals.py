@@ -34,10 +34,10 @@ def check_movable(mechanism: Mechanism) -> None:
     _check_any(mechanism, "motion", "flexinv.simulate")
     _check_meshes(mechanism)
     for joint in mechanism.joints:
-        if joint.nv and (not KINDS[joint.kind].scalar or KINDS[joint.kind].circle):
+        if joint.nv and not KINDS[joint.kind].scalar:
             raise InputError(
                 f"export_fmu: joint {joint.name!r} of mechanism {mechanism.name!r} is {joint.kind}, whose coordinates no forward "
-                "FMU has; write revolute, prismatic, helical or universal, or call flexinv.simulate"
+                "FMU has; write revolute, continuous, prismatic, helical or universal, or call flexinv.simulate"
             )
 
 

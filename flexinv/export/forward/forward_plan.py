@@ -13,7 +13,7 @@ in the equilibrium with its drives held there.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 import numpy as np
@@ -40,6 +40,7 @@ from flexinv.export.readings import format_beams, format_poses
 from flexinv.kinematics.mesh import build
 from flexinv.kinematics.tree import Frames, Joints
 from flexinv.linearized.modal_damping import apply_stated_ratio
+from flexinv.model.joint_kinds import KINDS
 from flexinv.model.mechanism import Mechanism
 from flexinv.typing import Array
 
@@ -153,4 +154,14 @@ def _format_march(solver: Solver, settings: MarchSettings) -> dict[str, str]:
     return {name: str(one) for name, one in numbers.items()} | {name: float(one).hex() for name, one in sizes.items()} | {
         "driven": ", ".join(str(int(one)) for one in solver.mesh.mechanism.actuated),
         "scales": format_numbers(topology.scale), "unknown_of_rate": ", ".join(map(str, moved.argmax(axis=1).tolist())),
+        "coordinates_of_rates": ", ".join(_list_coordinates(solver.mesh.mechanism)),
     }  # fmt: skip
+
+
+def _list_coordinates(mechanism: Mechanism) -> Iterator[str]:
+    """Of each rate its first coordinate, and whether that and the next one are cosine and sine."""
+    for joint in mechanism.joints:
+        turns = KINDS[joint.kind].circle
+        first = mechanism.q_slices[joint.name].start
+        for k in range(joint.nv):
+            yield f"{{{first + k}, {int(turns)}}}"

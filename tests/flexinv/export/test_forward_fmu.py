@@ -185,6 +185,21 @@ def test_a_step_that_fails_leaves_the_arm_where_it_was(arm: Path, bending: Mecha
     assert np.array_equal(*results)
 
 
+def test_a_continuous_joint_gives_the_cosine_and_the_sine_of_its_angle(bending: Mechanism, tmp_path: Path) -> None:
+    """From an angle of its own, beyond half a turn, as a hub of an arm that bends."""
+    hub = replace(bending.joints[0], kind="continuous")
+    arm = replace(bending, joints=(hub, *bending.joints[1:]), gravity=np.zeros(3))
+    angle = 3.138  # [rad]
+    start = np.array([np.cos(angle), np.sin(angle), 0.2])
+    file = flexinv.export_fmu(arm, tmp_path / "arm.fmu", kind="forward", step=STEP, start=start)
+    time, torque = make_torque(arm, 0.005, 0.02)
+    expected = flexinv.simulate(
+        arm, time, torque, step=STEP, initial="static", start={hub.name: start[:2], bending.joints[1].name: 0.2}
+    )
+    assert expected.q[:, 1].min() < 0.0 < expected.q[0, 1]  # across pi
+    assert_motion(run(file, arm, torque), expected)
+
+
 def test_what_no_torques_move_is_refused(bending: Mechanism, tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"is free, whose coordinates no forward FMU has; .* or call flexinv.simulate"):
         flexinv.export_fmu(flexinv.load_mechanism("models/talos"), tmp_path / "x.fmu", kind="forward", step=STEP)
