@@ -1,6 +1,6 @@
 """What exported C libraries take of the system, what any call does to them, how many instructions they need, how fast they are.
 
-    python -m campaigns.hardness                      # all of it: about an hour of one core
+    python -m campaigns.hardness                      # all of it: two hours of one core
     python -m campaigns.hardness memory fuzz          # these shows only
     python -m campaigns.hardness --scale 0.01         # a hundredth of all steps and calls: to see that all is well
 

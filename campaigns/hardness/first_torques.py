@@ -35,7 +35,7 @@ CONTROLLER = """
 q = np.array(json.loads(sys.argv[2]))
 controller = flexinv.Controller.of(robot, step=1e-3)
 still = np.zeros(robot.nv)
-controller.start(q, still, still, initial="static")
+controller.start(q, still, still, initial=case.initial)
 controller.step(q, still, still)
 """
 LIBRARY = """

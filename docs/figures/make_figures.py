@@ -2,7 +2,8 @@
 
 ``python docs/figures/make_figures.py`` writes arms.png and feed_forward.png beside itself (torques replayed in Exudyn).
 With the results of ``crosscheck bench`` it writes time_error.png and latency.png instead:
-``python docs/figures/make_figures.py reports/bench/results.json`` (several files: all of them).
+``python docs/figures/make_figures.py reports/bench/results.json`` (several files: all of them).  With the word ``library`` it
+measures exported libraries beside controllers, and writes latency_c.png.
 Beside each picture lies a CSV with the numbers of its curves, units in the names of the columns.
 """
 
@@ -219,6 +220,31 @@ def latency(rows: list[dict[str, Any]]) -> Figure:
     return figure
 
 
+def library_latency(steps: int = 100_000) -> Figure:
+    """Histogram of the time of every step of exported libraries and of controllers, of the same motions, in turn."""
+    from campaigns.hardness.libraries import MACHINES, open_library
+    from campaigns.hardness.speed import sample_both
+
+    figure = Figure(figsize=(9, 3.6), layout="constrained")
+    axes = figure.add_subplot()
+    for number, machine in enumerate(one for one in MACHINES if one.step):
+        with open_library(replace(machine, jumps=False)) as library:
+            for taken, words, line in zip(sample_both(library, steps), ("library", "Controller"), "-:", strict=True):
+                first, last = np.floor(BINS * np.log10(taken.min())), np.ceil(BINS * np.log10(taken.max()))
+                edges = 10.0 ** (np.arange(first, last + 1) / BINS)
+                counts, _ = np.histogram(taken, edges)
+                label = f"{machine.title}, {words}: median {np.median(taken):.3g} µs"
+                axes.stairs(counts, edges, baseline=None, color=f"C{number}", linestyle=line, label=label)
+    axes.axvline(1e3, color="0.4", linestyle="--", linewidth=1)
+    axes.annotate(
+        "1 kHz", (1e3, 0.95), xycoords=("data", "axes fraction"), ha="right", va="top", rotation=90, fontsize=8
+    )
+    axes.set(xscale="log", yscale="log", ylim=(0.7, None), xlabel="time of a step [µs]", ylabel="steps")
+    axes.grid(alpha=0.3)
+    axes.legend(fontsize="x-small", loc="center left", bbox_to_anchor=(1.0, 0.5))
+    return figure
+
+
 def save(figure: Figure, name: str) -> None:
     """Write a picture, and the numbers of its curves with seven digits beside it."""
     file = Path(__file__).with_name(name)
@@ -233,7 +259,10 @@ def shorten(values: Iterable[object]) -> list[float]:
 
 
 if __name__ == "__main__":
-    if len(sys.argv) > 1:
+    if sys.argv[1:] == ["library"]:
+        sys.path.insert(0, str(ROOT))
+        save(library_latency(), "latency_c")
+    elif len(sys.argv) > 1:
         runs = [json.loads(Path(name).read_text(encoding="utf-8")) for name in sys.argv[1:]]
         merged = {"studies": [study for run in runs for study in run["studies"]]}
         rows = [row for study in merged["studies"] for row in study["rows"]]
