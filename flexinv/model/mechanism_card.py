@@ -115,8 +115,9 @@ def _list_link_lines(link: Link, frame: PlacedFrame) -> list[Stroke]:
     """Lines from a link's frame to its mass centres and its tip, or along its beam."""
     lines: list[Stroke] = []
     if link.part is not None:
-        ends = [frame[0] + frame[1] @ one.origin for one in link.part.interfaces]
-        lines += [(np.stack([ends[0], end]), True) for end in ends[1:]]
+        root = link.part.interface_of[link.part.root]
+        ends = [frame[0] + frame[1] @ one.origin for one in (root, *link.part.moved)]
+        lines += [(np.stack([frame[0], ends[0]]), False), *((np.stack([frame[0], end]), True) for end in ends[1:])]
     elif link.beam is None:
         lines.append((np.stack([frame[0], frame[0] + frame[1] @ link.tip]), False))
     else:

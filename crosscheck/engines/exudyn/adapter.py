@@ -4,7 +4,8 @@
     exudyn-dae    the same mechanisms in redundant coordinates, every joint a prescribed constraint, in time; also loops
                   that open and close (`exudyn.phases`)
     exudyn-ancf   absolute nodal coordinates: ANCFCable2D in the plane, ANCFBeam in space
-    exudyn-ge     geometrically exact: BeamGeometricallyExact2D (3 nodes) in the plane, BeamGeometricallyExact in space
+    exudyn-ge     geometrically exact: BeamGeometricallyExact2D (3 nodes) in the plane, BeamGeometricallyExact in space;
+                  links that are meshes by ObjectFFRFreducedOrder with Exudyn's own Craig-Bampton basis
                   (the last three also closed loops, springs and forces: `exudyn.loops`)
 
 Options: ``elements`` (per beam), ``step`` [s], ``refinement`` (each doubles the elements and halves the step),
@@ -46,6 +47,7 @@ export = beside("crosscheck.engines.exudyn.export", "export")
 replay = beside("crosscheck.engines.exudyn.replay", "replay")
 lift = beside("crosscheck.engines.exudyn.lift", "lift")
 lifts = beside("crosscheck.engines.exudyn.lift", "lifts")
+MESHES = True
 READS = ()  # formats of files; models come in memory
 
 
@@ -70,7 +72,7 @@ def unsupported(mechanism: Mechanism, case: Case, engine: str) -> str | None:
         return _describe_loop_refusal(mechanism, case, engine)
     if (reason := beyond or missing_motion(mechanism, case)) is not None:
         return f"{reason}; see {DAE if mechanism.is_rigid else f'{ANCF} and {EXACT}'}" if beyond else reason
-    names = ", ".join(link.name for link in mechanism.beams)
+    names = ", ".join(link.name for link in mechanism.flexible)
     if engine in (TREE, DAE):
         if names:
             return f"{engine} has rigid bodies only; flexible here: {names}"
@@ -92,6 +94,8 @@ def _describe_loop_refusal(mechanism: Mechanism, case: Case, engine: str) -> str
 
 def _describe_refusal(mechanism: Mechanism, case: Case, engine: str) -> str | None:
     """Return the reason why there is no model in time, or None; the tree of rigid bodies has no such limits."""
+    if mechanism.meshed and engine != EXACT:
+        return f"links that are meshes are told to {EXACT} alone; here: {', '.join(m.name for m in mechanism.meshed)}"
     if (reason := describe_coupled_sections(mechanism, "Exudyn's beams")) is not None:
         return reason
     layout = build_start_layout(mechanism, case)

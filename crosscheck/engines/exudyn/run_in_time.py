@@ -257,6 +257,10 @@ def collect_link_series(mechanism: Mechanism, layout: Layout, outcome: Outcome) 
         frame = layout.link[link.name].placement
         origin = position + rotation @ frame.position
         axes = rotation @ frame.rotation
+        if link.part is not None:
+            end, _ = outcome.pose[layout.interface[link.name, link.part.tip].group]
+            link_series |= vector_series(f"tip/{link.name}", "m", end)
+            continue
         if link.beam is None:
             link_series |= vector_series(f"tip/{link.name}", "m", origin + axes @ link.tip)
             continue

@@ -17,6 +17,7 @@ from crosscheck.engines.exudyn.models import planar as exudyn_planar
 from crosscheck.engines.exudyn.models import spatial as exudyn_spatial
 from crosscheck.engines.exudyn.models.frames import Array
 from crosscheck.engines.exudyn.models.layout import Group
+from crosscheck.engines.exudyn.models.meshes import compute_weight
 from crosscheck.engines.exudyn.run_in_time import ANCF, build_start_layout
 from crosscheck.engines.shared.probe_states import move_inertia_to_origin
 from crosscheck.measures.certificate import Certificate
@@ -54,6 +55,9 @@ def build_weight_certificate(mechanism: Mechanism, case: Case, engine: str) -> C
     lumps = {}
     if isinstance(d, exudyn_spatial.Drawing):  # a plane model knows one of three moments
         lumps = {name: _compute_group_inertia(d, scales, k, node) for name, (k, node) in groups.items()}
+    for name, (mass, moment, tensor) in _compute_mesh_weights(d).items():
+        masses[name] += mass
+        lumps[name] = lumps[name][0] + moment, lumps[name][1] + tensor
     return Certificate(
         mass=sum(masses.values()) + sum(beams.values()),
         masses=masses,
@@ -64,7 +68,20 @@ def build_weight_certificate(mechanism: Mechanism, case: Case, engine: str) -> C
     )
 
 
+def _compute_mesh_weights(drawing: Drawing) -> dict[str, tuple[float, Array, Array]]:
+    """Mass, first moment and inertia of meshed links about the frames of the groups that carry them, by group."""
+    found = {}
+    for link in drawing.mechanism.meshed:
+        assert link.part is not None
+        frame = drawing.layout.link[link.name]
+        if frame.group:
+            found[_format_group_name(drawing.layout.groups[frame.group])] = compute_weight(link.part, frame.placement)
+    return found
+
+
 def _format_group_name(group: Group) -> str:
+    if group.interface is not None:
+        return "{} at {}".format(*group.interface)
     return group.joint if group.joint is not None else "{} at {:g}".format(*group.station or ("", 0.0))
 
 

@@ -32,6 +32,7 @@ from flexinv.analysis.solution import Solution
 from flexinv.analysis.solve import solve
 from flexinv.files.load_cases import Case
 from flexinv.model.mechanism import WORLD, Mechanism
+from flexinv.parts.reductions import find_reduction
 
 # Of the largest torque: closure forces cancel at passive joints up to rounding, which conditions of up to 1e6 enlarge.
 ROUNDING = 1e-9
@@ -129,13 +130,17 @@ def apply_refinement(mechanism: Mechanism, finer: int) -> Mechanism:
     """Return the mechanism with beams meshed so many times as fine [-]: more order, or more elements where the order is 1."""
     if mechanism.is_rigid or finer == 1:
         return mechanism
-    linear = max(link.beam.order for link in mechanism.beams if link.beam is not None) == 1
+    linear = max((link.beam.order for link in mechanism.beams if link.beam is not None), default=0) == 1
     return mechanism.refined(elements=finer) if linear else mechanism.refined(order=finer)
 
 
 def describe_settings(mechanism: Mechanism, solution: Solution) -> dict[str, object]:
     """Return the settings of the run, and the solution's own checks."""
     meshes = {link.name: f"{b.elements} x order {b.order}" for link in mechanism.links if (b := link.beam) is not None}
+    for link in mechanism.meshed:
+        assert link.part is not None
+        reduced = find_reduction(link.part)
+        meshes[link.name] = f"{len(reduced.points)} nodes, {len(reduced.modal_mass)} shapes"
     marched = {"Newton iterations per step": float(solution.iterations.mean())} if meshes else {}
     closed = (
         {"largest effort left at passive joints [N m], [N]": compute_residual_effort(solution)}

@@ -15,6 +15,8 @@ from flexinv.files.load_cases import Case
 from flexinv.kinematics.mesh import Mesh, build
 from flexinv.kinematics.nodal_motion import NodalMotion, compute_rigid_motion
 from flexinv.model.mechanism import WORLD, Beam, Body, Mechanism, Placement, Section
+from flexinv.model.part import MeshedPart
+from flexinv.parts.reductions import find_reduction
 from flexinv.rigid.joint_torques import joint_torques
 
 SPRING = ("stiffness", "rest", "damping")
@@ -103,11 +105,34 @@ def _collect_lumps(mechanism: Mechanism) -> dict[str, list[tuple[float, Array, A
             name, place = carriers[link.name]
             if link.beam is not None:
                 name, place = _find_section(link.name, link.beam, body.station or 0.0, (name, place))
+            if link.part is not None and body.interface:
+                name, place = _find_interface(link.name, link.part, body.interface, (name, place))
             turned = _apply_placement(place, Placement(body.inertia.com, np.eye(3)))
             tensor = turned.rotation @ body.inertia.tensor @ turned.rotation.T
             second = move_inertia_to_origin(body.inertia.mass, turned.position, tensor)
             lumps.setdefault(name, []).append((body.inertia.mass, *second))
+        if link.part is not None:
+            name, place = carriers[link.name]
+            lumps.setdefault(name, []).append(_compute_part_weight(link.part, place))
+            for one in link.part.moved:
+                lumps.setdefault(f"{link.name} at {one.name}", []).append((0.0, np.zeros(3), np.zeros((3, 3))))
     return lumps
+
+
+def _compute_part_weight(part: MeshedPart, place: Placement) -> tuple[float, Array, Array]:
+    """Mass, first moment and inertia of an undeformed mesh about the origin of the frame that carries its link."""
+    reduced = find_reduction(part)
+    at = place.position + reduced.points @ place.rotation.T
+    weights = np.asarray(reduced.mass.sum(axis=0)).ravel()
+    second = at.T @ (reduced.mass @ at)
+    return float(weights.sum()), weights @ at, np.trace(second) * np.eye(3) - second
+
+
+def _find_interface(link: str, part: MeshedPart, name: str, carrier: tuple[str, Placement]) -> tuple[str, Placement]:
+    """The frame of an interface and the pose in it: its own, but at the root that of what carries the link."""
+    if name != part.root:
+        return f"{link} at {name}", Placement()
+    return carrier[0], _apply_placement(carrier[1], Placement(part.interface_of[name].origin))
 
 
 def _find_section(link: str, beam: Beam, station: float, carrier: tuple[str, Placement]) -> tuple[str, Placement]:
@@ -124,6 +149,9 @@ def find_carriers(mechanism: Mechanism) -> dict[str, tuple[str, Placement]]:
     for joint in mechanism.joints:
         name, place = carriers[joint.parent]
         beam = None if joint.parent == WORLD else mechanism.link_of[joint.parent].beam
+        part = None if joint.parent == WORLD else mechanism.link_of[joint.parent].part
+        if part is not None and joint.interface:
+            name, place = _find_interface(joint.parent, part, joint.interface, (name, place))
         if beam is not None and joint.station is not None:
             name, place = _find_section(joint.parent, beam, joint.station, (name, place))
         carriers[joint.child] = (
@@ -201,7 +229,8 @@ def _compute_moving_mass(mechanism: Mechanism) -> float:
     moving = _find_moving_links(mechanism)
     links = [link for link in mechanism.links if link.name in moving]
     bodies = sum(body.inertia.mass for link in links for body in link.bodies)
-    return bodies + sum(_integrate_beam_mass(link.beam) for link in links if link.beam is not None)
+    meshes = sum(float(find_reduction(link.part).mass.sum()) for link in links if link.part is not None)
+    return bodies + meshes + sum(_integrate_beam_mass(link.beam) for link in links if link.beam is not None)
 
 
 def _integrate_beam_mass(beam: Beam, power: int = 0) -> float:

@@ -25,7 +25,10 @@ MODELS = Path(__file__).resolve().parents[3] / "models"
 NAMES = sorted(path.parent.name for path in MODELS.glob("*/mechanism.toml"))
 SLOW = ("talos",)
 # What a format has no word for, by model: a word of the reason that the export gives.
-CANNOT = {"urdf": {"screw_lift": "helical"}, "mjcf": {"screw_lift": "ratio"}}
+CANNOT = {
+    "urdf": {"screw_lift": "helical", "meshed_arm": "meshes"},
+    "mjcf": {"screw_lift": "ratio", "meshed_arm": "meshes"},
+}
 
 
 def described(name: str) -> Description:

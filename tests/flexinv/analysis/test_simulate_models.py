@@ -50,6 +50,7 @@ WINDOWS = {
     "four_bar_flexible": Window(1e-4, 0.0, 0.1),
     "geared_four_bar": Window(2e-4, 0.0, 0.5),
     "kuka_kr300": Window(2e-4, 0.3, 0.2),
+    "meshed_arm": Window(1e-4, 0.1, 0.1),
     "panda": Window(2e-4, 0.3, 0.1),
     "quanser_2dsfl": Window(2e-4, 0.3, 0.3),
     "quanser_2dsfl_rigid": Window(2e-4, 0.3, 0.3),

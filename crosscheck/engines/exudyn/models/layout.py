@@ -23,6 +23,7 @@ from crosscheck.engines.exudyn.models.frames import (
     take_joint_q,
 )
 from flexinv.model.mechanism import WORLD, Attachment, Beam, Inertia, Joint, Mechanism, Placement
+from flexinv.model.part import MeshedPart
 
 # Fractions of a length that are closer are one cross-section: between them rounding would make an element of no length.
 SAME_STATION = 1e-9
@@ -41,6 +42,7 @@ class Group:
     """Links that move as one rigid body; group 0 is the world.
 
     joint : the moving joint that carries it; station : or the beam link and the fraction of its length
+    interface : or the meshed link and the name of its interface
     inertia : of all its bodies, in the group's frame; start : pose in the world at the first sample
     velocity, spin : of its origin [m/s] and its frame [rad/s], world, at the first sample, beams undeformed
     """
@@ -51,6 +53,7 @@ class Group:
     start: Placement
     velocity: Array = field(default_factory=lambda: np.zeros(3))
     spin: Array = field(default_factory=lambda: np.zeros(3))
+    interface: tuple[str, str] | None = None
 
 
 @dataclass(frozen=True)
@@ -60,6 +63,7 @@ class Layout:
     link : frame of every link; root : frame of the root section of every beam; joint : frame of every moving joint
     on its parent; stations : by beam link, the fractions [-] at which there must be a node, 0 and 1 included
     section : frame of the cross-section at a beam link's fraction [-], where something is fixed or jointed to it
+    interface : frame of every interface of every meshed link, by both names
     """
 
     groups: tuple[Group, ...]
@@ -68,6 +72,7 @@ class Layout:
     joint: dict[str, Frame]
     stations: dict[str, tuple[float, ...]]
     section: dict[tuple[str, float], Frame]
+    interface: dict[tuple[str, str], Frame] = field(default_factory=dict)
 
     def compute_start_pose(self, frame: Frame) -> Placement:
         """Return the pose of a frame in the world where the motion starts."""
@@ -88,10 +93,13 @@ class LayoutBuilder:
     root: dict[str, Frame] = field(default_factory=dict)
     joint: dict[str, Frame] = field(default_factory=dict)
     sections: dict[tuple[str, float], int] = field(default_factory=dict)
+    interfaces: dict[tuple[str, str], Frame] = field(default_factory=dict)
 
     def add_joint(self, joint: Joint, q: Array, qd: Array) -> None:
         """Add a joint whose parent is there, with its child and the bodies of it; q, qd : of all coordinates [rad], [m], [s]."""
         seat = self.find_carrier_frame(joint.parent, joint.station)
+        if joint.interface:
+            seat = self.interfaces[joint.parent, joint.interface]
         seat = Frame(seat.group, compose(seat.placement, joint.placement))
         if joint.nv:
             self.joint[joint.name] = seat
@@ -100,9 +108,27 @@ class LayoutBuilder:
         child = self.mechanism.link_of[joint.child]
         if child.beam is not None:
             self.root[joint.child] = Frame(seat.group, compose(seat.placement, child.beam.placement))
+        if child.part is not None:
+            self.add_interfaces(child.name, child.part, seat)
         for body in child.bodies:
             at = seat if child.beam is None else self.find_carrier_frame(child.name, body.station or 0.0)
+            if body.interface:
+                at = self.interfaces[child.name, body.interface]
             self.bodies[at.group].append((body.inertia, at.placement))
+
+    def add_interfaces(self, name: str, part: MeshedPart, link: Frame) -> None:
+        """Add a group for each interface of a meshed link but its root, which the link frame carries."""
+        for one in part.interfaces:
+            local = compose(link.placement, Placement(one.origin))
+            frame = Frame(link.group, local)
+            if one.name != part.root:
+                carrier = self.groups[link.group]
+                velocity, spin = _compute_frame_velocity(carrier, local)
+                start = compose(carrier.start, local)
+                frame = self._add_group(
+                    Group(None, None, Inertia(0.0), start, velocity, spin, interface=(name, one.name))
+                )
+            self.interfaces[name, one.name] = frame
 
     def find_carrier_frame(self, name: str, station: float | None) -> Frame:
         """Return the frame at a joint's seat: the parent link's own, or that of one of its sections; station : [-]."""
@@ -133,7 +159,7 @@ class LayoutBuilder:
             beam.name: tuple(sorted({0.0, 1.0, *(s for name, s in self.sections if name == beam.name)}))
             for beam in self.mechanism.beams
         }
-        return Layout(tuple(groups), self.link, self.root, self.joint, stations, section)
+        return Layout(tuple(groups), self.link, self.root, self.joint, stations, section, self.interfaces)
 
 
 def build_layout(mechanism: Mechanism, q: Array, qd: Array) -> Layout:
@@ -159,6 +185,8 @@ def resolve_station(station: float | None) -> float:
 def find_attachment_frame(layout: Layout, at: Attachment) -> Frame:
     """Return the frame of an attachment."""
     seat = layout.section.get((at.link, resolve_station(at.station)), layout.link[at.link])
+    if at.interface:
+        seat = layout.interface[at.link, at.interface]
     return Frame(seat.group, compose(seat.placement, at.placement))
 
 

@@ -105,6 +105,8 @@ def _describe_leaning_axis(
 
 def _describe_asymmetry(mechanism: Mechanism, layout: Layout, normal: Array) -> str | None:
     """Return the section or inertia that is not its own mirror image, in words, or None."""
+    if mechanism.meshed:
+        return f"{mechanism.meshed[0].name} is a mesh"
     for link in mechanism.beams:
         assert link.beam is not None
         local = layout.compute_start_pose(layout.root[link.name]).rotation.T @ normal  # (xyz of the section)

@@ -60,6 +60,8 @@ from crosscheck.engines.exudyn.models.frames import (
     take_joint_q,
 )
 from crosscheck.engines.exudyn.models.layout import Frame, Layout, Mesh, build_mesh
+from crosscheck.engines.exudyn.models.meshes import add_part
+from crosscheck.engines.exudyn.models.meshes import describe_refusal as describe_mesh_refusal
 from crosscheck.engines.exudyn.models.parts import (
     Model,
     Outcome,
@@ -69,6 +71,7 @@ from crosscheck.engines.exudyn.models.parts import (
     make_empty_model,
 )
 from flexinv.model.mechanism import WORLD, Beam, Closure, Joint, Mechanism, Placement
+from flexinv.model.part import MeshedPart
 
 OUT = exu.OutputVariableType
 MOMENT_SIGNS = np.array([-1.0, 1.0, 1.0])
@@ -112,7 +115,7 @@ def describe_refusal(mechanism: Mechanism) -> str | None:
     for link in mechanism.beams:
         if link.beam is not None and link.beam.curvature.any():
             return f"{link.name} is curved: both of Exudyn's beams in space are straight without stress"
-    return None
+    return describe_mesh_refusal(mechanism)
 
 
 def describe_damping_loss(mechanism: Mechanism) -> str | None:
@@ -141,6 +144,9 @@ def build(
     for link in mechanism.beams:
         assert link.beam is not None
         _add_beam(d, link.name, link.beam)
+    for link in mechanism.meshed:
+        assert link.part is not None
+        _add_mesh(d, link.name, link.part)
     for joint in mechanism.joints:
         if joint.nv:
             _add_joint(d, joint)
@@ -257,6 +263,19 @@ def _add_beam(drawing: Drawing, name: str, beam: Beam) -> None:
             _add_lock(
                 drawing, _add_marker(drawing, Frame(index, Placement())), nodes[cells.find_node(group.station[1])]
             )
+
+
+def _add_mesh(drawing: Drawing, name: str, part: MeshedPart) -> None:
+    """Add a meshed link in a floating frame, and lock its interfaces to the groups that go with them."""
+    mbs = drawing.model.mbs
+    link = drawing.layout.link[name]
+    carrier = drawing.layout.groups[link.group]
+    start = drawing.layout.compute_start_pose(link)
+    velocity = carrier.velocity + np.cross(carrier.spin, start.position - carrier.start.position)
+    markers = add_part(mbs, part, start, velocity, carrier.spin, drawing.mechanism.gravity)
+    for interface, marker in markers.items():
+        held = [_add_marker(drawing, drawing.layout.interface[name, interface]), marker]
+        mbs.AddObject(ObjectJointGeneric(markerNumbers=held, constrainedAxes=LOCKED))
 
 
 def _make_beam_node(drawing: Drawing, root: Frame, pose: Placement) -> Any:
