@@ -234,6 +234,15 @@ def torques() -> Iterator[Entrance]:
         "mechanism": slot("thing", strip), "motion": slot("thing", turn), "by": slot("text", "motion.hub[1]"),
         "step": slot("number", 2e-3), "spectral_radius": slot("number", 0.8),
     })  # fmt: skip
+    yield Entrance("optimize_motion", flexinv.optimize_motion, {
+        "mechanism": slot("thing", strip, "list"), "motion": slot("thing", turn), "aim": slot("text", "rms torque"),
+        "limits": slot("thing", flexinv.MotionLimits(torque={}, residual=0.1)), "step": slot("number", 2.0**-9),
+        "knots": slot("whole", 4),
+    })  # fmt: skip
+    yield Entrance(
+        "MotionLimits", flexinv.MotionLimits,
+        {"rate": optional("by joint", {"hub": 0.5}), "residual": optional("number", 0.25)},
+    )  # fmt: skip
     bent = flexinv.Controller.of(strip, step=1e-3)
     single = {name: slot("numbers", [x]) for name, x in zip(one, (1.8e-5, 6e-3, 1.0), strict=True)}
     yield Entrance("Controller.step", _steps(bent), single, 4.0)

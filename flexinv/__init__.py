@@ -32,6 +32,8 @@ if TYPE_CHECKING:
     from flexinv.model.make_shaper import make_shaper
     from flexinv.model.mechanism import Mechanism
     from flexinv.model.motion import Motion
+    from flexinv.optimal_motion.motion_limits import MotionLimits
+    from flexinv.optimal_motion.optimize_motion import OptimizedMotion, optimize_motion
     from flexinv.rigid.joint_torques import joint_torques
     from flexinv.rigid.prepare import TorqueFunction, prepare
     from flexinv.rigid.torque_derivatives import TorqueDerivatives, torque_derivatives
@@ -64,6 +66,7 @@ _NAMES = {
     "rigid.joint_torques": "joint_torques", "rigid.prepare": "TorqueFunction prepare",
     "rigid.torque_derivatives": "TorqueDerivatives torque_derivatives",
     "rigid.torque_regressor": "BaseParameters Regressor base_parameters torque_regressor",
+    "optimal_motion.motion_limits": "MotionLimits", "optimal_motion.optimize_motion": "OptimizedMotion optimize_motion",
     "sensitivity.differentiate": "Sensitivities differentiate", "sensitivity.parameters": "Parameter",
     "tracking.follow": "Following follow", "tracking.frame_path": "Path",
 }  # fmt: skip
@@ -73,13 +76,14 @@ __all__ = [
     "BaseParameters", "Batch", "Body", "Case", "Controller", "ConvergenceError", "ExportedLibrary", "FlexinvError",
     "Following", "Inertia",
     "InputError", "InputShaper",
-    "LimitUse", "LinearModel", "Load", "Mechanism", "ModelWarning", "Modes", "Motion", "Parameter", "Path", "Regressor",
+    "LimitUse", "LinearModel", "Load", "Mechanism", "ModelWarning", "Modes", "Motion", "MotionLimits",
+    "OptimizedMotion", "Parameter", "Path", "Regressor",
     "ResidualVibration", "Sensitivities", "ShapedMotion", "Solution", "SteadyModes",
     "TorqueDerivatives", "TorqueFunction", "TorqueSummary",
     "__version__", "base_parameters", "differentiate", "export_c", "export_fmu", "export_ros", "find_limits", "follow",
     "from_urdf", "joint_torques",
     "linear_model", "load_cases", "load_mechanism", "make_shaped_motion",
-    "make_shaper", "motor_side", "natural_modes", "prepare", "simulate", "solve",
+    "make_shaper", "motor_side", "natural_modes", "optimize_motion", "prepare", "simulate", "solve",
     "solve_in_parts", "solve_many", "statics", "steady_modes", "torque_derivatives", "torque_regressor",
     "torques", "write_torques",
 ]  # fmt: skip

@@ -22,6 +22,7 @@ COMMANDS = {
     "follow": ("simulate", "follow_task", "Compute the torques with which a tip follows a path."),
     "info": ("show", "info", "Show what a mechanism file (or a URDF) is."),
     "modes": ("show", "modes", "Show natural frequencies, at rest or in steady rotation."),
+    "optimize-motion": ("optimize_motion", "write_best_motion", "Find a shorter or quieter motion within limits."),
     "parameters": ("show", "parameters", "Show the base parameters of a rigid mechanism."),
     "simulate": ("simulate", "simulate_file", "Compute the motion that torques give."),
     "solve": ("solve", "solve", "Compute the torques for the motion of a case."),

@@ -137,9 +137,9 @@ def _check_end_of_motion(mechanism: Mechanism, free: Collection[str], qd: Array,
 
 
 def compute_amplitudes(modes: Modes, motion: NodalMotion) -> tuple[Array, Array]:
-    """Return a_i and b_i (samples, modes) [m kg^0.5] of stable modes, in which they would swing on from each sample.
+    """Return a_i and b_i (samples, modes) [m kg^0.5], with which stable modes would swing on from each sample.
 
-    They are linear in the rates and accelerations of the nodes, so that derivatives of these give theirs.
+    motion : of all nodes [m, rad, s]; a_i and b_i are linear in its rates and accelerations, whose derivatives give theirs.
     """
     squared = modes.squared.real
     rate = _compute_projection(modes, motion.v, motion.omega)

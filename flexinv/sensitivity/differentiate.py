@@ -109,9 +109,9 @@ class Sensitivities(ByValue):
         for name, ends in zip(self.parameters, self.ends_alike, strict=True):
             if not ends:
                 raise InputError(
-                    f"residual vibration by {name!r}: it changes how joints are at {self.solution.time[-1]:g} s, or the mechanism, "
-                    "and with that the modes; expected rows of the motion between its ends, or 'motion.duration' with an end "
-                    "behind the motion's own"
+                    f"residual vibration by {name!r}: it changes how joints are at {self.solution.time[-1]:g} s, or the "
+                    "mechanism, and with that the modes; expected rows of the motion between its ends, or "
+                    "'motion.duration' with an end behind the motion's own"
                 )
         vibration = self.solution.find_residual_vibration(free)
         cosine, sine = compute_amplitudes(vibration.modes, self.end)
@@ -266,7 +266,7 @@ class _Differentiation:
         tangents: StepTangents,
         out: TangentHistories,
     ) -> MarchStates:
-        """March the tangents along states at equal steps, and return these.  Raises ConvergenceError where an element turns too much."""
+        """March the tangents along states at equal steps, and return these.  Raises ConvergenceError."""
         states = build_march_states(self.system, nodes, joints, time)
         inputs = self._compute_inputs(nodes, joints, time)
         turns = build_turns(self.system, states)
@@ -364,7 +364,7 @@ class _Differentiation:
 
     def _assemble(self, out: TangentHistories, first: Array, end: NodalMotion) -> Sensitivities:
         """The result of the histories and of the slopes in the last sample."""
-        ends_alike = ~self._compute_given(self.solution.time[-1:]).any(axis=(0, 1, 2))
+        ends_alike: Mask = np.logical_not(self._compute_given(self.solution.time[-1:]).any(axis=(0, 1, 2)))
         ends_alike[self.changing] = False
         solution = self.solution
         mechanism = self.mechanism

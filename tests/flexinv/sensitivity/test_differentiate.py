@@ -219,3 +219,34 @@ def test_what_has_no_derivative_says_so(root):
     free = replace(arm, joints=tuple(replace(joint, kind="spherical") for joint in arm.joints))
     with pytest.raises(InputError, match="spherical"):
         flexinv.differentiate(free, motion, "gravity[2]", step=STEP)
+
+
+@pytest.mark.parametrize("by", ["motion.joint1[3]", "motion.joint2[4]", "motion.duration"])
+def test_derivatives_of_the_vibration_that_is_left_equal_differences(root, by):
+    mechanism = _load(root, "flex_two_link")
+    time = np.linspace(0.0, 0.2, 8)
+    way = (time / 0.2) ** 3 * (10.0 - 15.0 * time / 0.2 + 6.0 * (time / 0.2) ** 2)
+    motion = flexinv.Motion.from_samples(time, {"joint1": 0.5 * way, "joint2": way}, rest=True)
+    found = flexinv.differentiate(mechanism, motion, by, step=STEP, end=0.21).differentiate_residual_vibration()
+    (parameter,) = resolve_parameters(by, mechanism, motion)
+
+    def leave(change):
+        moved = parameter.build_setup(mechanism, motion, parameter.value + change)[1]
+        left = flexinv.solve(mechanism, moved, step=STEP, end=0.21).find_residual_vibration()
+        return np.concatenate([left.cosine, left.sine, [left.energy]])
+
+    change = 1e-4 * parameter.value
+    beside = {k: leave(k * change) for k in (-2, -1, 1, 2)}
+    differences = (8 * (beside[1] - beside[-1]) - (beside[2] - beside[-2])) / (12 * change)
+    slopes = np.concatenate([found.cosine[:, 0], found.sine[:, 0], found.energy])
+    for part in (slice(0, -1), slice(-1, None)):  # amplitudes, energy
+        # Differences of fourth order lose four digits to their change; END_CHANGE leaves as much out.
+        assert np.abs(slopes[part] - differences[part]).max() <= 1e-6 * np.abs(differences[part]).max()
+
+
+def test_vibration_has_no_derivative_by_what_changes_its_modes(root):
+    mechanism = _load(root, "flex_one_link_damped")
+    motion = _move(mechanism)
+    for by in ("links.link.beam.length", "motion.hub[1]"):
+        with pytest.raises(InputError, match="and with that the modes"):
+            flexinv.differentiate(mechanism, motion, by, step=STEP).differentiate_residual_vibration()

@@ -1,0 +1,265 @@
+"""Motion that is looked for, as a problem: what a choice of its rows and its duration does to torques, joints and vibration.
+
+Every joint follows a spline of fifth degree through its rows at equal times, at rest at both ends; the first and the last row are
+given, those between are what is chosen.  Values come with their slopes by these rows (`sensitivity.differentiate`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+import scipy  # its parts are loaded when they are asked for
+
+from flexinv.errors import InputError
+from flexinv.linearized.residual_vibration import ResidualVibration
+from flexinv.linearized.rest_position import compute_tip_displacements
+from flexinv.model.joint_kinds import KINDS
+from flexinv.model.mechanism import Mechanism
+from flexinv.model.motion import Motion
+from flexinv.optimal_motion.motion_limits import MotionLimits
+from flexinv.sensitivity.differentiate import Sensitivities, differentiate
+from flexinv.typing import Array, Triple
+
+USUAL_STEPS = 200  # of the motion, where none is stated
+FEWEST_STEPS = 10
+EQUILIBRIUM = "static"  # from rest to rest: a mechanism that bends begins in equilibrium
+AFTER = 2  # steps for which the joints rest at the end, where the vibration is taken that is left
+PLACES_PER_KNOT = 16  # at which rates, accelerations and jerks of a joint are looked at
+RESTING = 1e-6  # of its largest: a rate or an acceleration that is smaller is none
+SMALLEST_SPAN = 0.2  # of the longest way: joints that stay or nearly stay are moved by parts of it
+
+
+@dataclass(frozen=True)
+class MotionTrial:
+    """Values of a motion, each with its slopes by the variables in a last axis.
+
+    bounded : (rows,) values over their limits, whose size is at most 1
+    effort : (efforts,) all torques over the largest one of their drive in the given motion
+    amplitude : (amplitudes,) of the modes that go on: how far each moves the tip that it moves most [m]
+    reach : (tips, amplitudes) parts of that by which it moves each tip [-]
+    rms, work : torques' root mean square over those of the given motion; positive work of the drives [J]
+    """
+
+    motion: Motion
+    bounded: Array
+    bounded_slope: Array
+    effort: Array
+    effort_slope: Array
+    amplitude: Array
+    amplitude_slope: Array
+    reach: Array
+    rms: float
+    rms_slope: Array
+    work: float
+    work_slope: Array
+
+    @property
+    def residual(self) -> float:
+        """Largest distance of a tip from its rest place after the end, all modes at their largest together [m]."""
+        return float((self.reach @ np.abs(self.amplitude)).max(initial=0.0))
+
+
+class MotionProblem:
+    """Choice of a motion between given ends, and the limits it is held against.
+
+    joints : that move; span : (joints,) by which a variable of 1 moves a row [rad], [m]; place : (rows,) times of the rows,
+    of the duration; steps : of a march
+    """
+
+    def __init__(
+        self, mechanisms: Sequence[Mechanism], motion: Motion, limits: MotionLimits, knots: int, step: float | None
+    ) -> None:  # fmt: skip
+        """Prepare the problem; raises InputError for joints of more than one coordinate and motions without rest."""
+        self.mechanisms = tuple(mechanisms)
+        self.limits = limits
+        self.duration = find_last_move(motion)
+        self.steps = USUAL_STEPS if step is None else max(int(np.ceil(self.duration / step - 1e-9)), FEWEST_STEPS)
+        self.place = np.linspace(0.0, 1.0, knots + 2)
+        first = self.mechanisms[0]
+        self.joints = _list_moving_joints(first, motion)
+        self.rows = _sample_rows(first, motion, self.joints, self.place * self.duration)
+        way = np.abs(self.rows[-1] - self.rows[0])
+        if not way.max(initial=0.0) > 0.0:
+            raise InputError("motion: no joint moves from its start to its end; expected one that does")
+        self.span = np.maximum(way, SMALLEST_SPAN * way.max())
+        self.names = [f"motion.{joint}[{row}]" for row in range(1, knots + 1) for joint in self.joints]
+        self.unit = np.tile(self.span, knots)
+
+    @property
+    def start(self) -> Array:
+        """(variables,) of the given motion [-]."""
+        return np.asarray((self.rows[1:-1] / self.span).ravel())
+
+    def make_motion(self, variables: Array, duration: float) -> Motion:
+        """Return the motion of some variables (variables,) [-] that takes a time [s]."""
+        rows = self.rows.copy()
+        rows[1:-1] = variables.reshape(-1, len(self.joints)) * self.span
+        columns = dict(zip(self.joints, rows.T, strict=True))
+        return Motion.from_samples(self.place * duration, columns, rest=True)
+
+    def evaluate(self, variables: Array, duration: float, given: MotionSizes) -> MotionTrial:
+        """Return values and slopes of the motion of some variables (variables,) [-] and of a duration [s].
+
+        Raises ConvergenceError where it cannot be marched.
+        """
+        motion = self.make_motion(variables, duration)
+        step = duration / self.steps
+        found = [
+            differentiate(
+                mechanism, motion, self.names, step=step, end=(self.steps + AFTER) * step, initial=EQUILIBRIUM
+            )
+            for mechanism in self.mechanisms
+        ]
+        effort = np.concatenate([one.solution.torque / given.peak for one in found])
+        effort_slope = np.concatenate([one.torque * self.unit / given.peak[:, None] for one in found])
+        bounded, bounded_slope = self._collect_bounded(variables, duration, (effort, effort_slope), given)
+        amplitude, amplitude_slope, reach = self._collect_residual(found)
+        rms = float(np.sqrt((effort**2).sum(axis=1).mean()))
+        works = [self._compute_work(one) for one in found]
+        worst = int(np.argmax([work for work, _ in works]))
+        return MotionTrial(
+            motion=motion,
+            bounded=bounded,
+            bounded_slope=bounded_slope,
+            effort=effort.ravel(),
+            effort_slope=effort_slope.reshape(-1, len(variables)),
+            amplitude=amplitude + given.correction,
+            amplitude_slope=amplitude_slope,
+            reach=reach,
+            rms=rms,
+            rms_slope=np.einsum("kd,kdv->v", effort, effort_slope) / (len(effort) * max(rms, 1e-300)),
+            work=works[worst][0],
+            work_slope=works[worst][1],
+        )
+
+    def _collect_bounded(
+        self, variables: Array, duration: float, efforts: tuple[Array, Array], given: MotionSizes
+    ) -> tuple[Array, Array]:
+        """Torques and what joints do, over their limits, with slopes."""
+        effort, slope = efforts
+        values = []
+        slopes = []
+        for column, joint in enumerate(given.drives):
+            limit = (self.limits.torque or {}).get(joint)
+            if limit is not None:
+                part = given.peak[column] / limit
+                values.append(part * effort[:, column])
+                slopes.append(part * slope[:, column])
+        rows = self.rows.copy()
+        rows[1:-1] = variables.reshape(-1, len(self.joints)) * self.span
+        for order, name in enumerate(("rate", "acceleration", "jerk"), start=1):
+            for column, joint in enumerate(self.joints):
+                limit = getattr(self.limits, name).get(joint)
+                if limit is None:
+                    continue
+                shape = self._shapes[order - 1] / (limit * duration**order)
+                values.append(shape @ rows[:, column])
+                slope_of_joint = np.zeros((len(shape), len(self.place) - 2, len(self.joints)))
+                slope_of_joint[:, :, column] = shape[:, 1:-1] * self.span[column]
+                slopes.append(slope_of_joint.reshape(len(shape), -1))
+        if not values:
+            return np.zeros(0), np.zeros((0, len(variables)))
+        return np.concatenate(values), np.concatenate(slopes)
+
+    @cached_property
+    def _shapes(self) -> Triple:
+        """Derivatives (places, rows) of the spline by its parts, at equal places, for a duration of 1."""
+        count = PLACES_PER_KNOT * (len(self.place) - 1) + 1
+        at = np.linspace(0.0, 1.0, count)
+        ends = [(order, np.zeros(len(self.place))) for order in (1, 2)]
+        spline = scipy.interpolate.make_interp_spline(self.place, np.eye(len(self.place)), k=5, bc_type=(ends, ends))
+        return spline(at, 1), spline(at, 2), spline(at, 3)
+
+    def _collect_residual(self, found: Sequence[Sensitivities]) -> Triple:
+        """Amplitudes of all modes of all mechanisms, their slopes, and how far each moves each tip [m]."""
+        bending = [one.differentiate_residual_vibration() for one in found if not one.solution.mechanism.is_rigid]
+        if not bending:
+            return np.zeros(0), np.zeros((0, len(self.unit))), np.zeros((0, 0))
+        amplitude, reach = collect_amplitudes([one.vibration for one in bending])
+        most = np.concatenate([np.tile(compute_tip_reach(one.vibration).max(axis=0), 2) for one in bending])
+        slope = np.concatenate([part for one in bending for part in (one.cosine, one.sine)])
+        return amplitude, most[:, None] * slope * self.unit, reach
+
+    def _compute_work(self, one: Sensitivities) -> tuple[float, Array]:
+        """Work that the drives put in [J], without what they take out, and its slopes."""
+        solution = one.solution
+        columns = np.flatnonzero(solution.mechanism.actuated)
+        rate = solution.qd[:, columns]
+        power = solution.torque * rate
+        positive = (power > 0.0)[:, :, None]
+        slope = np.where(positive, one.torque * rate[:, :, None], 0.0) * self.unit
+        rates = np.stack([np.gradient(one.q[:, column], solution.time, axis=0) for column in columns], axis=1)
+        slope += np.where(positive, rates * solution.torque[:, :, None], 0.0) * self.unit
+        work = np.trapezoid(np.maximum(power, 0.0).sum(axis=1), solution.time)
+        return float(work), np.trapezoid(slope.sum(axis=1), solution.time, axis=0)
+
+
+@dataclass(frozen=True)
+class MotionSizes:
+    """Sizes of the given motion, against which others are measured.
+
+    drives : joints with a drive; peak : (drives,) largest torques [N m], [N]; residual : [m]; rms : [-]; work : [J]
+    correction : (amplitudes,) of the modes that go on [m]: what finer marches of a motion near by add to those of the search
+    """
+
+    drives: tuple[str, ...]
+    peak: Array
+    residual: float = 0.0
+    rms: float = 1.0
+    work: float = 0.0
+    correction: Array | float = 0.0
+
+
+def collect_amplitudes(vibrations: Sequence[ResidualVibration]) -> tuple[Array, Array]:
+    """Return the amplitudes of all modes, cosine and sine apart (amplitudes,) [m], and their parts (tips, amplitudes)."""
+    shapes = [np.tile(compute_tip_reach(one), 2) for one in vibrations]
+    amplitude = [
+        np.concatenate([one.cosine, one.sine]) * shape.max(axis=0)
+        for one, shape in zip(vibrations, shapes, strict=True)
+    ]
+    parts = [shape / np.maximum(shape.max(axis=0), np.finfo(float).tiny) for shape in shapes]
+    return np.concatenate(amplitude), np.asarray(scipy.linalg.block_diag(*parts))
+
+
+def compute_tip_reach(vibration: ResidualVibration) -> Array:
+    """Return by how much each mode with an amplitude of 1 m kg^0.5 moves each link's tip (tips, modes) [m]."""
+    modes = vibration.modes
+    motions = np.concatenate([modes.displacement, modes.rotation], axis=-1).real
+    shapes = compute_tip_displacements(modes.mesh, motions, modes.orientation)
+    return np.stack([np.linalg.norm(shape, axis=1) for shape in shapes.values()])
+
+
+def find_last_move(motion: Motion) -> float:
+    """Return the time at which the last joint comes to rest [s]."""
+    shaped = (track.shaper.duration if track.shaper is not None else 0.0 for track in motion.tracks)
+    return max(track.delay + track.move + later for track, later in zip(motion.tracks, shaped, strict=True))
+
+
+def _list_moving_joints(mechanism: Mechanism, motion: Motion) -> tuple[str, ...]:
+    """Joints with a motion; InputError for those with more than one coordinate."""
+    joints = motion.joints(mechanism)
+    for name in joints:
+        if not KINDS[mechanism.joint_of[name].kind].scalar or KINDS[mechanism.joint_of[name].kind].circle:
+            raise InputError(
+                f"optimize_motion: joint '{name}' is {mechanism.joint_of[name].kind}; expected joints with one coordinate "
+                "(revolute, prismatic)"
+            )
+    return joints
+
+
+def _sample_rows(mechanism: Mechanism, motion: Motion, joints: Sequence[str], time: Array) -> Array:
+    """Places (rows, joints) [rad], [m] at some times; InputError unless they are at rest at both ends."""
+    q, qd, qdd = motion.evaluate(mechanism, time)
+    for name in joints:
+        column = mechanism.v_slices[name]
+        for values, word in ((qd[:, column], "moves"), (qdd[:, column], "accelerates")):
+            size = np.abs(values).max(axis=1)
+            if max(size[0], size[-1]) > RESTING * size.max(initial=0.0) and word == "moves":
+                where = "start" if size[0] > size[-1] else "end"
+                raise InputError(
+                    f"optimize_motion: joint '{name}' {word} at the {where} of the motion; expected one from rest to rest"
+                )
+    return np.stack([q[:, mechanism.q_slices[name]][:, 0] for name in joints], axis=1)
