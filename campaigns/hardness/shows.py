@@ -45,7 +45,7 @@ def show_fuzz(scale: float) -> Iterator[str]:
     """Yield lines about 1e6 calls by lot of all functions, the C layer under the address and behaviour sanitizers [-]."""
     for machine in (RIGID_ARM, *MACHINES):
         with open_library(machine) as library:
-            program = _compile_fuzz(library, NATIVE)
+            program = compile_fuzz(library, NATIVE)
             calls = int(scale * CALLS)
             answers = [line.split() for line in run_command([program, library.motion, calls, 1]).splitlines()]
             functions = {one[0] for one in answers}
@@ -59,7 +59,7 @@ def show_valgrind(scale: float) -> Iterator[str]:
     steps, calls = int(max(scale, 0.1) * CHECKED_STEPS), int(max(scale, 0.1) * CHECKED_CALLS)
     for machine in (RIGID_ARM, *MACHINES):
         with open_library(machine, (VALGRIND_TARGET,)) as library:
-            fuzz = _compile_fuzz(library, VALGRIND_TARGET, sanitized=False)
+            fuzz = compile_fuzz(library, VALGRIND_TARGET, sanitized=False)
             program = library.compile("steps.c", VALGRIND_TARGET, ("-g",))
             memcheck = ["valgrind", "-q", "--tool=memcheck", "--error-exitcode=9"]
             run_command([*memcheck, "--leak-check=full", fuzz, library.motion, calls, 1])
@@ -68,8 +68,8 @@ def show_valgrind(scale: float) -> Iterator[str]:
             yield f"{machine.title}: memcheck ({calls} calls, 4 x {steps} steps) and helgrind (2 threads x {steps} steps) clean"
 
 
-def _compile_fuzz(library: Library, target: str, sanitized: bool = True) -> Path:
-    """The fuzz program, with the library's own checks as source under the sanitizers, or as they stand in the library."""
+def compile_fuzz(library: Library, target: str, sanitized: bool = True) -> Path:
+    """Return the fuzz program [-], with a library's own checks as source under the sanitizers, or as they stand in it."""
     text = Template((HERE / "fuzz.c").read_text(encoding="utf-8")).safe_substitute(statuses=len(STATUSES))
     (library.folder / "fuzz.c").write_text(text, encoding="utf-8")
     (library.folder / "calls.h").write_text(write_calls(library), encoding="utf-8")
