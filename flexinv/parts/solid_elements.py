@@ -60,23 +60,37 @@ class CellRule(NamedTuple):
     weight: Array
 
 
+def _list_places(kind: str) -> Array:
+    """Places of a kind's nodes on its reference cell (nodes, 3)."""
+    return np.array([[0.5 if digit == "h" else float(digit) for digit in word] for word in NODE_PLACES[kind].split()])
+
+
+def _evaluate_shapes(kind: str, at: Array) -> tuple[Array, Array]:
+    """Shape functions (points, nodes) and slopes (points, nodes, 3) at places (3, points), the nodes in VTK's order."""
+    import skfem
+
+    element = getattr(skfem, RULES[kind][0])()
+    apart = np.abs(_list_places(kind)[:, None] - np.asarray(element.doflocs)[None]).sum(axis=2)
+    values = [element.lbasis(at, int(k)) for k in apart.argmin(axis=1)]  # of each node among scikit-fem's
+    shape = np.array([value for value, _ in values]).T
+    slope = np.array([np.broadcast_to(gradient, (3, at.shape[1])) for _, gradient in values])
+    return shape, slope.transpose(2, 0, 1)
+
+
+@lru_cache
+def build_node_slopes(kind: str) -> Array:
+    """Return slopes of the shape functions at the nodes of a kind of cell, (places, nodes, 3) [-]."""
+    return _evaluate_shapes(kind, _list_places(kind).T)[1]
+
+
 @lru_cache
 def build_rules(kind: str) -> tuple[CellRule, CellRule]:
     """Return the rules for stiffness and for mass of a kind of cell, its nodes in VTK's order [-]."""
-    import skfem
-
-    element_name, cell_name, *orders = RULES[kind]
-    element = getattr(skfem, element_name)()
-    places = np.array([[0.5 if digit == "h" else float(digit) for digit in word] for word in NODE_PLACES[kind].split()])
-    apart = np.abs(places[:, None] - np.asarray(element.doflocs)[None]).sum(axis=2)
-    number = apart.argmin(axis=1)  # of each node among scikit-fem's
+    _, cell_name, *orders = RULES[kind]
     rules = []
     for order in orders:
         at, weight = _build_points(cell_name, order)
-        values = [element.lbasis(at, int(k)) for k in number]
-        shape = np.array([value for value, _ in values]).T  # (point, node)
-        slope = np.array([gradient for _, gradient in values]).transpose(2, 0, 1)  # (point, node, xyz)
-        rules.append(CellRule(shape, slope, weight))
+        rules.append(CellRule(*_evaluate_shapes(kind, at), weight))
     return rules[0], rules[1]
 
 
@@ -138,7 +152,7 @@ def _compute_cell_matrices(part: MeshedPart, cells: Cells, nodes: NDArray[np.int
     for slope, weight in zip(for_stiffness.slope, for_stiffness.weight, strict=True):
         jacobian = _compute_jacobians(part, cells, at, slope, first)
         gradient = np.linalg.solve(jacobian, np.broadcast_to(slope.T, (len(nodes), 3, count)))  # (cell, xyz, node)
-        strain = _compute_strain_matrices(gradient)
+        strain = compute_strain_matrices(gradient)
         scaled = weight * np.linalg.det(jacobian)[:, None, None] * cells.material.stiffness
         stiffness += strain.transpose(0, 2, 1) @ (scaled @ strain)
     mass = np.zeros((len(nodes), count, count))
@@ -167,8 +181,8 @@ def _compute_jacobians(part: MeshedPart, cells: Cells, at: Array, slope: Array, 
     return np.asarray(jacobian)
 
 
-def _compute_strain_matrices(gradient: Array) -> Array:
-    """B (cells, 6, 3 n) [1/m]: strains xx, yy, zz, yz, xz, xy by displacements, from slopes (cells, 3, n)."""
+def compute_strain_matrices(gradient: Array) -> Array:
+    """Return B (cells, 6, 3 n) [1/m]: strains xx, yy, zz, yz, xz, xy by displacements, from slopes (cells, 3, n) [1/m]."""
     cells, _, count = gradient.shape
     out = np.zeros((cells, 6, count, 3))
     for row, (i, j) in enumerate(((0, 0), (1, 1), (2, 2), (1, 2), (0, 2), (0, 1))):

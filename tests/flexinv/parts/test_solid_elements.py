@@ -8,7 +8,9 @@ from part_examples import ALUMINIUM, make_block, make_part
 
 from flexinv.errors import InputError
 from flexinv.model.part import CELL_KINDS, Cells, Material, MeshedPart
+from flexinv.parts.craig_bampton import Reduction
 from flexinv.parts.part_matrices import build_part_matrices, build_rigid_motions
+from flexinv.parts.part_stress import compute_stress_shapes, compute_von_mises
 from flexinv.parts.solid_elements import assemble_cells
 from flexinv.typing import Array
 
@@ -127,3 +129,24 @@ def test_nodes_that_no_cell_uses_are_left_out() -> None:
     part = make_distorted("hexahedron")
     more = MeshedPart(np.vstack([part.points, [[9.0, 9.0, 9.0]]]), part.cells, part.interfaces, "hub", "tip")
     assert len(build_part_matrices(more).points) == len(part.points)
+
+
+@pytest.mark.parametrize("kind", CELL_KINDS)
+def test_stress_of_a_constant_strain(kind: str) -> None:
+    """Every node has the stress of the law; von Mises of pure shear is the root of three times it, of pressure nothing."""
+    part = make_distorted(kind)
+    slope = np.array([[1e-3, 2e-4, 0], [-3e-4, 5e-4, 1e-4], [4e-4, 0, -6e-4]])
+    found = build_part_matrices(part)
+    none = np.zeros((len(found.points), 3, 0, 0))
+    shape = (found.points @ slope.T)[:, :, None]
+    reduced = Reduction(
+        found.points, found.used, found.mass, shape, *2 * [np.ones(1)], *2 * [np.zeros((1, 3, 1))], np.zeros(0), np.inf,
+        none, *2 * [np.zeros((1, 3, 0, 0))],
+    )  # fmt: skip
+    both = slope + slope.T
+    strain = np.array([*np.diag(slope), both[1, 2], both[0, 2], both[0, 1]])
+    exact = ALUMINIUM.stiffness @ strain
+    stress = compute_stress_shapes(part, reduced)[:, :, 0]
+    assert np.abs(stress - exact).max() < 1e-10 * np.abs(exact).max()
+    assert compute_von_mises(np.array([0, 0, 0, 0, 0, 2.0])[:, None])[0] == pytest.approx(2 * np.sqrt(3))
+    assert compute_von_mises(np.array([5.0, 5.0, 5.0, 0, 0, 0])[:, None])[0] == pytest.approx(0.0, abs=1e-12)
