@@ -82,6 +82,7 @@ ALONE = {
     "flexinv.export.rigid.placing": "poses and wrenches, a kernel of their own",
     "flexinv.export.rigid.closed_samples": "motions that keep loops, apart from what is told of a library",
     "flexinv.export.flexible.rest_plan": "a start of its own, which not every library has",
+    "crosscheck.linting.parts": "meshes of links, which need their matrices; lint itself looks at files",
     "flexinv.parts.node_order": "an order of elimination, graph alone, apart from what is eliminated",
     "flexinv.kernels.compiler.kernel_compiler": "Numba's compiler; keeping what it makes on the disk is another matter",
     "flexinv.kernels.compiler.arrays": "private parts of Numba for threads, apart from those for records",

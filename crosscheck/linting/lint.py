@@ -18,6 +18,7 @@ from crosscheck.findings.statements import LinkStatements, Mounting
 from crosscheck.lifting.description import Description
 from crosscheck.lifting.rigid import join_bodies
 from crosscheck.linting.numbers import check_broken_lines
+from crosscheck.linting.parts import check_parts
 from crosscheck.linting.urdf import check_urdf
 from flexinv.errors import InputError
 from flexinv.files.from_urdf import list_xml_repairs, read_xml
@@ -86,7 +87,8 @@ def lint(source: Any, strict: bool = False, meshes: bool = True) -> LintReport:
         return LintReport(path.name, _join_findings(found), strict)
     description = describe(source)
     repaired = _check_xml(path) if path is not None and os.path.isfile(path) and is_xml(path) else []
-    return LintReport(description.label, _join_findings([*repaired, *check_machine(description)]), strict)
+    found = [*repaired, *check_machine(description), *check_parts(description.mechanism)]
+    return LintReport(description.label, _join_findings(found), strict)
 
 
 def check_sources(
