@@ -45,8 +45,9 @@ def check_rigid(mechanism: Mechanism) -> None:
     """Raise InputError for a mechanism with beams, or with closures that act for a while: no time is known here."""
     if not mechanism.is_rigid:
         names = ", ".join(link.name for link in mechanism.flexible)
+        kind = "links that bend" if mechanism.meshed else "beam links"
         raise InputError(
-            f"joint_torques: mechanism '{mechanism.name}' has links that bend ({names}), whose deformation depends on the "
+            f"joint_torques: mechanism '{mechanism.name}' has {kind} ({names}), whose deformation depends on the "
             "history of the motion; write flexinv.solve(mechanism, motion, step=...) instead"
         )
     switched = [c.name for c in mechanism.closures if c.active or c.capture]
