@@ -231,16 +231,16 @@ def torques() -> Iterator[Entrance]:
         "thing", lambda value: strip
     )})  # fmt: skip
     yield Entrance("differentiate", flexinv.differentiate, {
-        "mechanism": slot("thing", strip), "motion": slot("thing", turn), "by": slot("text", "motion.hub[1]"),
+        "mechanism": slot("thing", strip), "motion": slot("thing", turn), "by": slot("text", "motion.hub[1]", "list"),
         "step": slot("number", 2e-3), "spectral_radius": slot("number", 0.8),
     })  # fmt: skip
     yield Entrance("optimize_motion", flexinv.optimize_motion, {
         "mechanism": slot("thing", strip, "list"), "motion": slot("thing", turn), "aim": slot("text", "rms torque"),
-        "limits": slot("thing", flexinv.MotionLimits(torque={}, residual=0.1)), "step": slot("number", 2.0**-9),
+        "limits": slot("thing", flexinv.MotionLimits(torque={}, residual=0.1)), "step": optional("number", 2.0**-9),
         "knots": slot("whole", 4),
     })  # fmt: skip
     yield Entrance(
-        "MotionLimits", flexinv.MotionLimits,
+        "MotionLimits", lambda **given: _limit(strip, **given),
         {"rate": optional("by joint", {"hub": 0.5}), "residual": optional("number", 0.25)},
     )  # fmt: skip
     bent = flexinv.Controller.of(strip, step=1e-3)
@@ -254,6 +254,13 @@ def torques() -> Iterator[Entrance]:
     yield Entrance("Controller.of", lambda **given: flexinv.Controller.of(**given).mechanism, {
         "mechanism": slot("thing", arm), "step": optional("number", 0.25), "spectral_radius": slot("number", 0.5),
     }, 0.3)  # fmt: skip
+
+
+def _limit(mechanism: flexinv.Mechanism, **given: Any) -> flexinv.MotionLimits:
+    """Limits whose joints are those of a mechanism."""
+    limits = flexinv.MotionLimits(**given)
+    limits.check_joints(mechanism)
+    return limits
 
 
 def _steps(controller: Any) -> Call:
@@ -318,7 +325,7 @@ def verbs() -> Iterator[Entrance]:
     shaping = {"kind": slot("choice", "ZVD"), "vibration": slot("number", 0.25)}
     frequency = slot("numbers", [2.0, 5.0])
     yield Entrance(
-        "make_shaper", flexinv.make_shaper, {**shaping, "frequency": frequency, "ratio": slot("number", 0.125)}
+        "make_shaper", flexinv.make_shaper, {**shaping, "frequency": frequency, "ratio": slot("numbers", [0.125, 0.25])}
     )
     yield Entrance(
         "InputShaper",

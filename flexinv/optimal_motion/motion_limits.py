@@ -11,7 +11,7 @@ from flexinv.errors import InputError
 from flexinv.model.by_value import ByValue
 from flexinv.model.joint_kinds import KINDS
 from flexinv.model.mechanism import Mechanism
-from flexinv.validation import check_mapping, check_number, find_nearest_word
+from flexinv.validation import check_mapping, check_names, check_number, find_nearest_word
 
 LIMITED_BY_JOINT = ("torque", "rate", "acceleration", "jerk")
 
@@ -38,6 +38,7 @@ class MotionLimits(ByValue):
             if getattr(self, name) is None and name == "torque":
                 continue
             table = check_mapping(name, getattr(self, name), "a table of joints and their limits", "{'joint': 1.0}")
+            check_names(name, list(table), "joints")
             checked = {
                 str(joint): _check_positive(f"{name} of joint {joint!r}", value) for joint, value in table.items()
             }

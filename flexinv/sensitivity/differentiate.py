@@ -60,6 +60,7 @@ from flexinv.sensitivity.tangent_kernel import (
     integrate_tangents,
 )
 from flexinv.typing import Array, Mask, Triple
+from flexinv.validation import check_kind
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -147,6 +148,8 @@ def differentiate(
     Raises InputError as `solve`, for parameters that are none, closures, springs between points, joints without one number for
     each coordinate, and accelerations that jump after the start; ConvergenceError as `solve`.
     """
+    check_kind("mechanism", mechanism, Mechanism)
+    check_kind("motion", motion, Motion)
     parameters = resolve_parameters(by, mechanism, motion)
     _check_mechanism(mechanism)
     solution = solve(

@@ -60,8 +60,8 @@ class Parameter:
         """Raise InputError for a name that is no text, a value that is no number [any unit], and what is no function."""
         if not isinstance(self.name, str) or not self.name:
             refuse("name", self.name, "a text that names the parameter", "'payload'")
-        check_number("value", self.value, "a finite number")
-        if not callable(self.make):
+        object.__setattr__(self, "value", check_number("value", self.value, "a finite number"))
+        if isinstance(self.make, type) or not callable(self.make):
             refuse("make", self.make, "a function of the value that returns a Mechanism, a Motion or a tuple of both")
 
     def build_setup(self, mechanism: Mechanism, motion: Motion, value: float) -> VariedSetup:
