@@ -33,7 +33,8 @@ if TYPE_CHECKING:
     from flexinv.model.mechanism import Mechanism
     from flexinv.model.motion import Motion
     from flexinv.optimal_motion.motion_limits import MotionLimits
-    from flexinv.optimal_motion.optimize_motion import OptimizedMotion, optimize_motion
+    from flexinv.optimal_motion.optimize_motion import optimize_motion
+    from flexinv.optimal_motion.optimized_motion import OptimizedMotion
     from flexinv.rigid.joint_torques import joint_torques
     from flexinv.rigid.prepare import TorqueFunction, prepare
     from flexinv.rigid.torque_derivatives import TorqueDerivatives, torque_derivatives
@@ -66,7 +67,8 @@ _NAMES = {
     "rigid.joint_torques": "joint_torques", "rigid.prepare": "TorqueFunction prepare",
     "rigid.torque_derivatives": "TorqueDerivatives torque_derivatives",
     "rigid.torque_regressor": "BaseParameters Regressor base_parameters torque_regressor",
-    "optimal_motion.motion_limits": "MotionLimits", "optimal_motion.optimize_motion": "OptimizedMotion optimize_motion",
+    "optimal_motion.motion_limits": "MotionLimits", "optimal_motion.optimize_motion": "optimize_motion",
+    "optimal_motion.optimized_motion": "OptimizedMotion",
     "sensitivity.differentiate": "Sensitivities differentiate", "sensitivity.parameters": "Parameter",
     "tracking.follow": "Following follow", "tracking.frame_path": "Path",
 }  # fmt: skip

@@ -78,6 +78,7 @@ ALONE = {
     "crosscheck.studies.robot_sweep": "states and torques of many robots, which the benchmarks take, too",
     "crosscheck.causes.quantity_causes": "what no effort shows, a question of its own",
     "crosscheck.causes.repair": "full runs that prove a cause, apart from the words of a diagnosis",
+    "flexinv.optimal_motion.motion_figure": "figures, which are loaded when one is drawn",
     "flexinv.dynamics.idle_joints": "it needs the linearisation and the start, which need the solver that asks it",
     "flexinv.export.rigid.placing": "poses and wrenches, a kernel of their own",
     "flexinv.export.rigid.closed_samples": "motions that keep loops, apart from what is told of a library",

@@ -1,6 +1,7 @@
 """Draw the README's pictures from real runs.
 
-``python docs/figures/make_figures.py`` writes arms.png and feed_forward.png beside itself (torques replayed in Exudyn).
+``python docs/figures/make_figures.py`` writes arms.png, feed_forward.png (torques replayed in Exudyn) and optimal_motion.png
+beside itself.
 With the results of ``crosscheck bench`` it writes time_error.png and latency.png instead:
 ``python docs/figures/make_figures.py reports/bench/results.json`` (several files: all of them).  With the word ``library`` it
 measures exported libraries beside controllers, and writes latency_c.png.
@@ -245,6 +246,14 @@ def library_latency(steps: int = 100_000) -> Figure:
     return figure
 
 
+def shortest() -> Figure:
+    """The paper's example 4 and the shortest motion with its torques, both beyond their ends."""
+    arm = flexinv.load_mechanism(ROOT / "models" / "flex_two_link")
+    figure = flexinv.optimize_motion(arm, replace(TWO, duration=0.2), knots=10).plot()
+    figure.set_size_inches(7.0, 11.0)
+    return figure
+
+
 def save(figure: Figure, name: str) -> None:
     """Write a picture, and the numbers of its curves with seven digits beside it."""
     file = Path(__file__).with_name(name)
@@ -273,3 +282,4 @@ if __name__ == "__main__":
     else:
         save(draw(), "arms")
         save(feed_forward(), "feed_forward")
+        save(shortest(), "optimal_motion")

@@ -8,7 +8,7 @@ from pathlib import Path
 import click
 
 from flexinv.cli.choose_case import choose, resolve_model_folder
-from flexinv.cli.output import FILE, MODEL, OVERWRITE, check_outputs, parse_by_joint, write, write_table
+from flexinv.cli.output import FILE, MODEL, OVERWRITE, check_outputs, check_plot, parse_by_joint, write, write_table
 from flexinv.errors import InputError
 from flexinv.files.load_cases import load_cases
 from flexinv.files.load_mechanism import load_mechanism
@@ -42,11 +42,14 @@ JOINT_LIMIT = "a joint and its limit, for example hub=2.0"
     "--knots", type=click.IntRange(1), default=10, show_default=True, help="Places of each joint that are chosen."
 )
 @click.option("--out", type=FILE, help="Write time, joint motion, torques and tips of the motion that was found.")
+@click.option(
+    "--plot", type=FILE, help="Draw both motions, their torques, and the tip beyond the end (.png, .svg or .pdf)."
+)
 @OVERWRITE
 def write_best_motion(
     model: Path, name: str | None, aim: tuple[str, ...], torque: tuple[str, ...], rate: tuple[str, ...],
     acceleration: tuple[str, ...], jerk: tuple[str, ...], residual: float | None, step: float | None, knots: int,
-    out: Path | None, overwrite: bool,
+    out: Path | None, plot: Path | None, overwrite: bool,
 ) -> None:  # fmt: skip
     """Find a better motion between the ends of a case's: shorter, quieter or with smaller torques, at rest in the end.
 
@@ -58,7 +61,8 @@ def write_best_motion(
     Every limit holds at all instants, and the beams come to rest with the joints. The table says what the case's motion and the
     one that was found need, at half the step of the search.
     """
-    check_outputs(out, overwrite)
+    check_plot(plot)
+    check_outputs(out, overwrite, [plot])
     mechanism = load_mechanism(model)
     case = choose(load_cases(resolve_model_folder(model), mechanism), name, model)
     given = {"rate": rate, "acceleration": acceleration, "jerk": jerk, "torque": torque}
@@ -75,6 +79,9 @@ def write_best_motion(
     write_table(found.frame(), index=True)
     if out is not None:
         write(found.solutions[0].whole_frame(), out)
+    if plot is not None:
+        found.plot().savefig(plot)
+        click.echo(f"wrote {plot}")
 
 
 def _write_progress(duration: float, use: float) -> None:

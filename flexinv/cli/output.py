@@ -12,9 +12,11 @@ import click
 import numpy as np
 import pandas as pd
 
+from flexinv.display.figures import check_matplotlib
 from flexinv.errors import InputError
 
 T = TypeVar("T")
+PLOTS = (".png", ".svg", ".pdf")
 FILE = click.Path(path_type=Path, dir_okay=False)
 MODEL = click.argument("model", type=click.Path(path_type=Path))
 OVERWRITE = click.option("--overwrite", is_flag=True, help="Replace files that are there already.")
@@ -65,6 +67,15 @@ def write(table: pd.DataFrame, out: Path) -> None:
     """Write a table, units in its headers [any unit], as the suffix of ``out`` says, and tell of it."""
     WRITERS[out.suffix.lower()](table, out)
     click.echo(f"wrote {out}")
+
+
+def check_plot(plot: Path | None) -> None:
+    """Raise InputError for a drawing [-] that could not be made."""
+    if plot is None:
+        return
+    if plot.suffix not in PLOTS:
+        raise InputError(f"--plot {plot}: expected a name that ends in {', '.join(PLOTS)}")
+    check_matplotlib("--plot")
 
 
 def write_table(table: pd.DataFrame | pd.Series, digits: int = 6, index: bool = False, missing: str = "NaN") -> None:

@@ -15,14 +15,11 @@ from flexinv.analysis.solution import Solution
 from flexinv.analysis.solve import solve as solve_motion
 from flexinv.analysis.views.solution_figures import draw_solution
 from flexinv.cli.choose_case import choose, resolve_model_folder
-from flexinv.cli.output import ACCURACY, FILE, MODEL, OVERWRITE, check_outputs, write, write_table
-from flexinv.display.figures import check_matplotlib
+from flexinv.cli.output import ACCURACY, FILE, MODEL, OVERWRITE, check_outputs, check_plot, write, write_table
 from flexinv.display.words import join_lines
 from flexinv.errors import InputError
 from flexinv.files.load_cases import Case, load_cases
 from flexinv.files.load_mechanism import load_mechanism
-
-PLOTS = (".png", ".svg", ".pdf")
 
 
 @click.command("solve")
@@ -56,7 +53,7 @@ def solve(
     table shows each joint's peak and RMS torque, speed and power, and how much of its stated limits that takes, at the samples.
     Below it stands each limit that is reached or passed, and when: between samples, too, where the motion says what is there.
     """
-    _check_plot(plot)
+    check_plot(plot)
     check_outputs(out, overwrite, _list_plot_files(plot))
     mechanism = load_mechanism(model)
     case = choose(load_cases(resolve_model_folder(model), mechanism), name, model)
@@ -93,15 +90,6 @@ def _resolve_step(case: Case, step: float | None, accuracy: float | None) -> tup
     if step is None and accuracy is None:
         accuracy = case.accuracy
     return (case.step if step is None and accuracy is None else step), accuracy
-
-
-def _check_plot(plot: Path | None) -> None:
-    """Raise InputError for a drawing that could not be made."""
-    if plot is None:
-        return
-    if plot.suffix not in PLOTS:
-        raise InputError(f"--plot {plot}: expected a name that ends in {', '.join(PLOTS)}")
-    check_matplotlib("--plot")
 
 
 def _write_summary(solution: Solution) -> None:

@@ -109,10 +109,15 @@ def compute_residual_vibration(
         mesh, np.concatenate([modes.displacement, modes.rotation], axis=-1).real, modes.orientation
     )
     reach = {link: _find_reach(shape, cosine, sine) for link, shape in shapes.items()}
-    rest = {name: modes.position[node] + modes.orientation[node] @ tip for name, node, tip in list_tips(mesh)}
+    rest = compute_rest_places(modes)
     missed = max(float(np.linalg.norm(tips[link][-1] - rest[link] - cosine @ shape)) for link, shape in shapes.items())
     largest = max(reach.values())
     return ResidualVibration(modes, cosine, sine, reach, missed / largest if largest else 0.0)
+
+
+def compute_rest_places(modes: Modes) -> dict[str, Array]:
+    """Return link -> place of its tip (3,) [m] in the position of the modes."""
+    return {name: modes.position[node] + modes.orientation[node] @ tip for name, node, tip in list_tips(modes.mesh)}
 
 
 def _check_end_of_motion(mechanism: Mechanism, free: Collection[str], qd: Array, qdd: Array) -> None:

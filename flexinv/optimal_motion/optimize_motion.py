@@ -7,8 +7,8 @@ smallest use of the limits is 1: a root of a function of one number, found by se
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -17,7 +17,6 @@ import scipy  # its parts are loaded when they are asked for
 from flexinv.analysis.solution import Solution
 from flexinv.analysis.solve import solve
 from flexinv.errors import ConvergenceError, InputError
-from flexinv.model.by_value import ByValue
 from flexinv.model.mechanism import Mechanism
 from flexinv.model.motion import Motion
 from flexinv.optimal_motion.linear_step import AIMS, USE, Aim, find_linear_step
@@ -29,14 +28,13 @@ from flexinv.optimal_motion.motion_problem import (
     MotionSizes,
     MotionTrial,
     collect_amplitudes,
-    find_last_move,
 )
-from flexinv.sensitivity.parameters import compute_jerk
+from flexinv.optimal_motion.optimized_motion import OptimizedMotion, find_largest_reach
 from flexinv.typing import Array
 from flexinv.validation import check_kind, check_kinds, check_mapping, check_number, check_seconds, check_whole_number
 
 if TYPE_CHECKING:
-    import pandas as pd
+    pass
 
 QUIET_PART = 0.01  # of the given motion's residual vibration: the limit where none is stated
 QUIET_WAY = 1e-4  # of the way of a tip: the least such limit
@@ -62,79 +60,6 @@ SEARCHED_WITHIN = 0.9  # of the limit of vibration, for the search: a finer marc
 CHECKED = 2e-3  # of a limit, by which the finer march may pass it; else limits are drawn in and the search goes on
 TOO_COARSE = 1.5  # of the limit of vibration, that the finer march finds: the search goes on at half its steps
 TIGHTENED = 5  # times
-LAST_LOOK = 2001  # times at which rates, accelerations and jerks are looked at in the end
-
-
-@dataclass(frozen=True, eq=False, repr=False)
-class OptimizedMotion(ByValue):
-    """A motion that was found, what it was held against, and how it was checked.
-
-    motion : the one found; given : the one to start from; mechanisms : for which it was found
-    solutions, before : of the found and of the given motion, one for each mechanism, the first at half the step of the search and
-        with error bars
-    limits : that were asked for; reason : how the search ended, in words
-    """
-
-    motion: Motion
-    given: Motion
-    mechanisms: tuple[Mechanism, ...]
-    solutions: tuple[Solution, ...]
-    before: tuple[Solution, ...]
-    limits: MotionLimits
-    reason: str
-
-    @property
-    def duration(self) -> float:
-        """Duration of the motion [s]."""
-        return self.motion.duration
-
-    @property
-    def residual(self) -> float:
-        """Largest distance of a tip from its rest place after the end, of all mechanisms [m]."""
-        return max(_find_residual(solution) for solution in self.solutions)
-
-    def frame(self) -> pd.DataFrame:
-        """Return a row for each quantity: before, after, its limit, and the part of it that is used [-].
-
-        Torques [N m], [N] with their error bars; rates, accelerations, jerks of joints with a limit; residual vibration [m];
-        duration [s].
-        """
-        import pandas
-
-        table = pandas.DataFrame.from_dict(self._list_rows(), orient="index", columns=["before", "after", "limit"])
-        table["used"] = table["after"] / table["limit"]
-        return table
-
-    @property
-    def used(self) -> dict[str, float]:
-        """Quantity -> the part of its limit that the motion uses [-]."""
-        return {name: after / limit for name, (_, after, limit) in self._list_rows().items() if np.isfinite(limit)}
-
-    def _list_rows(self) -> dict[str, tuple[float, float, float]]:
-        """Quantity -> before, after, limit, nan where there is none."""
-        rows = {}
-        for name in self.solutions[0].torque_names:
-            after = _find_peak(self.solutions, name)
-            rows[f"torque {name}"] = (
-                _find_peak(self.before, name),
-                after,
-                (self.limits.torque or {}).get(name, np.nan),
-            )
-        for name in ("rate", "acceleration", "jerk"):
-            for joint, limit in getattr(self.limits, name).items():
-                before, after = (
-                    _find_joint_peak(one, self.mechanisms[0], joint, name) for one in (self.given, self.motion)
-                )
-                rows[f"{name} {joint}"] = (before, after, limit)
-        if not self.mechanisms[0].is_rigid:
-            residual = np.nan if self.limits.residual is None else self.limits.residual
-            rows["residual"] = (max(_find_residual(one) for one in self.before), self.residual, residual)
-        rows["duration"] = (find_last_move(self.given), self.duration, np.nan)
-        return rows
-
-    def __repr__(self) -> str:
-        """Return the durations [s] and how the search ended in a line."""
-        return f"OptimizedMotion({find_last_move(self.given):.4g} s -> {self.duration:.4g} s; {self.reason})"
 
 
 def optimize_motion(
@@ -230,7 +155,7 @@ class _MotionSearch:
         self.progress = progress
         self.before = self._solve_finer(motion, problem.duration, error=False)
         peak = np.maximum.reduce([np.abs(one.torque).max(axis=0) for one in self.before])
-        residual = max(_find_residual(one) for one in self.before)
+        residual = max(find_largest_reach(one) for one in self.before)
         stated = problem.limits.residual
         if stated is not None and not residual:
             raise InputError("limits: residual, but no link goes on swinging after the given motion; leave it out")
@@ -474,26 +399,3 @@ def _choose_duration(kept: tuple[float, float] | None, broken: tuple[float, floa
 
 def _describe_end(settled: bool) -> str:
     return "nothing better is near" if settled else f"gave up after {PROGRAMS} linear programs"
-
-
-def _find_residual(solution: Solution) -> float:
-    """Largest distance of a tip from its rest place after the end [m], 0 where no link bends."""
-    if solution.mechanism.is_rigid:
-        return 0.0
-    return max(solution.find_residual_vibration().reach.values())
-
-
-def _find_peak(solutions: Sequence[Solution], name: str) -> float:
-    """Largest torque of a drive [N m], [N]."""
-    return max(float(np.abs(one.torque[:, one.torque_names.index(name)]).max()) for one in solutions)
-
-
-def _find_joint_peak(motion: Motion, mechanism: Mechanism, joint: str, name: str) -> float:
-    """Largest rate, acceleration or jerk of a joint [rad/s], [m/s] and derivatives, at many times."""
-    time = np.linspace(0.0, motion.duration, LAST_LOOK)
-    column = mechanism.v_slices[joint]
-    if name == "jerk":
-        values = compute_jerk(motion, mechanism, time)
-    else:
-        values = motion.evaluate(mechanism, time)[1 if name == "rate" else 2]
-    return float(np.abs(values[:, column]).max())

@@ -158,11 +158,14 @@ def test_the_command_writes_what_it_found(root, tmp_path):
         "--knots",
         "6",
     ]
-    done = CliRunner().invoke(app, [*given, "--aim", "peak torque", "--out", str(out)])
+    done = CliRunner().invoke(
+        app, [*given, "--aim", "peak torque", "--out", str(out), "--plot", str(out.with_suffix(".svg"))]
+    )
     assert done.exit_code == 0, done.output
     assert "flex_one_link, cycloid: 0.2 s -> 0.2 s" in done.output
     assert "torque hub" in done.output
     assert out.read_text().startswith("time [s]")
+    assert "limit in the other direction" in out.with_suffix(".svg").read_text()
     done = CliRunner().invoke(app, [*given, "--aim", "duration=fast"])
     assert done.exit_code != 0
     assert "expected an aim, or an aim and its weight" in str(done.output) + str(done.exception)
