@@ -2,6 +2,7 @@
 
     python campaigns/optimal_motions.py
     python campaigns/optimal_motions.py --only spatial_arm
+    python campaigns/optimal_motions.py --random 30    # random trees as well
 
 Of each arm: the given motion, the same shaped for its slowest mode (ZV, ZVD, EI), and the shortest motion with the torques of the
 given one and a hundredth of its vibration.  Exudyn then makes the motion that was found with a model of its own: its torques, and
@@ -13,6 +14,8 @@ from __future__ import annotations
 
 import sys
 import time
+import warnings
+from collections import Counter
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -23,8 +26,11 @@ import pandas as pd
 if __name__ == "__main__":
     sys.path[:0] = [str(Path(__file__).resolve().parents[1])]
 
+from derivatives import draw_tree
+
 import flexinv
 from crosscheck.engines import ENGINES, adapter
+from flexinv.errors import FlexinvError, ModelWarning
 from flexinv.model.mechanism import Mechanism
 from flexinv.model.motion import Motion
 from flexinv.typing import Array
@@ -37,6 +43,9 @@ STEPS = 400  # of a motion, and as many samples
 AGREED_TORQUE = 0.01
 # Of the given motion's vibration: a hundredth that is left, and as much again for frequencies that differ by the mesh.
 AGREED_RESIDUAL = 0.025
+# Of a limit, on a grid ten times finer: what the check of the search allows, and as much for a torque between its points.
+FINER = 4e-3
+FINER_RESIDUAL = 0.1
 
 
 @dataclass(frozen=True)
@@ -106,15 +115,66 @@ def replay(mechanism: Mechanism, motion: Motion, case: flexinv.Case) -> Replay:
 
 @click.command()
 @click.option("--only", type=click.Choice([arm.name for arm in ARMS]), help="One arm alone.")
-def main(only: str | None) -> None:
-    """Print the table; end with 1 where Exudyn does not confirm a motion."""
+@click.option("--random", type=click.IntRange(0), default=0, help="So many random trees as well, without Exudyn.")
+@click.option("--seed", type=int, default=41, show_default=True, help="Of the random trees.")
+def main(only: str | None, random: int, seed: int) -> None:
+    """Print the table; end with 1 where Exudyn does not confirm a motion, or a finer grid passes a limit."""
     failed = []
     for arm in ARMS:
         if only is None or arm.name == only:
             failed += try_arm(arm)
+    failed += try_random_trees(seed, random)
     for line in failed:
         click.echo(line)
     sys.exit(bool(failed))
+
+
+def try_random_trees(seed: int, count: int) -> list[str]:
+    """Print how the searches of random trees end; return those that pass a limit on a grid ten times finer, in words."""
+    ends = Counter[str]()
+    failed = []
+    for number in range(count):
+        mechanism = draw_tree(seed, number)
+        dice = np.random.default_rng([seed, number])
+        driven = [joint.name for joint in mechanism.joints if joint.nv and joint.actuated]
+        places = {name: float(dice.uniform(-0.6, 0.6)) for name in driven}
+        move = Motion.point_to_point(dict.fromkeys(driven, 0.0), places, float(dice.uniform(0.2, 0.5)))
+        try:
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore", ModelWarning)
+                found = flexinv.optimize_motion(mechanism, move, knots=6)
+                words = describe_passed(found)
+        except FlexinvError as error:
+            ends["refused"] += 1
+            click.echo(f"random tree {number}: {error}")
+            continue
+        ends["gave up" if "gave up" in found.reason else "checked"] += 1
+        click.echo(f"random tree {number}: {found}")
+        if words and "gave up" not in found.reason:
+            failed.append(f"random tree {number}: {words}")
+    if count:
+        click.echo(f"{count} random trees: {', '.join(f'{number} {end}' for end, number in ends.items())}")
+    return failed
+
+
+def describe_passed(found: flexinv.OptimizedMotion) -> str:
+    """Return which limits a motion passes on a grid ten times finer than that of the search, in words; "" for none."""
+    (mechanism,) = found.mechanisms
+    (checked,) = found.solutions
+    step = found.duration / (10 * STEPS)
+    fine = flexinv.solve(mechanism, found.motion, step=step, end=found.duration + 2 * step, initial="static")
+    passed = []
+    for number, name in enumerate(fine.torque_names):
+        bar = 0.0 if checked.torque_error is None else float(checked.torque_error[:, number].max())
+        limit = (found.limits.torque or {}).get(name, np.inf)
+        peak = float(np.abs(fine.torque[:, number]).max())
+        if peak > limit * (1.0 + FINER) + bar:
+            passed.append(f"torque of {name} is {peak / limit:.3f} of its limit, its bar {bar / limit:.3f}")
+    if not mechanism.is_rigid and found.limits.residual:
+        left = find_reach(fine) / found.limits.residual
+        if left > 1.0 + FINER_RESIDUAL:
+            passed.append(f"vibration is {left:.3f} of its limit")
+    return "; ".join(passed)
 
 
 def try_arm(arm: Arm) -> list[str]:

@@ -15,7 +15,11 @@ from pathlib import Path
 
 import click
 import logged_arm
+import meshio
+import numpy as np
 import pytest
+import scipy
+from part_examples import make_block
 from reader_pages import PAGES, ROOT, blocks, project
 
 import crosscheck.cli
@@ -23,6 +27,8 @@ import flexinv.cli.commands
 from crosscheck.corpus.notes import read_notes
 from crosscheck.identification.settings import read_settings
 from flexinv.files.load_mechanism import load_mechanism
+from flexinv.parts.craig_bampton import compute_reduction
+from flexinv.parts.part_matrices import build_part_matrices
 
 PROGRAMS = {"crosscheck": crosscheck.cli.main, "flexinv": flexinv.cli.commands.app}
 SHOWN = (*PAGES, "CONTRIBUTING.md", "crosscheck/README.md", "flexinv/README.md", "plugins/README.md")
@@ -32,6 +38,7 @@ TABLES = {  # a page's tables in capitals are parts of files: what they are laid
     "docs/howto/corpus.md": ("", ""),
     "docs/howto/coupled-sections.md": ("", ""),
     "docs/howto/identify.md": ("", ""),
+    "docs/howto/meshed-links.md": ("", ""),
 }
 
 
@@ -126,6 +133,46 @@ def test_coupled_sections_that_are_shown_are_read(tmp_path: Path) -> None:
     assert link.beam.section.stiffness_matrices[0][3, 4] == 25.0
     assert link.beam.section.mass_centre is not None
     assert link.beam.section.mass_centre[0] == pytest.approx([0.01, 0.0])
+
+
+def test_meshed_links_that_are_shown_are_read(tmp_path: Path) -> None:
+    """The forearm of the page, from its mesh in millimetres and from matrices in tonnes, millimetres and seconds."""
+    shown, ready = blocks((ROOT / "docs/howto/meshed-links.md").read_text(), "TOML")
+    points, cells = make_block("hexahedron20", (0.4, 0.05, 0.05), (2, 1, 1))
+    held = np.flatnonzero(points[:, 0] < 1e-9)
+    mesh = meshio.Mesh(1000.0 * points, [("hexahedron20", cells)], point_sets={"ELBOW": held})
+    meshio.write(tmp_path / "forearm.inp", mesh)
+    text = (tmp_path / "forearm.inp").read_text()
+    (tmp_path / "forearm.inp").write_text(text.replace("C3D20RH", "C3D20"))  # meshio writes the hybrid kind
+    others = """[links.hand]
+kind = "rigid"
+mass_kg = 1
+com_m = [0, 0, 0]
+inertia_kgm2 = { xx = 1e-3, yy = 1e-3, zz = 1e-3 }
+
+[joints.elbow]
+kind = "revolute"
+parent = "world"
+child = "forearm"
+axis = [0, 0, 1]
+"""
+    head = 'source = "a test"\ngravity_m_per_s2 = [0, 0, 0]\n'
+    (tmp_path / "mechanism.toml").write_text(f"{head}{shown}\n{others}")
+    part = load_mechanism(tmp_path).link_of["forearm"].part
+    assert part is not None
+    assert [(one.name, one.tie) for one in part.interfaces] == [("elbow", "rigid"), ("flange", "average")]
+    found = build_part_matrices(part)
+    for name, matrix in (
+        ("forearm_MASS1.mtx", scipy.sparse.kron(found.mass, scipy.sparse.eye_array(3))),
+        ("forearm_STIF1.mtx", found.stiffness),
+    ):
+        scipy.io.mmwrite(tmp_path / name, scipy.sparse.coo_array(matrix / 1000.0), precision=16)
+    mesh_keys = re.compile(r"^(file|unit_m|material) = .*\n", re.M)
+    joined = mesh_keys.sub("", shown).replace('kind = "mesh"\n', f'kind = "mesh"\n{ready}', 1)
+    (tmp_path / "mechanism.toml").write_text(f"{head}{joined}\n{others}")
+    other = load_mechanism(tmp_path).link_of["forearm"].part
+    assert other is not None
+    assert compute_reduction(other).frequency == pytest.approx(compute_reduction(part).frequency, rel=1e-9)
 
 
 def test_payloads_that_are_shown_are_read(tmp_path: Path) -> None:
