@@ -170,7 +170,12 @@ def write_signals(folder: Path, signals: Mapping[Key, Signal]) -> None:
 def _list_lines(signals: Mapping[Key, Signal]) -> Iterator[tuple[str, ...]]:
     for key, one in sorted(signals.items(), key=lambda item: item[0]):
         values = " ".join(f"{value:.10g}" for value in one.values)
-        # Rounding a bar to three digits may not make it shorter.
-        bars = " ".join(f"{1.005 * bar:.3g}" for bar in one.bars)
-        numbers = (f"{one.size:.10g}", f"{one.peak:.10g}", f"{one.rms:.10g}", f"{1.005 * one.bar:.3g}")
+        bars = " ".join(map(_format_bar, one.bars))
+        numbers = (f"{one.size:.10g}", f"{one.peak:.10g}", f"{one.rms:.10g}", _format_bar(one.bar))
         yield (*key, one.unit, *numbers, values, bars)
+
+
+def _format_bar(bar: float) -> str:
+    """A bar with three digits, which may not make it shorter; one that has three already stays as it is."""
+    nearest = f"{bar:.3g}"
+    return nearest if float(nearest) >= bar else f"{1.005 * bar:.3g}"

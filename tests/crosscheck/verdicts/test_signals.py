@@ -98,6 +98,9 @@ def test_signals_come_back_from_their_table_within_their_bars(tmp_path: Path) ->
     assert read_back.values.shape == (SAMPLES,)
     assert (read_back.bars >= signal.bars).all()
     assert find_moves(KEY, read_back, signal) is None
+    written = (tmp_path / "signals.csv").read_bytes()
+    write_signals(tmp_path, {KEY: read_back})  # as a blessing of another part does
+    assert (tmp_path / "signals.csv").read_bytes() == written
     (tmp_path / "signals.csv").write_text((tmp_path / "signals.csv").read_text().replace("N m,", "N m,nan", 1))
     with pytest.raises(SignalsError, match=r"signals\.csv, line 2"):
         read_signals(tmp_path)
