@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import scipy  # its parts are loaded when they are asked for
@@ -32,9 +32,6 @@ from flexinv.optimal_motion.motion_problem import (
 from flexinv.optimal_motion.optimized_motion import OptimizedMotion, find_largest_reach
 from flexinv.typing import Array
 from flexinv.validation import check_kind, check_kinds, check_mapping, check_number, check_seconds, check_whole_number
-
-if TYPE_CHECKING:
-    pass
 
 QUIET_PART = 0.01  # of the given motion's residual vibration: the limit where none is stated
 QUIET_WAY = 1e-4  # of the way of a tip: the least such limit
@@ -93,6 +90,11 @@ def optimize_motion(
     if not mechanisms:
         raise InputError("mechanism: an empty list; expected at least one Mechanism")
     for one in mechanisms:
+        if one.velocity_names != mechanisms[0].velocity_names:
+            raise InputError(
+                f"mechanism: joints {', '.join(one.velocity_names)}; expected those of the first one, "
+                f"{', '.join(mechanisms[0].velocity_names)}"
+            )
         if one.closures or one.springs:
             what = "closures" if one.closures else "springs between points"
             raise InputError(f"optimize_motion: '{one.name}' has {what}; motions are found of trees without them")
@@ -256,8 +258,8 @@ class _MotionSearch:
         use = self._make_aim({USE: 1.0}).compute_use(trial)
         if use > 1.0 + SETTLED:
             raise InputError(
-                f"optimize_motion: within {duration:g} s limits are passed by {use - 1.0:.1%} at least; write a longer motion, "
-                "more knots, or wider limits"
+                f"optimize_motion: within {duration:g} s the best motion that was found passes limits by {use - 1.0:.1%}; write "
+                "a longer motion, more knots, or wider limits"
             )
 
     def _find_at(
@@ -324,7 +326,8 @@ class _MotionSearch:
             if kept is None and duration >= longest:
                 self._check_kept(found, duration)
             if kept is not None and _is_shortest(kept, broken):
-                return best, kept[0], f"limits are used to {kept[1]:.1%}, and passed by what was tried that is shorter"
+                beyond = "" if broken is None else f", and passed in {broken[0]:.4g} s"
+                return best, kept[0], f"limits are used to {kept[1]:.1%}{beyond}"
             duration = min(_choose_duration(kept, broken), longest)
         if kept is None:
             raise InputError(

@@ -113,7 +113,7 @@ REFUSED = {
     "nothing limits": ({"limits": MotionLimits(torque={})}, "nothing keeps the motion from taking no time"),
     "too narrow": (
         {"limits": MotionLimits(rate={"hub": 0.5}), "aim": "peak torque"},
-        "within 0.15 s limits are passed by .* write a longer motion",
+        "within 0.15 s the best motion that was found passes limits by .* write a longer motion",
     ),
     "no knots": ({"knots": 0}, "knots = 0"),
 }
@@ -137,6 +137,8 @@ def test_motions_without_rest_or_way_are_refused(root, strip, turn):
         optimize_motion(loop, Motion.point_to_point({"A": 0.0}, {"A": 0.5}, duration=0.2))
     with pytest.raises(InputError, match="expected at least one Mechanism"):
         optimize_motion([], turn)
+    with pytest.raises(InputError, match="joint1, joint2; expected those of the first one, hub"):
+        optimize_motion([strip, flexinv.load_mechanism(root / "models" / "flex_two_link")], turn)
 
 
 @pytest.mark.parametrize(
