@@ -28,7 +28,7 @@ FEWEST_STEPS = 10
 EQUILIBRIUM = "static"  # from rest to rest: a mechanism that bends begins in equilibrium
 AFTER = 2  # steps for which the joints rest at the end, where the vibration is taken that is left
 PLACES_PER_KNOT = 16  # at which rates, accelerations and jerks of a joint are looked at
-RESTING = 1e-6  # of its largest: a rate or an acceleration that is smaller is none
+RESTING = 1e-6  # of its largest: a rate that is smaller is none
 SMALLEST_SPAN = 0.2  # of the longest way: joints that stay or nearly stay are moved by parts of it
 
 
@@ -43,7 +43,6 @@ class MotionTrial:
     rms, work : torques' root mean square over those of the given motion; positive work of the drives [J]
     """
 
-    motion: Motion
     bounded: Array
     bounded_slope: Array
     effort: Array
@@ -95,10 +94,14 @@ class MotionProblem:
 
     def make_motion(self, variables: Array, duration: float) -> Motion:
         """Return the motion of some variables (variables,) [-] that takes a time [s]."""
+        columns = dict(zip(self.joints, self._fill_rows(variables).T, strict=True))
+        return Motion.from_samples(self.place * duration, columns, rest=True)
+
+    def _fill_rows(self, variables: Array) -> Array:
+        """Places (rows, joints) [rad], [m]: given ends, and what is chosen between."""
         rows = self.rows.copy()
         rows[1:-1] = variables.reshape(-1, len(self.joints)) * self.span
-        columns = dict(zip(self.joints, rows.T, strict=True))
-        return Motion.from_samples(self.place * duration, columns, rest=True)
+        return rows
 
     def evaluate(self, variables: Array, duration: float, given: MotionSizes) -> MotionTrial:
         """Return values and slopes of the motion of some variables (variables,) [-] and of a duration [s].
@@ -121,7 +124,6 @@ class MotionProblem:
         works = [self._compute_work(one) for one in found]
         worst = int(np.argmax([work for work, _ in works]))
         return MotionTrial(
-            motion=motion,
             bounded=bounded,
             bounded_slope=bounded_slope,
             effort=effort.ravel(),
@@ -148,8 +150,7 @@ class MotionProblem:
                 part = given.peak[column] / limit
                 values.append(part * effort[:, column])
                 slopes.append(part * slope[:, column])
-        rows = self.rows.copy()
-        rows[1:-1] = variables.reshape(-1, len(self.joints)) * self.span
+        rows = self._fill_rows(variables)
         for order, name in enumerate(("rate", "acceleration", "jerk"), start=1):
             for column, joint in enumerate(self.joints):
                 limit = getattr(self.limits, name).get(joint)
@@ -178,8 +179,7 @@ class MotionProblem:
         bending = [one.differentiate_residual_vibration() for one in found if not one.solution.mechanism.is_rigid]
         if not bending:
             return np.zeros(0), np.zeros((0, len(self.unit))), np.zeros((0, 0))
-        amplitude, reach = collect_amplitudes([one.vibration for one in bending])
-        most = np.concatenate([np.tile(compute_tip_reach(one.vibration).max(axis=0), 2) for one in bending])
+        amplitude, reach, most = collect_amplitudes([one.vibration for one in bending])
         slope = np.concatenate([part for one in bending for part in (one.cosine, one.sine)])
         return amplitude, most[:, None] * slope * self.unit, reach
 
@@ -191,6 +191,7 @@ class MotionProblem:
         power = solution.torque * rate
         positive = (power > 0.0)[:, :, None]
         slope = np.where(positive, one.torque * rate[:, :, None], 0.0) * self.unit
+        # Of rates: differences between samples, enough for where to go next; the work itself is exact.
         rates = np.stack([np.gradient(one.q[:, column], solution.time, axis=0) for column in columns], axis=1)
         slope += np.where(positive, rates * solution.torque[:, :, None], 0.0) * self.unit
         work = np.trapezoid(np.maximum(power, 0.0).sum(axis=1), solution.time)
@@ -213,15 +214,15 @@ class MotionSizes:
     correction: Array | float = 0.0
 
 
-def collect_amplitudes(vibrations: Sequence[ResidualVibration]) -> tuple[Array, Array]:
-    """Return the amplitudes of all modes, cosine and sine apart (amplitudes,) [m], and their parts (tips, amplitudes)."""
+def collect_amplitudes(vibrations: Sequence[ResidualVibration]) -> Triple:
+    """Return amplitudes of all modes, cosine and sine apart (amplitudes,) [m], their parts at each tip (tips, amplitudes) [-],
+    and how far one of 1 m kg^0.5 moves the tip that it moves most (amplitudes,) [m].
+    """
     shapes = [np.tile(compute_tip_reach(one), 2) for one in vibrations]
-    amplitude = [
-        np.concatenate([one.cosine, one.sine]) * shape.max(axis=0)
-        for one, shape in zip(vibrations, shapes, strict=True)
-    ]
-    parts = [shape / np.maximum(shape.max(axis=0), np.finfo(float).tiny) for shape in shapes]
-    return np.concatenate(amplitude), np.asarray(scipy.linalg.block_diag(*parts))
+    most = np.concatenate([shape.max(axis=0) for shape in shapes])
+    amplitude = most * np.concatenate([part for one in vibrations for part in (one.cosine, one.sine)])
+    reach = np.asarray(scipy.linalg.block_diag(*shapes))
+    return amplitude, reach / np.maximum(most, np.finfo(float).tiny), most
 
 
 def compute_tip_reach(vibration: ResidualVibration) -> Array:
@@ -252,14 +253,12 @@ def _list_moving_joints(mechanism: Mechanism, motion: Motion) -> tuple[str, ...]
 
 def _sample_rows(mechanism: Mechanism, motion: Motion, joints: Sequence[str], time: Array) -> Array:
     """Places (rows, joints) [rad], [m] at some times; InputError unless they are at rest at both ends."""
-    q, qd, qdd = motion.evaluate(mechanism, time)
+    q, qd, _ = motion.evaluate(mechanism, time)
     for name in joints:
-        column = mechanism.v_slices[name]
-        for values, word in ((qd[:, column], "moves"), (qdd[:, column], "accelerates")):
-            size = np.abs(values).max(axis=1)
-            if max(size[0], size[-1]) > RESTING * size.max(initial=0.0) and word == "moves":
-                where = "start" if size[0] > size[-1] else "end"
-                raise InputError(
-                    f"optimize_motion: joint '{name}' {word} at the {where} of the motion; expected one from rest to rest"
-                )
+        size = np.abs(qd[:, mechanism.v_slices[name]]).max(axis=1)
+        if max(size[0], size[-1]) > RESTING * size.max(initial=0.0):
+            where = "start" if size[0] > size[-1] else "end"
+            raise InputError(
+                f"optimize_motion: joint '{name}' moves at the {where} of the motion; expected one from rest to rest"
+            )
     return np.stack([q[:, mechanism.q_slices[name]][:, 0] for name in joints], axis=1)

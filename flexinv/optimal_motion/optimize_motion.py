@@ -225,7 +225,7 @@ class _MotionSearch:
                 self.problem.limits = replace(self.problem.limits, **drawn_in)
         if self.given.residual:
             trial = self.problem.evaluate(variables, found.duration, replace(self.given, correction=0.0))
-            finer, _ = collect_amplitudes([one.find_residual_vibration() for one in found.solutions])
+            finer, _, _ = collect_amplitudes([one.find_residual_vibration() for one in found.solutions])
             self.given = replace(self.given, correction=finer - trial.amplitude)
         return False
 
