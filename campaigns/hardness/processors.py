@@ -14,7 +14,9 @@ from flexinv.typing import Array
 
 RIGID = 1e-12  # of the largest effort: sums fuse in another order, and sines of another libm differ in the last digit
 MARCHED = 1e-9  # a rounding of the position over the square of the step marches on; what it makes is allowed, and shown
-MOST_MARCHED = 5e-9  # whatever a last digit makes: the largest such effect that was seen is 1.5e-9, of the flexible four-bar
+MOST_MARCHED = (
+    5e-9  # whatever a last digit makes: the largest such effect that was seen is 1.5e-9, of the flexible four-bar
+)
 LARGEST = 1_000_000  # bytes of a stripped library
 STRIPS = {"aarch64": "aarch64-linux-gnu-strip"}
 RUNS = {"aarch64": ("qemu-aarch64", "-L", "/usr/aarch64-linux-gnu")}
