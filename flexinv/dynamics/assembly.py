@@ -7,6 +7,7 @@ accelerations vary with them as the integrator says, dv = cv dx, da = ca dx (`ge
 
 from __future__ import annotations
 
+from flexinv.dynamics.point_rows import add_point_rows
 from flexinv.elements.beam import compute_tangent_slope, fill_relative_poses, fill_relative_rates
 from flexinv.elements.beam_element import (
     fill_damped_tangent,
@@ -21,7 +22,8 @@ from flexinv.elements.joint_law import (
     compute_smooth_direction,
     take_joint_law,
 )
-from flexinv.elements.shapes import fill_shaped_motion, fill_shaped_variation, turn_shapes
+from flexinv.elements.points import fill_point_motion
+from flexinv.elements.shapes import fill_shaped_motion, fill_shaped_variation, is_point_mass, turn_shapes
 from flexinv.kernels import vec3
 from flexinv.kernels.jit import jit_inner
 from flexinv.kernels.so3 import coefficients, exp, inverse_tangent, log, tangent_with
@@ -48,14 +50,18 @@ LARGEST_TURN = 2.5  # [rad]
 
 
 @jit_inner
-def run_forward_pass(topology, state, joints, frames, variation, moved, factors, want_tangent):
+def run_forward_pass(topology, state, joints, frames, variation, work, factors, want_tangent):
     """Set ``frames`` and ``variation`` of all nodes from ``state`` and the prescribed motion of ``joints`` [m, rad, s].
 
-    moved : of `system.Work`, is set; factors : cv, ca
+    Point masses have no variation of their own (`point_rows`).  work : `system.Work`, of which ``moved`` and ``points``
+    are set; factors : cv, ca
     """
     cv, ca = factors
+    shapes = topology.shapes
     for n in range(len(topology.parent)):
-        columns = topology.size[topology.block[n]] if want_tangent else 0
+        if is_point_mass(n, shapes):
+            continue
+        columns = topology.reach[n] if want_tangent else 0
         for k in range(columns):
             for by in (variation.x, variation.t, variation.v, variation.w, variation.a, variation.al):
                 put(by[n, k], 0, ZERO)
@@ -65,9 +71,12 @@ def run_forward_pass(topology, state, joints, frames, variation, moved, factors,
             if topology.freedoms[n] > 0:
                 _fill_passive_motion(n, topology, state, joints, variation, cv, ca, columns)
             elif topology.shapes.part[n] >= 0:
-                _fill_shaped_motion(n, topology, state, joints, variation, moved, factors, columns)
+                _fill_shaped_motion(n, topology, state, joints, variation, work.moved, factors, columns)
             compute_child_motion(n, topology.parent[n], frames, joints)
             add_parent_variation(n, topology.parent[n], columns, frames, joints, variation)
+    for part in range(len(shapes.root)):
+        first = topology.offset[topology.block[shapes.root[part]]] + topology.amplitude[part]
+        fill_point_motion(part, shapes, first, state, frames, joints, work.points, want_tangent)
 
 
 @jit_inner
@@ -256,7 +265,12 @@ def compute_node_wrenches(topology, frames, variation, level, work, want_tangent
         spin = apply(inertia, w)
         put(work.wrench[n], 0, scale(m, vec3.sub(vec(frames.a[n]), gravity)))
         put(work.wrench[n], 3, add(apply(inertia, vec(frames.al[n])), cross(w, spin)))
-        for k in range(topology.size[topology.block[n]] if want_tangent else 0):
+        if not want_tangent or is_point_mass(n, topology.shapes):
+            continue
+        for k in range(topology.reach[n], topology.size[topology.block[n]]):
+            put(work.dwrench[n, k], 0, ZERO)
+            put(work.dwrench[n, k], 3, ZERO)
+        for k in range(topology.reach[n]):
             dw = vec(variation.w[n, k])
             gyro = add(cross(dw, spin), cross(w, apply(inertia, dw)))
             put(work.dwrench[n, k], 0, scale(m, vec(variation.a[n, k])))
@@ -336,10 +350,15 @@ def assemble_residual(system, joints, cv, ca, want_tangent):
     """Bring wrenches of dependent nodes back to their blocks: residual (unknowns,) [N], [N m] and diagonal blocks."""
     topology = system.topology
     work = system.work
+    for part in range(len(topology.shapes.root)):
+        add_point_rows(part, system, (cv, ca), want_tangent)
     for n in range(len(topology.parent) - 1, -1, -1):
         b = topology.block[n]
         m = topology.parent[n]
         columns = topology.size[b] if want_tangent else 0
+        if is_point_mass(n, topology.shapes):
+            add_wrench_to_parent(n, m, system.frames, joints, work.wrench)
+            continue
         if topology.independent[n]:
             for i in range(6):
                 work.residual[0, topology.offset[b] + i] = work.wrench[n, i]

@@ -32,6 +32,7 @@ class Topology(NamedTuple):
     size, offset : (blocks,) number of unknowns and first unknown of each block; part : (blocks,) of the mechanism
     span : (parts + 1,) first unknown of each part; the first block of a part has its number
     freedoms, column : (nodes,) passive freedoms of the node's joint and their first column in the block
+    reach : (nodes,) columns of the block up to the last that moves the node
     triple : (nodes,) first of three freedoms that are a rotation vector, -1 without
     slide, turn : (nodes, 6, 3) axes of the passive freedoms, in the parent's and in the node's frame [-]
     drives : (5, nodes) the law of the passive joint, as `mechanism.Mechanism.drive_table`
@@ -49,6 +50,7 @@ class Topology(NamedTuple):
     span: NDArray[np.int64]
     freedoms: NDArray[np.int64]
     column: NDArray[np.int64]
+    reach: NDArray[np.int64]
     triple: NDArray[np.int64]
     slide: Array
     turn: Array
@@ -85,6 +87,7 @@ def build_topology(mesh: Mesh, passive: frozenset[str]) -> Topology:
         drives[:, node] = mesh.mechanism.drive_table[:, mesh.v_index[node]]
     shapes = mesh.shapes
     amplitude = _add_amplitudes(shapes, block, size)
+    reach = _find_reach(mesh, independent, column + freedoms, amplitude)
     offset, span = compute_offsets(size, part)
     gravity = np.array(mesh.mechanism.gravity, dtype=float)
     first = offset[block]
@@ -93,7 +96,7 @@ def build_topology(mesh: Mesh, passive: frozenset[str]) -> Topology:
     )  # convergence is judged on increments over the length of the mechanism, over 1 for rotations
     scale[_list_translations(independent, freedoms, first, first + column, turn)] = mesh.length
     topology = Topology(
-        mesh.parent, block, independent, size, offset, part, span, freedoms, column, triple, slide, turn,
+        mesh.parent, block, independent, size, offset, part, span, freedoms, column, reach, triple, slide, turn,
         drives, scale, mesh.mass, mesh.inertia, gravity, mesh.length, shapes, amplitude,
     )  # fmt: skip
     scale[list_amplitudes(topology)] = mesh.length
@@ -107,6 +110,18 @@ def _add_amplitudes(shapes: PartShapes, block: Indices, size: Indices) -> Indice
         amplitude[number] = size[block[root]]
         size[block[root]] += shapes.size[number]
     return amplitude
+
+
+def _find_reach(mesh: Mesh, independent: Mask, behind: Indices, amplitude: Indices) -> Indices:
+    """Columns of its block up to the last that moves each node; ``behind`` : the column after its own passive freedoms."""
+    shapes = mesh.shapes
+    out = np.where(independent, 6, behind)
+    for node, (parent, part) in enumerate(zip(mesh.parent.tolist(), shapes.part.tolist(), strict=True)):
+        if part >= 0:
+            out[node] = amplitude[part] + shapes.size[part]
+        if parent >= 0 and not independent[node]:
+            out[node] = max(out[node], out[parent])
+    return out
 
 
 def _find_blocks(mesh: Mesh, independent: Mask) -> tuple[Indices, Indices]:

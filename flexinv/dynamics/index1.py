@@ -24,7 +24,9 @@ from flexinv.dynamics.constraint_rows import (
     fill_right_sides,
     solve_border,
 )
+from flexinv.dynamics.point_rows import add_point_masses
 from flexinv.dynamics.tree_solver import solve_block
+from flexinv.elements.shapes import is_point_mass
 from flexinv.kernels.jit import jit_inner
 from flexinv.kernels.vec3 import apply, dot, mat, vec
 from flexinv.kinematics.tree import add_wrench_to_parent
@@ -50,7 +52,7 @@ def update_accelerations(system, joints, y):
     level = system.loads.level[0]
     full = work.projection[0]
     change = work.projection[1]
-    run_forward_pass(topology, state, joints, frames, variation, work.moved, (0.0, 1.0), True)
+    run_forward_pass(topology, state, joints, frames, variation, work, (0.0, 1.0), True)
     _write_scaled(1.0, work.wrench, full)
     compute_node_wrenches(topology, frames, variation, level, work, False)
     _write_scaled(-1.0, work.wrench, change)
@@ -64,7 +66,7 @@ def update_accelerations(system, joints, y):
     solve_border(ties, ties.layout.blocks, 1.0, y)
     for i in range(y.shape[1]):
         state.du[i] += y[0, i]
-    run_forward_pass(topology, state, joints, frames, variation, work.moved, (0.0, 1.0), False)
+    run_forward_pass(topology, state, joints, frames, variation, work, (0.0, 1.0), False)
     compute_node_wrenches(topology, frames, variation, level, work, False)
     _add_wrenches(work.wrench, change)
     add_ties(ties, ties.step, change)  # those of springs are zero
@@ -101,13 +103,34 @@ def solve_masses(system, y):
             for i in range(y.shape[1]):
                 ties.across[k, i] = 0.0
     topology = system.topology
-    variation = system.variation
     diagonal = system.work.diagonal
     for b in range(len(topology.size)):
         for i in range(topology.size[b]):
             for k in range(topology.size[b]):
                 diagonal[b, i, k] = 0.0
-    for n in range(len(topology.parent)):  # M = sum_n B_n^T diag(m_n, J_n) B_n over the nodes of a block, and rotors
+    _add_node_masses(system)
+    for part in range(len(topology.shapes.root)):
+        add_point_masses(part, system)
+    largest = find_largest_inertia(topology, diagonal)
+    plan = ties.layout
+    for b in range(len(topology.size)):
+        first = topology.offset[b]
+        scale = topology.scale[first : first + topology.size[b]]
+        add_mass_to_block(diagonal[b], topology.size[b], scale, largest, system.work.system)
+    for b in range(len(topology.size)):
+        part = topology.part[b]
+        solve_block(topology, system.work, b, plan.side[plan.first_side[part] : plan.first_side[part + 1]], y)
+
+
+@jit_inner
+def _add_node_masses(system):
+    """Add M = sum_n B_n^T diag(m_n, J_n) B_n over the nodes of every block, and rotors [kg], [kg m], [kg m^2]."""
+    topology = system.topology
+    variation = system.variation
+    diagonal = system.work.diagonal
+    for n in range(len(topology.parent)):
+        if is_point_mass(n, topology.shapes):
+            continue
         m = topology.mass[n]
         inertia = mat(topology.inertia[n])
         block = diagonal[topology.block[n]]
@@ -119,15 +142,6 @@ def solve_masses(system, y):
                 block[i, k] += m * dot(vec(variation.x[n, i]), moved) + dot(vec(variation.t[n, i]), turned)
         for i in range(topology.freedoms[n]):
             block[topology.column[n] + i, topology.column[n] + i] += topology.drives[0, n]
-    largest = find_largest_inertia(topology, diagonal)
-    plan = ties.layout
-    for b in range(len(topology.size)):
-        first = topology.offset[b]
-        scale = topology.scale[first : first + topology.size[b]]
-        add_mass_to_block(diagonal[b], topology.size[b], scale, largest, system.work.system)
-    for b in range(len(topology.size)):
-        part = topology.part[b]
-        solve_block(topology, system.work, b, plan.side[plan.first_side[part] : plan.first_side[part + 1]], y)
 
 
 @jit_inner

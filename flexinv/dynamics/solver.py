@@ -18,6 +18,7 @@ from flexinv.dynamics.stepper import CONVERGED, NOT_FINITE, SLIPPED, TURNED_TOO_
 from flexinv.dynamics.system import Border, Instants, State, System, Trajectory, Work
 from flexinv.elements.beam import Rates, Scratch
 from flexinv.elements.beam_element import Elements
+from flexinv.elements.points import PointMotion
 from flexinv.errors import ConvergenceError, TooFewElements
 from flexinv.kernels.so3 import log_so3
 from flexinv.kinematics.mesh import Mesh
@@ -71,6 +72,7 @@ def _make_work(mesh: Mesh, topology: Topology, tied: Ties) -> Work:
         solved=np.zeros((elements, rows, widest + sides)),
         projection=np.zeros((2, mesh.size, 6)),
         moved=np.zeros((*mesh.shapes.turn.shape[:2], 6)),
+        points=PointMotion.build_for(mesh.shapes.points, widest),
     )
 
 

@@ -80,7 +80,7 @@ def evaluate(system, scheme, joints, want_tangent):
     level = loads.level[0]
     rated = scheme.mode == ACCELERATION or scheme.mode == RESOLVED
     factors = scheme.cv, scheme.ca
-    run_forward_pass(topology, system.state, joints, frames, variation, work.moved, factors, want_tangent)
+    run_forward_pass(topology, system.state, joints, frames, variation, work, factors, want_tangent)
     compute_node_wrenches(topology, frames, variation, level, work, want_tangent)
     add_loads(topology, frames, variation, loads, work, want_tangent)
     evaluate_ties(ties, system.state, frames, constraint_rows.SECOND_RATES if rated else VALUES)

@@ -12,6 +12,7 @@ from flexinv.dynamics.dofs import Topology
 from flexinv.dynamics.loads import Loads, SpringRows
 from flexinv.elements.beam import Rates, Scratch
 from flexinv.elements.beam_element import Elements
+from flexinv.elements.points import PointMotion
 from flexinv.kernels.memory import make_adjacent_arrays, make_aligned_zeros
 from flexinv.kernels.records import send_by_address
 from flexinv.kinematics.mesh import Mesh
@@ -69,7 +70,8 @@ class Work(NamedTuple):
     element, rates : scratch of one element
     system : (rows, rows + columns + sides of a part), scratch of one elimination
     projection : (2, nodes, 6), scratch of `dynamics.index1`
-    moved : (rows, amplitudes, 6) slides and turns of nodes of meshed links by the amplitudes (`elements.shapes`) [-], [rad/m]
+    moved : (rows, amplitudes, 6) slides and turns of meshed links' interfaces by amplitudes (`elements.shapes`) [-], [rad/m]
+    points : motion of the point masses of meshed links (`elements.points`)
     solved : (elements, rows, columns + sides of a part) eliminated unknowns by those of the element's first block
     """
 
@@ -86,6 +88,7 @@ class Work(NamedTuple):
     solved: Array
     projection: Array
     moved: Array
+    points: PointMotion
 
 
 @send_by_address

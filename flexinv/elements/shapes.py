@@ -5,8 +5,8 @@ With the amplitudes y of a part, slide U, turn T and their derivatives B, D of a
     p = p_0 + (U + U(y)) y / 2        U(y) = U + B y        p' = U(y) y'        p'' = U(y) y'' + y' B y'
     R = exp(psi)        T(y) = T + D y        w = H(psi) T(y) y'        (and likewise al)
 
-Point masses of a part (`parts.point_masses`) slide alone; frames of interfaces turn as well.  B and D are of the softest shapes,
-which come first: what is quadratic in the amplitudes gives loads along a part their stiffness against bending.
+These are frames of interfaces; point masses of a part slide alone (`elements.points`).  B and D are of the softest shapes, which
+come first: what is quadratic in the amplitudes gives loads along a part their stiffness against bending.
 """
 
 from __future__ import annotations
@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexinv.elements.beam import compute_curvature_rate, compute_tangent_slope
+from flexinv.elements.points import SIDE_BY_SIDE, PartPoints
 from flexinv.kernels.jit import jit_inner
 from flexinv.kernels.records import send_by_address
 from flexinv.kernels.so3 import coefficients, exp_with, tangent_with
@@ -29,7 +30,8 @@ from flexinv.typing import Array
 class PartShapes(NamedTuple):
     """Parts of a mechanism, padded to the largest number of amplitudes.
 
-    part : (nodes,) the part whose amplitudes move a node against its parent, -1 without; row : (nodes,) of the tables below
+    part : (nodes,) the part whose amplitudes move a node against its parent, -1 without
+    row : (nodes,) of the tables below, -1 of nodes without and of point masses, which have their own, ``points``
     place : (rows, 3) [m] of the undeformed node; slide : (rows, amplitudes, 3) [-]; turn : (rows, amplitudes, 3) [rad/m]
     bend : (rows, soft, soft, 3) second derivatives of the place [1/m]; whirl : those of the rotation vector [rad/m^2]
     turns : (rows,) whether a node turns at all
@@ -52,6 +54,7 @@ class PartShapes(NamedTuple):
     link: NDArray[np.int64]
     stiffness: Array
     damping: Array
+    points: PartPoints
 
 
 class Turn(NamedTuple):
@@ -61,6 +64,12 @@ class Turn(NamedTuple):
     rate: tuple[float, float, float]
     change: tuple[float, float, float]
     q: tuple[float, ...]
+
+
+@jit_inner
+def is_point_mass(n, shapes):
+    """Return True for a node that is a point mass of a part [-]."""
+    return shapes.part[n] >= 0 and shapes.row[n] < 0
 
 
 @jit_inner
@@ -197,13 +206,15 @@ def turn_shapes(n, shapes, motion, moved):
 
 def build_no_shapes(nodes: int) -> PartShapes:
     """Return the record of a mechanism of so many nodes [-] without meshed links."""
-    return build_shapes(np.full(nodes, -1), [], [])
+    return build_shapes(np.full(nodes, -1), [], [], [])
 
 
-def build_shapes(part: NDArray[np.int64], nodes: list[ShapedNode], parts: list[PartLaw]) -> PartShapes:
+def build_shapes(
+    part: NDArray[np.int64], nodes: list[ShapedNode], masses: list[ShapedNode], parts: list[PartLaw]
+) -> PartShapes:
     """Return the record of parts [N/m], [N s/m] and of the nodes that their amplitudes move [m], [-], [rad/m].
 
-    part : (nodes of the mechanism,) as in `PartShapes`; nodes, parts : in the order of their numbers
+    part : (nodes of the mechanism,) as in `PartShapes`; nodes, masses, parts : in the order of their numbers
     """
     of_parts = [(law.root, len(law.stiffness), law.soft, law.link) for law in parts]
     root, size, soft, link = np.array(of_parts, dtype=np.int64).reshape(-1, 4).T.copy()
@@ -217,7 +228,35 @@ def build_shapes(part: NDArray[np.int64], nodes: list[ShapedNode], parts: list[P
     bend, whirl = (table.transpose(0, 2, 3, 1).copy() for table in curved)
     turns = np.array([bool(table.any()) for table in turn], dtype=np.bool_)
     stiffness, damping = (_fill_up(parts, name, (most,)) for name in ("stiffness", "damping"))
-    return PartShapes(part, row, place, slide, turn, bend, whirl, turns, root, size, soft, link, stiffness, damping)
+    points = _build_points(part, masses, parts, (most, softest))
+    return PartShapes(
+        part, row, place, slide, turn, bend, whirl, turns, root, size, soft, link, stiffness, damping, points
+    )
+
+
+def _build_points(
+    part: NDArray[np.int64], masses: list[ShapedNode], parts: list[PartLaw], sizes: tuple[int, int]
+) -> PartPoints:
+    """Tables of the point masses, part after part; ``sizes`` : amplitudes, and those with second derivatives."""
+    most, softest = sizes
+    node = np.array([one.number for one in masses], dtype=np.int64)
+    first = np.searchsorted(part[node], np.arange(len(parts) + 1)).astype(np.int64)
+    stride = -(-np.diff(first) // SIDE_BY_SIDE) * SIDE_BY_SIDE
+    row = 3 * (np.cumsum(stride) - stride)
+    place = np.zeros((3 * int(stride.sum()), 1))
+    slide = np.zeros((len(place), most))
+    bend = np.zeros((len(place), softest * softest))
+    product = np.zeros((len(parts), most, 3, 3, most))
+    for number, law in enumerate(parts):
+        of_part = masses[first[number] : first[number + 1]]
+        at = row[number] + stride[number] * np.arange(3) + np.arange(len(of_part))[:, None]  # (point, xyz)
+        slides = _fill_up(of_part, "slide", (3, most))
+        place[at, 0] = _fill_up(of_part, "place", (3,))
+        slide[at] = slides
+        bend[at] = _fill_up(of_part, "bend", (3, softest, softest)).reshape(*at.shape, -1)
+        product[number] = law.point_mass * np.einsum("pia,pjb->aijb", slides, slides, optimize=True)
+    bends = bend.T.copy().reshape(softest, softest, len(place))
+    return PartPoints(first, node, row, stride, place[:, 0].copy(), slide.T.copy(), bends, product)
 
 
 def _fill_up(records: Sequence[ShapedNode | PartLaw], name: str, shape: tuple[int, ...]) -> Array:
@@ -244,10 +283,14 @@ class ShapedNode(NamedTuple):
 
 
 class PartLaw(NamedTuple):
-    """A part: node of its link frame, link, amplitudes with second derivatives [-], modal stiffness, damping [N/m], [N s/m]."""
+    """A part: node of its link frame, link, amplitudes with second derivatives [-], mass of each of its points [kg].
+
+    stiffness, damping : (amplitudes,) modal [N/m], [N s/m]
+    """
 
     root: int
     link: int
     soft: int
+    point_mass: float
     stiffness: Array
     damping: Array

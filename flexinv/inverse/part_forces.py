@@ -115,19 +115,15 @@ def _list_meshed(mesh: Mesh) -> list[int]:
 
 
 def _find_point_masses(mesh: Mesh, number: int) -> NDArray[np.int64]:
-    return np.flatnonzero((mesh.shapes.part == number) & (mesh.mass > 0.0))
+    of_parts = mesh.shapes.points
+    return np.asarray(of_parts.node[of_parts.first[number] : of_parts.first[number + 1]])
 
 
 def _find_amplitudes(mesh: Mesh, motion: NodalMotion, number: int, reduced: Reduction) -> PartMotion:
     """Amplitudes and their rates from the point masses' motion against the frame; their shapes have full rank."""
-    shapes = mesh.shapes
-    root = int(shapes.root[number])
+    root = int(mesh.shapes.root[number])
     points = _find_point_masses(mesh, number)
-    rows = shapes.row[points]
-    count = int(shapes.size[number])
-    shape = shapes.slide[rows, :count].transpose(0, 2, 1)  # (point, xyz, amplitude)
-    soft = int(shapes.soft[number])
-    second = shapes.bend[rows, :soft, :soft].transpose(0, 3, 1, 2)
+    masses = build_point_masses(reduced)
     back = motion.rotation[:, root].transpose(0, 2, 1)[:, None]
     w = motion.omega[:, root, None]
     al = motion.alpha[:, root, None]
@@ -138,12 +134,13 @@ def _find_amplitudes(mesh: Mesh, motion: NodalMotion, number: int, reduced: Redu
     p = convert_to_frame(motion.x)
     dp = convert_to_frame(motion.v) - np.cross(w, p)
     ddp = convert_to_frame(motion.a) - np.cross(al, p) - np.cross(w, np.cross(w, p)) - 2.0 * np.cross(w, dp)
-    amplitudes = _solve_amplitudes(shape, second, p - shapes.place[rows])
-    inverse = np.linalg.pinv(_compute_bent_shapes(shape, second, amplitudes).reshape(len(p), -1, count))
+    amplitudes = _solve_amplitudes(masses.shapes, masses.second, p - masses.place)
+    slopes = _compute_bent_shapes(masses.shapes, masses.second, amplitudes)
+    inverse = np.linalg.pinv(slopes.reshape(len(p), -1, amplitudes.shape[1]))
     rates = (inverse @ dp.reshape(len(p), -1, 1))[..., 0]
-    accelerations = (inverse @ (ddp - _compute_squared_rates(second, rates)).reshape(len(p), -1, 1))[..., 0]
+    accelerations = (inverse @ (ddp - _compute_squared_rates(masses.second, rates)).reshape(len(p), -1, 1))[..., 0]
     frame = NodalMotion(*(part[:, root : root + 1] for part in motion.parts))
-    return PartMotion(amplitudes, rates, accelerations, frame, reduced, build_point_masses(reduced).nodal)
+    return PartMotion(amplitudes, rates, accelerations, frame, reduced, masses.nodal)
 
 
 def _solve_amplitudes(shape: Array, second: Array, moved: Array) -> Array:

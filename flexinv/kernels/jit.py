@@ -30,6 +30,11 @@ jit_vector = NUMBA.make_jit_decorator(forceinline=True, _nrt=False, no_cfunc_wra
 jit_blocks = NUMBA.make_jit_decorator(cache=True, nogil=True, _nrt=False, no_cfunc_wrapper=True, fastmath={"contract"})
 jit_lanes = NUMBA.make_jit_decorator(_nrt=False, no_cfunc_wrapper=True, no_cpython_wrapper=True, fastmath={"contract"})
 
+# The same for sums over many numbers side by side, whose order is free: vector instructions take several parts of a sum at once.
+jit_sums = NUMBA.make_jit_decorator(
+    _nrt=False, no_cfunc_wrapper=True, no_cpython_wrapper=True, fastmath={"contract", "reassoc"}
+)
+
 
 def jit_pass(function: _Function) -> _Function:
     """Return a kernel of `jit_lanes` [-] that is not taken into its callers because it has only one.

@@ -133,6 +133,7 @@ class _Builder(MeshPlaces):
     inertia: list[Array] = field(default_factory=list)
     elements: list[list[Array]] = field(default_factory=list)  # of each the arrays of `Elements`
     shaped: list[ShapedNode] = field(default_factory=list)
+    masses: list[ShapedNode] = field(default_factory=list)
     parts: list[PartLaw] = field(default_factory=list)
     part: dict[int, int] = field(default_factory=dict)  # node -> its part
 
@@ -176,28 +177,28 @@ class _Builder(MeshPlaces):
         reduced = find_reduction(part)
         number = len(self.parts)
         damping = part.drag * reduced.modal_mass + part.retardation * reduced.modal_stiffness
-        self.parts.append(PartLaw(root, link, reduced.soft, reduced.modal_stiffness, damping))
+        points = build_point_masses(reduced)
+        self.parts.append(PartLaw(root, link, reduced.soft, points.mass, reduced.modal_stiffness, damping))
         clamped = part.interface_of[part.root]
         self.interface_node[(name, part.root)] = self.add_node(root, RIGID, Placement(clamped.origin), link)
         frames = zip(reduced.moves, reduced.turns, reduced.second_moves, reduced.second_turns, strict=True)
         for one, derivatives in zip(part.moved, frames, strict=True):
-            node = self.add_shaped_node(root, link, number, ShapedNode(-1, one.origin, *derivatives))
+            node = self.add_shaped_node(root, link, number, one.origin)
+            self.shaped.append(ShapedNode(node, one.origin, *derivatives))
             self.interface_node[(name, one.name)] = node
-        points = build_point_masses(reduced)
         for place, slide, bend in zip(points.place, points.shapes, points.second, strict=True):
-            shaped = ShapedNode(-1, place, slide, np.zeros_like(slide), bend, np.zeros_like(bend))
-            node = self.add_shaped_node(root, link, number, shaped)
+            node = self.add_shaped_node(root, link, number, place)
+            self.masses.append(ShapedNode(node, place, slide, np.zeros_like(slide), bend, np.zeros_like(bend)))
             self.mass[node] = points.mass
         self.tip_node[name] = self.interface_node[(name, part.tip)]
 
     def build_part_shapes(self) -> PartShapes:
         part = np.full(len(self.rows), -1)
         part[list(self.part)] = list(self.part.values())
-        return build_shapes(part, self.shaped, self.parts)
+        return build_shapes(part, self.shaped, self.masses, self.parts)
 
-    def add_shaped_node(self, root: int, link: int, part: int, shaped: ShapedNode) -> int:
-        node = self.add_node(root, SHAPED, Placement(shaped.place), link)
-        self.shaped.append(shaped._replace(number=node))
+    def add_shaped_node(self, root: int, link: int, part: int, place: Array) -> int:
+        node = self.add_node(root, SHAPED, Placement(place), link)
         self.part[node] = part
         return node
 

@@ -138,7 +138,25 @@ def compute_nodal_shapes(solver: Solver, shapes: NDArray[Any]) -> NDArray[Any]:
         first = t.offset[block]
         by_unknowns = np.hstack([variation.x[node, :size], variation.t[node, :size]])  # B^T (columns, 6)
         out[:, node] = shapes[first : first + size].T @ by_unknowns
+    for part in range(len(t.shapes.root)):
+        _fill_point_shapes(solver, part, shapes, out)
     return out
+
+
+def _fill_point_shapes(solver: Solver, part: int, shapes: NDArray[Any], out: NDArray[Any]) -> None:
+    """Set the displacements of a part's points, R (t x r + U y) beside that of the link frame, and its rotation t."""
+    t = solver.topology
+    motion = solver.work.points
+    root = int(t.shapes.root[part])
+    points = t.shapes.points
+    node = points.node[points.first[part] : points.first[part + 1]]
+    at = points.row[part] + points.stride[part] * np.arange(3) + np.arange(len(node))[:, None]  # (point, xyz)
+    first = t.offset[t.block[root]] + t.amplitude[part]
+    size = t.shapes.size[part]
+    turned = np.cross(out[:, root, None, 3:], motion.place[at])
+    moved = turned + np.einsum("kpi,km->mpi", motion.slide[:size, at], shapes[first : first + size])
+    out[:, node, :3] = out[:, root, None, :3] + moved @ solver.frames.r[root].T
+    out[:, node, 3:] = out[:, root, None, 3:]
 
 
 def compute_tip_displacements(mesh: Mesh, moves: Array, orientation: Array) -> dict[str, Array]:
