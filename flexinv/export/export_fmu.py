@@ -36,7 +36,7 @@ from flexinv.export.plan_library import (
     make_library_name,
     plan_inverse_library,
 )
-from flexinv.export.refusals import check_exportable, check_movable
+from flexinv.export.refusals import check_exportable, check_lasting, check_movable
 from flexinv.model.mechanism import Mechanism
 from flexinv.validation import check_choice, check_flag, check_kind, check_names, check_path
 
@@ -77,6 +77,7 @@ def export_fmu(
     mechanism = replace_changing_forces(mechanism)
     if kind == "inverse":
         check_exportable(mechanism)
+        check_lasting(mechanism, "flexinv.export_c")
     else:
         check_movable(mechanism)
     prefix = make_library_name(mechanism)
