@@ -13,7 +13,7 @@ With closed loops the efforts of the cut tree, those of the applied forces among
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from flexinv.dynamics.applied_wrenches import build_applied_loads, fill_applied_efforts, make_scratch
 from flexinv.errors import InputError
-from flexinv.export.acting_sets import format_acting_sets, has_phases, list_acting_sets
+from flexinv.export.acting_sets import ActingSet, format_acting_sets, has_phases, list_acting_sets
 from flexinv.export.given_forces import format_forces, list_moved_forces
 from flexinv.export.library_plan import BLOCK_HEADER, GoldenSeries, LibraryPlan
 from flexinv.export.machine_code import Entry, KernelCall, add_entry
@@ -30,7 +30,14 @@ from flexinv.export.memory_image import WORD, MemoryImage, list_arrays
 from flexinv.export.names import format_numbers
 from flexinv.export.payload_nodes import PAYLOAD
 from flexinv.export.rigid.closed_samples import list_closed_samples
-from flexinv.export.rigid.placing import build_loaded_mesh, format_placing, make_placing_call
+from flexinv.export.rigid.placing import (
+    LoopCalls,
+    build_loaded_mesh,
+    format_loops,
+    format_placing,
+    make_loop_calls,
+    make_placing_call,
+)
 from flexinv.kernels.memory import LINE
 from flexinv.kernels.simd import BLOCK
 from flexinv.kernels.threads.worker_pool import CELLS
@@ -98,12 +105,14 @@ def plan_rigid_library(mechanism: Mechanism, prefix: str, guess: Array | None = 
     applied = _make_applied_call(function.mesh, call, f"{prefix}_kernel_applied")
     placed = make_placing_call(mechanism, call, f"{prefix}_kernel_place")
     torques = [part.call for part in parts]
-    calls = [placed, *([applied] if applied else [])]
+    closing = _list_loop_calls(mechanism, sets, placed, f"{prefix}_kernel_loops")
+    calls = [placed, *([applied] if applied else []), *_list_calls(closing)]
     arrays = [one for each in (*torques, *calls) for one in list_arrays(each.arguments)]
     image = MemoryImage(BLOCK_HEADER, [*arrays, *(part.tables for part in parts), payloads])
     entries = [add_entry(image, one) for one in (*torques, *calls)]
-    values = _format_places(image, call, payloads) | _format_parts(image, parts, entries)
+    values = _format_places(image, call, payloads) | _format_parts(image, parts, entries, closing)
     values |= _format_tables(mechanism) | _format_applied(image, entries[len(parts) + 1 :])
+    values |= format_loops(image, build_loaded_mesh(mechanism), list(closing.values()))
     values["gravity_terms"] = "".join(_format_gravity_terms(image, part.function) for part in parts)
     values |= format_placing(image, mechanism, placed, prefix)
     changes, texts = _format_changes(image, function.mesh, mechanism, prefix)
@@ -124,7 +133,7 @@ def plan_rigid_library(mechanism: Mechanism, prefix: str, guess: Array | None = 
 def _list_readings(mechanism: Mechanism) -> list[str]:
     """Templates of what trees have beside torques, or loops."""
     if mechanism.closures:
-        return ["loops"]
+        return ["turned", "wrenches", "loops"]
     return ["turned", "wrenches", "tree", *(["applied"] if mechanism.springs or mechanism.forces else [])]
 
 
@@ -156,17 +165,38 @@ def _list_parts(functions: Sequence[TorqueFunction], name: str) -> list[_Part]:
     return parts
 
 
-def _format_parts(image: MemoryImage, parts: Sequence[_Part], entries: Sequence[Entry]) -> dict[str, str]:
+def _list_loop_calls(
+    mechanism: Mechanism, sets: Sequence[ActingSet], placed: KernelCall, name: str
+) -> dict[int, LoopCalls]:
+    """Number of each set that has closures -> the calls that add what they do to wrenches at joints."""
+    return {
+        k: make_loop_calls(mechanism, placed, one.acting, f"{name}_{k}" if k else name)
+        for k, one in enumerate(sets)
+        if one.acting.any()
+    }
+
+
+def _list_calls(closing: Mapping[int, LoopCalls]) -> list[KernelCall]:
+    """Return all calls, set by set."""
+    return [call for calls in closing.values() for call in calls[:3]]
+
+
+def _format_parts(
+    image: MemoryImage, parts: Sequence[_Part], entries: Sequence[Entry], closing: Mapping[int, LoopCalls]
+) -> dict[str, str]:
     """Tables of what differs from one set of closures to the other, a row each."""
     rows = list[str]()
     links = list[str]()
     rates = list[str]()
-    for part, entry in zip(parts, entries, strict=False):
+    for k, (part, entry) in enumerate(zip(parts, entries, strict=False)):
         function = part.function
         samples = entry.find_argument(10)
         numbers = entry.find_argument(1) + 4 * WORD
         places = f"{samples}, {numbers}, {image.find_place(part.tables)}"
-        rows.append(f"    {{{part.call.name}, {places}, {len(function.bodies.tree)}, {int(bool(function.loops))}}}")
+        closes = [one.name for one in closing[k][:3]] if k in closing else 3 * ["NULL"]
+        width = image.find_place(closing[k].sample.width) if k in closing else 0
+        sizes = f"{len(function.bodies.tree)}, {int(bool(function.loops))}"
+        rows.append(f"    {{{part.call.name}, {', '.join(closes)}, {places}, {width}, {sizes}}}")
         links.append("{\n" + ",\n".join(_format_links(function.mesh, function.bodies)) + "\n}")
         rates.append("{" + ", ".join(map(str, _find_bodies_of_rates(function.mesh, function.bodies))) + "}")
     return {
@@ -201,7 +231,7 @@ def _format_tables(mechanism: Mechanism) -> dict[str, str]:
 
 def _format_applied(image: MemoryImage, entries: Sequence[Entry]) -> dict[str, str]:
     """Places of the efforts against springs between points and given forces, and of their number of samples; 0 without them."""
-    if not entries:
+    if not entries or entries[0].call.kernel is not fill_applied_efforts:
         return {"applied": "0", "at_applied": "0", "at_applied_samples": "0"}
     at = image.find_place(entries[0].call.arguments[-1])
     return {"applied": "1", "at_applied": str(at), "at_applied_samples": str(entries[0].find_argument(4))}

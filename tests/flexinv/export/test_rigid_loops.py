@@ -64,6 +64,18 @@ def test_torques_of_loops_have_the_digits_of_python(stewart: tuple[Mechanism, Tr
     assert_needs_nothing(made)
 
 
+def assert_has_wrenches(block: Block, m: Mechanism, row: Triple) -> None:
+    """Wrenches at all joints, at one sample, are those of `nodal`."""
+    assert block.call("place", *row) == "OK"
+    wrench = np.zeros((len(m.joints), 6))
+    for number, out in enumerate(wrench):
+        assert block.call("joint_wrench", number, out) == "OK"
+    expected = np.array(
+        [one[0] for one in flexinv.prepare(m, threads=1).nodal(*(part[None] for part in row)).wrench.values()]
+    )
+    np.testing.assert_allclose(wrench, expected, rtol=0, atol=ROUNDING * np.abs(expected).max())
+
+
 def test_parameters_of_loops_are_those_of_a_mechanism_that_has_them(
     stewart: tuple[Mechanism, Triple], made: ExportedLibrary
 ) -> None:
@@ -84,6 +96,7 @@ def test_parameters_of_loops_are_those_of_a_mechanism_that_has_them(
     expected = flexinv.joint_torques(other, *motion, threads=1)
     scale = np.abs(expected).max()
     assert np.abs(torques(block, motion) - expected).max() <= ROUNDING * scale
+    assert_has_wrenches(block, other, tuple(part[2].copy() for part in motion))
     assert np.abs(torques(Block(made), motion) - expected).max() > 1e-2 * scale
 
 
@@ -171,6 +184,7 @@ def test_closures_that_act_for_a_while_are_told_by_number(tmp_path: Path) -> Non
         assert block.call("torque", *row, tau) == "OK"
         assert np.array_equal(tau, flexinv.prepare(sets[phase].mechanism, threads=1).sample(*row, np.zeros(m.nv)))
         np.testing.assert_allclose(tau, s.torque_all[k], rtol=0, atol=ROUNDING * np.abs(s.torque_all).max())
+        assert_has_wrenches(block, sets[phase].mechanism, row)
     held = len(s.time) // 2
     row = s.q[held].copy(), s.qd[held].copy(), s.qdd[held].copy()
     gravity = np.array([1.0, -7.0, 0.0])
