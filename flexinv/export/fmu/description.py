@@ -41,7 +41,9 @@ def render_description(head: FmuHead, made: Interface) -> str:
     lines = [*_render_head(head, made, is_new), "  <UnitDefinitions>", *_render_units(made), "  </UnitDefinitions>"]
     lines += [_render_experiment(head), "  <ModelVariables>"]
     lines += [_render_variable(k, one, is_new) for k, one in enumerate(made.variables)]
-    if is_new:  # in FMI 2.0 it may be left out, and readers of FMI Library ask for its start, which the standard forbids
+    if (
+        is_new
+    ):  # in FMI 2.0 it may be left out, and readers of FMI Library ask for its start, which the standard forbids
         lines.append(_render_time(len(made.variables)))
     lines += ["  </ModelVariables>", *_render_structure(made, is_new)]
     return "\n".join([*lines, "</fmiModelDescription>", ""])
