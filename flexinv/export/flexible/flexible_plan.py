@@ -76,7 +76,7 @@ def plan_flexible_library(mechanism: Mechanism, prefix: str, settings: MarchSett
     rest = plan_rest_start(state, motion, prefix)
     steps = _list_step_calls(state, motion, prefix)
     strained = make_strain_call(state.solver.mesh, state.frames, state.solver.work.element, f"{prefix}_kernel_strains")
-    calls = [*steps, *(rest.calls if rest else ()), strained]
+    calls = [*steps, *rest.calls, strained]
     image = MemoryImage(BLOCK_HEADER, [one for call in calls for one in list_arrays(call.arguments)])
     entries = [add_entry(image, call) for call in calls]
     values = _format_places(image, entries, state, motion) | _format_guard(state)
@@ -90,9 +90,8 @@ def plan_flexible_library(mechanism: Mechanism, prefix: str, settings: MarchSett
     changes = _format_changes(image, state, prefix)
     parts += changes
     values |= {name: text for texts in changes.values() for name, text in texts.items()}
-    if rest is not None:
-        values |= _format_rest(image, rest, entries[len(steps) : -1])
-        parts += ["settle", rest.template, "rest"]
+    values |= _format_rest(image, rest, entries[len(steps) : -1])
+    parts += ["settle", rest.template, "rest"]
     golden = _make_step_series(controller, state, begins)
     return LibraryPlan("flexible", mechanism, entries, image, values, golden, tuple(parts), begins, settings.step)
 
@@ -167,7 +166,7 @@ def _list_step_calls(state: FlexibleState, motion: list[Array], prefix: str) -> 
 
 def _format_rest(image: MemoryImage, rest: RestStart, entries: Sequence[Entry]) -> dict[str, str]:
     """Places of the start at rest, and of what is zero there."""
-    results = zip(("at_begun", "at_settled", "at_rested"), entries, strict=True)
+    results = zip(("at_begun", "at_settled", "at_rested")[-len(entries) :], entries, strict=True)
     places = {name: image.find_place(one) for name, one in rest.places.items()} | {
         name: one.result for name, one in results
     }

@@ -67,6 +67,13 @@ def test_steps_of_a_loop_have_the_digits_of_a_controller(tmp_path: Path) -> None
     result = stepped(block, rows)
     assert np.array_equal(result, controlled(bar, guess, rows))
     assert (result[:, 1:] == 0.0).all()
+    other = begins + np.array([0.4, 7.0, 7.0])  # joints without drives come along, whatever is given of them
+    assert block.start_at(other) == "OK"
+    rows = swing(bar, other, WAY, STEPS)
+    expected = controlled(bar, begins + np.array([0.4, 0.0, 0.0]), rows)
+    np.testing.assert_allclose(stepped(block, rows), expected, rtol=0, atol=REST * np.ptp(expected))
+    assert block.start_at(other + 500.0) == "NO_SOLUTION"
+    assert block.call("step", *rows[0], np.zeros(3)) == "NOT_STARTED"
     assert_needs_nothing(made)
 
 
