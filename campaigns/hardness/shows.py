@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import re
+import shutil
+import tempfile
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from string import Template
@@ -69,6 +72,21 @@ def show_valgrind(scale: float) -> Iterator[str]:
             yield f"{machine.title}: memcheck ({calls} calls, 4 x {steps} steps) and helgrind (2 threads x {steps} steps) clean"
 
 
+def show_alone(_: float) -> Iterator[str]:
+    """Yield lines about the example of each folder in a root of its own, with libc, libm and the loader alone [-]."""
+    for machine in CHECKED:
+        with open_library(machine) as library, tempfile.TemporaryDirectory() as place:
+            root = Path(place)
+            program = library.compile("example.c")
+            needed = re.findall(r"(/\S+) \(0x", run_command(["ldd", program]))
+            for file in needed:
+                (root / file[1:]).parent.mkdir(parents=True, exist_ok=True)
+                shutil.copy(file, root / file[1:])
+            shutil.copy(program, root / "example")
+            run_command(["chroot", root, "/example"])
+            yield f"{machine.title}: the example runs beside {', '.join(sorted(Path(file).name for file in needed))}"
+
+
 def compile_fuzz(library: Library, target: str, sanitized: bool = True) -> Path:
     """Return the fuzz program [-], with a library's own checks as source under the sanitizers, or as they stand in it."""
     text = Template((HERE / "fuzz.c").read_text(encoding="utf-8")).safe_substitute(statuses=len(STATUSES))
@@ -82,6 +100,7 @@ def compile_fuzz(library: Library, target: str, sanitized: bool = True) -> Path:
 
 SHOWS: dict[str, Callable[[float], Iterator[str]]] = {
     "memory": show_memory, "threads": show_threads, "fuzz": show_fuzz, "valgrind": show_valgrind,
+    "alone": show_alone,
     "instructions": list_instruction_rows, "processors": list_processor_rows, "samples": list_sample_rows,
     "steps": list_step_rows, "first": list_first_rows,
 }  # fmt: skip
