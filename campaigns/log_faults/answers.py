@@ -10,6 +10,8 @@ from __future__ import annotations
 import re
 from dataclasses import dataclass
 
+import numpy as np
+
 from crosscheck.identification.causes.cause import NamedCause
 
 ERRORS = 3.0  # a size is right within so many of its standard errors ...
@@ -64,8 +66,28 @@ NAMES = {
     "jump of the angle": "angle jump",
     "backlash of the gear": "backlash",
     "part of the effort of another joint, carried too": "coupled effort",
+    "step of the effort": "effort step",
+    "settling of the effort's zero": "effort drift",
+    "oscillation of the effort": "oscillation",
+    "balance of the joint by a spring": "counterbalance",
+    "dry friction that changes with the angle": "friction of the angle",
+    "stiction beside what is known": "stiction",
+    "load friction beside what is known": "load friction",
+    "quadratic friction beside what is known": "drag of the squared rate",
+    "saturation of the effort": "iron saturation",
+    "curvature of the effort's sensor": "bent sensor",
+    "gain of positive efforts alone": "one-sided gain",
+    "dead band of the effort": "dead band",
+    "part of the reading of another effort": "crosstalk",
+    "part of the angle of another joint": "coupled angle",
+    "twist of the gear by its load": "gear stiffness",
+    "angle from the world": "absolute angle",
+    "copied column of the effort": "copied effort",
+    "effort without its sign": "effort unsigned",
+    "wrapped effort": "overflow",
     "no cause that is known": UNKNOWN,
 }
+WAVES = ("counterbalance",)  # whose size is an amplitude: the sign is one of the phase
 FACTORS = ("clock", "effort gain", "angle gain", "gravity", "gear efficiency")
 PLACES = {"the world's y axis": "y", "the world's x axis": "x", "the world": "*", "all joints": "*", "the times": "*"}
 RIPPLE = re.compile(r"ripple of the effort, .* a turn")
@@ -109,9 +131,14 @@ def _parse_answer(text: str) -> Answer:
 
 def read_answer(name: str, place: str, size: float, error: float) -> Answer:
     """Return a named cause in the names of answers, with factors for relative errors and the base for gravity [-]."""
-    own = "effort ripple" if RIPPLE.fullmatch(name) else NAMES.get(name, name)
+    first = name.partition(", ")[0]  # behind it stands where, when or how fast
+    own = "effort ripple" if RIPPLE.fullmatch(name) else NAMES.get(name) or NAMES.get(first, first)
     where = FAR.sub("", place)
     where = "*" if PAIR.search(where) else PLACES.get(where, where)
+    if own.startswith("length of the link"):
+        own = "length"
+    if own == "gear stiffness":  # of one unit of load
+        return Answer(own, where, 1.0 / size, error / size**2)
     if own == "clock":
         return Answer(own, where, 1.0 / (1.0 + size), error)
     if own in FACTORS:
@@ -139,7 +166,8 @@ def has_size_of(said: Answer, right: Answer) -> bool:
     if right.size is None or said.size is None:
         return True
     whole = right.size - 1.0 if right.name in FACTORS else right.size
-    return abs(said.size - right.size) <= ERRORS * said.error + PART * abs(whole)
+    size = np.copysign(said.size, right.size) if right.name in WAVES else said.size
+    return bool(abs(size - right.size) <= ERRORS * said.error + PART * abs(whole))
 
 
 def judge_causes(right: str, named: tuple[NamedCause, ...], refused: str, other_day: bool) -> Verdict:
