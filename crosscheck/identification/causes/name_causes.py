@@ -50,9 +50,8 @@ FOLLOWED = 4  # steps on the way to a size
 ASKED = 2.0  # least drop of the linear estimate, which a large fault makes small: it spoils the weights
 NEAREST = 6  # causes that are followed: at phi = 0 some are alike, a delay and a lag above all
 ALIKE = 4.0  # of drops that differ by less than this neither is the better one: the first of the dictionary is named
-# RMS of a channel over that of blocks left out; below it neither gears nor shapes nor other joints are asked for what is left.
-# Good logs have 0.75 to 1.15.
-QUIET = 0.8
+# RMS of a channel over that of blocks left out, below which no rare cause is asked for what is left of it: noise has as much.
+QUIET = 1.0
 LARGEST = 4  # causes named at most
 # Faults at once, beside friction that is another on another day: rows 169, 316 and 319 of
 # campaigns/log_faults named three, among them wrong ones.
@@ -162,7 +161,7 @@ def _find_small_causes(search: CauseSearch, log: Log) -> tuple[list[NamedCause],
     values = search.machine.space.compute_values(search.fit.z)
     usual = list(list_possible_causes(search.machine, values))
     alone = CauseRound(search, log, usual, np.zeros(len(usual)), None)
-    noisy = [c for c, level in enumerate(alone.compute_levels()) if level > QUIET]
+    noisy = np.flatnonzero(alone.compute_levels() > QUIET).tolist()
     play = list_play_causes(search.machine, values, noisy)
     waves = list_ripple_causes(alone, alone.at, noisy)
     here = alone.add_causes([*play, *waves, *list_shape_causes(alone, values, noisy)])
@@ -233,8 +232,9 @@ def _make_unknown_cause(channel: Channel, level: float, nearest: list[NamedCause
 def _find_strongest_cause(here: CauseRound, at: Array, known: set[str]) -> tuple[int, NamedCause] | None:
     level = here.compute_weighed_residual(at)
     first: list[tuple[float, int, float]] = []
+    quiet = _list_quiet_places(here)
     for k, cause in enumerate(here.causes):
-        if (cause.kin or cause.name + cause.place) not in known:
+        if (cause.kin or cause.name + cause.place) not in known and not (cause.rare and cause.place in quiet):
             first += [(drop, k, size) for drop, size in _list_start_sizes(here, at, k, level) if drop > ASKED]
     chosen = _list_nearest_causes(here, first)
     tried = [_fit_possible_size(here, at, k, size, level) for k, size in chosen.items()]
@@ -248,6 +248,13 @@ def _find_strongest_cause(here: CauseRound, at: Array, known: set[str]) -> tuple
     others = [f"{one.name} of {one.place}, {one.size:.3g} {one.unit}" for _, one in alike[1:]]
     words = likely.evidence + (f"; next to as likely: {'; '.join(others)}" if others else "")
     return k, replace(likely, evidence=words)
+
+
+def _list_quiet_places(here: CauseRound) -> set[str]:
+    """The places of causes that no rare one is asked for: a channel of which no more is left than noise, or all of them."""
+    levels = here.compute_levels()
+    places = {channel.place: level for channel, level in zip(here.search.machine.channels, levels, strict=True)}
+    return {one.place for one in here.causes if places.get(one.place, levels.max()) < QUIET}
 
 
 def _list_nearest_causes(here: CauseRound, first: list[tuple[float, int, float]]) -> dict[int, float]:

@@ -76,7 +76,8 @@ def _list_whole_faults(channel: Channel, values: Array, expected: Array) -> Iter
         return
     sizes = np.abs(expected)
     left = [float(np.std(values - one)) for one in (expected, sizes)]
-    if values.min() >= 0.0 > np.quantile(expected, AMONG_SMALLEST) and left[1] < HALF * left[0]:
+    low, high = np.quantile(expected, [AMONG_SMALLEST, 1.0 - AMONG_SMALLEST])
+    if low < 0.0 < high and values.min() >= 0.0 and left[1] < HALF * left[0]:
         words = (
             f"it is never negative; {left[0]:.3g} {channel.unit} remain, and {left[1]:.3g} where the sign is left out"
         )
