@@ -31,17 +31,16 @@ import flexinv
 from crosscheck.engines.flexinv_c.adapter import plan_case, unsupported
 from crosscheck.engines.flexinv_c.program import LibrarySettings, Question, make_linked_program
 from flexinv.errors import FlexinvError, InputError
+from flexinv.export.acting_sets import list_acting_sets
 from flexinv.export.machine_code import NEEDED
 from flexinv.files.load_cases import Case, load_cases
 from flexinv.model.mechanism import Mechanism
 from flexinv.typing import Array
 
 MODELS = Path(__file__).resolve().parents[1] / "models"
-# Folder of models/ -> how its refusal reads: what is neither a plain tree, nor beams, nor loops that act all the time.
+# Folder of models/ -> how its refusal reads: what is neither a plain tree, nor beams, nor loops that act all the time, nor rigid.
 EXCEPTIONS = {
-    "two_arms": "closures that act for a while",
     "two_arms_flexible": "closures that act for a while",
-    "walker": "closures that act for a while",
 }
 MOST_CALLS = 1000  # of one case
 MARCHED = 1e-9  # of the largest effort: the march of `solve` is the same, the sums behind it stand in another order
@@ -109,8 +108,9 @@ def list_missing(folder: Path) -> list[str]:
 
 def compute_rigid(mechanism: Mechanism, questions: list[Question]) -> Array:
     """Return the efforts of single samples [N m], [N]."""
-    function = flexinv.prepare(mechanism, threads=1)
-    return np.array([function.sample(one.q, one.qd, one.qdd, np.zeros(mechanism.nv)) for one in questions])
+    functions = [flexinv.prepare(one.mechanism, threads=1) for one in list_acting_sets(mechanism)]
+    rest = np.zeros(mechanism.nv)
+    return np.array([functions[one.phase].sample(one.q, one.qd, one.qdd, rest.copy()) for one in questions])
 
 
 def march(mechanism: Mechanism, case: Case, questions: list[Question], settings: LibrarySettings) -> Array:

@@ -183,12 +183,17 @@ def list_velocity_scales(mesh: Mesh) -> Array:
     return np.where(list_sliding_coordinates(mesh.mechanism), mesh.length, 1.0)
 
 
+def compute_gradient_rounding(mesh: Mesh, direction: Mask) -> Array:
+    """Return the rounding of each entry of G, (rows, nv) [m/rad], [-]; direction : (rows,) as of `Rows`."""
+    return GRADIENT_ROUNDING * np.where(direction[:, None], 1.0, mesh.length / list_velocity_scales(mesh))
+
+
 def drop_rounding(mesh: Mesh, direction: Mask, g: Array) -> Array:
     """Return G (samples, rows, nv) [m/rad], [-], set to zero in place where all of a sample is rounding.
 
     So it is where closures tie nothing: a second bearing of a shaft.  Ranks are told from the largest entry, which then is none.
     """
-    least = GRADIENT_ROUNDING * np.where(direction[:, None], 1.0, mesh.length / list_velocity_scales(mesh))
+    least = compute_gradient_rounding(mesh, direction)
     if len(g) and (np.abs(g[0]) <= least).all():  # else there is one that ties something
         g[(np.abs(g) <= least).all(axis=(1, 2))] = 0.0
     return g

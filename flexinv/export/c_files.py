@@ -15,7 +15,7 @@ from flexinv.export.names import format_comment, format_markdown, format_numbers
 from flexinv.kinematics.nodal_motion import list_sliding_coordinates
 from flexinv.model.mechanism import Mechanism
 
-LAYOUT = 3  # of the block; another number wherever the header's functions or the meaning of the block change
+LAYOUT = 4  # of the block; another number wherever the header's functions or the meaning of the block change
 # Name -> meaning, in the order of their numbers.
 STATUSES = {
     "OK": "done",
@@ -28,8 +28,8 @@ STATUSES = {
     "NOT_FINITE": "a number that is given is infinite or none",
     "BAD_VALUE": "a mass, an inertia, friction or an index that cannot be",
     "OUT_OF_RANGE": "cosine and sine or a quaternion are no rotation, or an effort is too large for a number",
-    "NO_SOLUTION": "the step found no solution; the block stands where it stood before, give a shorter motion",
-    "BENT_TOO_FAR": "a beam turns too far within one element; the block stands where it stood before",
+    "NO_SOLUTION": "the step found no solution; the block stands where it stood: give a shorter motion, or export a shorter step",
+    "BENT_TOO_FAR": "a beam turns too far within one element; the block stands where it stood: as NO_SOLUTION",
     "ENERGY": "energy comes from nowhere: the step has left the motion, and the block is over until start() or a copy()",
     "NOT_CLOSED": "q, qd or qdd do not keep the closed loops; give the consistent motion of all joints",
     "SINGULAR": "a closed loop is so near a singular position that its forces are not certain; keep away from it",
@@ -99,7 +99,7 @@ def _collect_values(plan: LibraryPlan, prefix: str, targets: Sequence[str]) -> d
         "kernels": "\n".join(f"int32_t {one.call.name}(char *block);" for one in plan.entries),
         "gravity": ", ".join(f"{one:g}" for one in m.gravity), "start": format_numbers(start),
         "start_decimal": ", ".join(f"{one:.9g}" for one in start), "step": repr(plan.step),
-        "call": f"{prefix}_{'torque' if plan.kind == 'rigid' else 'step'}",
+        "call": f"{prefix}_{'torque' if plan.kind == 'rigid' else 'step'}", "has_phases": str(int("phases" in plan.parts)),
     }  # fmt: skip
     return (
         values
@@ -129,7 +129,8 @@ def _format_series(golden: GoldenSeries) -> dict[str, str]:
     """The motion and the efforts of the self-test."""
     series = {"q": golden.q, "qd": golden.qd, "qdd": golden.qdd, "tau": golden.tau}
     texts = {f"golden_{name}": format_numbers(numbers.ravel()) for name, numbers in series.items()}
-    return texts | {"samples": str(len(golden.q)), "tolerance": repr(golden.tolerance)}
+    texts |= {"samples": str(len(golden.q)), "tolerance": repr(golden.tolerance)}
+    return texts | {"golden_phase": ", ".join(map(str, golden.phase)) or "0"}
 
 
 def _list_constants(prefix: str, kind: str, words: Mapping[str, str]) -> str:

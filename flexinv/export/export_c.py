@@ -18,6 +18,7 @@ from flexinv.export.link_library import find_compiler, list_link_commands, run_c
 from flexinv.export.machine_code import NATIVE, Processor, check_target, write_entries
 from flexinv.export.plan_library import StartRequest, make_library_name, plan_inverse_library
 from flexinv.export.refusals import check_exportable
+from flexinv.export.written_files import LICENCE_FILE, read_licence, write_files
 from flexinv.model.mechanism import Mechanism
 from flexinv.validation import check_flag, check_kind, check_names, check_path
 
@@ -79,17 +80,14 @@ def check_out_folder(out: str | Path, overwrite: bool) -> Path:
 def _write_library(plan: LibraryPlan, prefix: str, folder: Path, targets: Sequence[str]) -> ExportedLibrary:
     """Write all files, first those that may still fail to be made."""
     constants = make_constants(plan, prefix)
-    texts = render_files(plan, prefix, targets)
+    texts = render_files(plan, prefix, targets) | {LICENCE_FILE: read_licence()}
     objects = dict[str, bytes]()
     for target in targets:
         processor = Processor.build_for(target)
         kernels = make_kernel_object(plan.entries, processor)
         objects[f"lib/{target}/{prefix}_kernels.o"] = kernels.code
         objects[f"lib/{target}/{prefix}_entries.o"] = write_entries(plan.entries, constants, processor, kernels.names)
-    for path, data in {**{path: text.encode() for path, text in texts.items()}, **objects}.items():
-        file = folder / path
-        file.parent.mkdir(parents=True, exist_ok=True)
-        file.write_bytes(data)
+    write_files(folder, {path: text.encode() for path, text in texts.items()} | objects)
     left = list[str]()
     for target in targets:
         compiler = find_compiler(target)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import zipfile
 from collections.abc import Mapping, Sequence
 from hashlib import sha256
@@ -15,7 +16,6 @@ from flexinv.export.fmu.compile_fmu import (
     build_library,
     find_fmu_compiler,
     list_binary_folders,
-    read_licence,
     render_source,
 )
 from flexinv.export.fmu.description import FMI_VERSIONS, FmuHead, render_description, render_fmu_page
@@ -36,7 +36,8 @@ from flexinv.export.plan_library import (
     make_library_name,
     plan_inverse_library,
 )
-from flexinv.export.refusals import check_exportable, check_movable
+from flexinv.export.refusals import check_exportable, check_lasting, check_movable
+from flexinv.export.written_files import read_licence, write_files
 from flexinv.model.mechanism import Mechanism
 from flexinv.validation import check_choice, check_flag, check_kind, check_names, check_path
 
@@ -77,6 +78,7 @@ def export_fmu(
     mechanism = replace_changing_forces(mechanism)
     if kind == "inverse":
         check_exportable(mechanism)
+        check_lasting(mechanism, "flexinv.export_c")
     else:
         check_movable(mechanism)
     prefix = make_library_name(mechanism)
@@ -133,10 +135,11 @@ def _collect_files(plan: LibraryPlan, head: FmuHead, made: Interface, target: st
 
 def _write_archive(file: Path, files: Mapping[str, bytes]) -> None:
     """Write a zip file whose bytes do not depend on the clock."""
-    file.parent.mkdir(parents=True, exist_ok=True)
-    with zipfile.ZipFile(file, "w", zipfile.ZIP_DEFLATED) as archive:
+    whole = io.BytesIO()
+    with zipfile.ZipFile(whole, "w", zipfile.ZIP_DEFLATED) as archive:
         for path, data in files.items():
             entry = zipfile.ZipInfo(path, ARCHIVE_DATE)
             entry.compress_type = zipfile.ZIP_DEFLATED
             entry.external_attr = (0o755 if path.endswith(".so") else 0o644) << 16
             archive.writestr(entry, data)
+    write_files(file.parent, {file.name: whole.getvalue()})

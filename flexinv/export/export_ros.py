@@ -11,10 +11,10 @@ from flexinv import __version__
 from flexinv.errors import InputError
 from flexinv.export.c_files import fill_template
 from flexinv.export.export_c import ExportedLibrary, check_out_folder, export_c
-from flexinv.export.fmu.compile_fmu import read_licence
 from flexinv.export.machine_code import NATIVE
 from flexinv.export.memory_image import ALIGNMENT
 from flexinv.export.names import format_comment, format_markdown, format_numbers, format_string
+from flexinv.export.written_files import LICENCE_FILE, read_licence, write_files
 from flexinv.model.joint_kinds import KINDS
 from flexinv.model.mechanism import Mechanism
 from flexinv.validation import check_kind
@@ -43,10 +43,7 @@ def export_ros(
     header = (made.folder / "include" / f"{made.name}.h").read_text(encoding="utf-8")
     cycle = None if step is None else float(step)
     package = _render_package(mechanism, made.name, cycle, f"{made.name}_start_at(" in header)
-    for path, text in package.items():
-        file = folder / path
-        file.parent.mkdir(parents=True, exist_ok=True)
-        file.write_text(text, encoding="utf-8")
+    write_files(folder, {path: text.encode() for path, text in package.items()})
     files = sorted([*package, *(f"{LIBRARY_FOLDER}/{path}" for path in made.files)])
     return ExportedLibrary(folder, f"{made.name}_ros", tuple(files), made.to_link)
 
@@ -82,7 +79,7 @@ def _render_package(mechanism: Mechanism, name: str, step: float | None, starts_
     }  # fmt: skip
     if solves:
         files |= {"src/solver.cpp": "ros_solver.cpp", f"{name}_solver.xml": "ros_solver.xml"}
-    return {path: fill_template(template, values) for path, template in files.items()} | {"LICENSE": read_licence()}
+    return {path: fill_template(template, values) for path, template in files.items()} | {LICENCE_FILE: read_licence()}
 
 
 def _collect_values(mechanism: Mechanism, name: str, step: float | None, starts_anywhere: bool) -> dict[str, str]:

@@ -20,7 +20,7 @@ class GoldenSeries:
     """Motion and efforts that flexinv has computed, which the self-test replays.
 
     q : (samples, nq) [rad], [m]; qd, qdd, tau : (samples, nv) per second, [N m], [N]
-    tolerance : of the efforts, in parts of the largest one [-]
+    tolerance : of the efforts, in parts of the largest one [-]; phase : number of the closures that act at each sample, or ()
     """
 
     q: Array
@@ -28,6 +28,7 @@ class GoldenSeries:
     qdd: Array
     tau: Array
     tolerance: float
+    phase: tuple[int, ...] = ()
 
 
 @dataclass(frozen=True)

@@ -7,6 +7,9 @@ from collections.abc import Iterator
 import numpy as np
 
 from flexinv.analysis.evaluation import build_skeleton, list_section_points
+from flexinv.dynamics.section_strains import fill_section_strains
+from flexinv.elements.beam import Scratch
+from flexinv.export.machine_code import KernelCall
 from flexinv.export.memory_image import WORD, MemoryImage
 from flexinv.export.names import format_numbers, make_words
 from flexinv.kinematics.mesh import Mesh
@@ -65,22 +68,10 @@ def format_beams(image: MemoryImage, mesh: Mesh, internal: Array, prefix: str) -
     }  # fmt: skip
 
 
-def format_strains(mesh: Mesh, is_flat: bool) -> dict[str, str] | None:
-    """Return the compliances of all sections [1/N], [1/(N m)] ..., as the template `strains` names them [-].
-
-    None where beams are damped, whose stresses are those of rates, too; and in a plane where sections are coupled, of which what
-    stands across the plane is not marched.
-    """
-    e = mesh.elements
-    if e.damping.size or (is_flat and e.coupling.size):
-        return None
-    rows = list[str]()
-    for _, span, order, _ in list_section_points(mesh):
-        for k, count in zip(range(span.start, span.stop), order, strict=True):
-            for g in range(count):
-                law = np.diag(e.stiffness[k, g]) + (e.coupling[k, g] if e.coupling.size else 0.0)
-                rows.append(f"    {{{format_numbers(np.linalg.inv(law).ravel())}}}")
-    return {"compliances": ",\n".join(rows)}
+def make_strain_call(mesh: Mesh, frames: Frames, scratch: Scratch, name: str) -> KernelCall:
+    """Return the call that finds the strains of all sections [-], [1/m] where the nodes of a block are, ``frames``."""
+    elements, points = mesh.elements.weight.shape
+    return KernelCall(name, fill_section_strains, (mesh.elements, frames, scratch, np.zeros((elements, points, 6))))
 
 
 def _list_members(prefix: str, kind: str, names: list[str]) -> str:

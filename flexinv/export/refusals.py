@@ -5,8 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 from flexinv.errors import InputError
+from flexinv.export.acting_sets import format_acting_sets, list_acting_sets
 from flexinv.export.machine_code import check_compiler
-from flexinv.export.names import make_words
+from flexinv.export.names import LIBRARY_PREFIX, make_words
 from flexinv.model.joint_kinds import KINDS
 from flexinv.model.mechanism import Mechanism
 from flexinv.rigid.prepare import prepare
@@ -15,11 +16,20 @@ from flexinv.rigid.prepare import prepare
 def check_exportable(mechanism: Mechanism) -> None:
     """Raise InputError [-] for a mechanism that has no C library: names that are one in C, parts for which there is no kernel."""
     m = mechanism
-    _check_any(m, "torques", "flexinv.solve")
+    _check_any(m, "torques")
     _check_meshes(m)
     if m.is_rigid:
-        _check_loops(m)
+        captures = [c.name for c in m.closures if c.capture]
+        _refuse(
+            m,
+            "closures that capture frames as they lie",
+            captures,
+            "of which rigid libraries know nothing; call flexinv.solve",
+        )
+        for one in list_acting_sets(m):
+            _check_loops(one.mechanism)
         return
+    check_lasting(m, "flexinv.solve")
     coupling = [c.name for c in m.closures if c.kind == "coupling"]
     _refuse(
         m,
@@ -31,7 +41,8 @@ def check_exportable(mechanism: Mechanism) -> None:
 
 def check_movable(mechanism: Mechanism) -> None:
     """Raise InputError [-] for a mechanism that torques do not move in a library: names, phases, joints that are no scalars."""
-    _check_any(mechanism, "motion", "flexinv.simulate")
+    _check_any(mechanism, "motion")
+    check_lasting(mechanism, "flexinv.simulate")
     _check_meshes(mechanism)
     for joint in mechanism.joints:
         if joint.nv and not KINDS[joint.kind].scalar:
@@ -41,8 +52,15 @@ def check_movable(mechanism: Mechanism) -> None:
             )
 
 
-def _check_any(mechanism: Mechanism, asked: str, instead: str) -> None:
-    """Refuse what no library does: nothing that moves, names that are one in C, closures that act for a while."""
+def check_lasting(mechanism: Mechanism, instead: str) -> None:
+    """Raise InputError for closures that act for a while [s]; instead : what to call."""
+    passing = [c.name for c in mechanism.closures if c.active]
+    why = f"of which a call that knows no time cannot tell; call {instead}"
+    _refuse(mechanism, "closures that act for a while", passing, why)
+
+
+def _check_any(mechanism: Mechanism, asked: str) -> None:
+    """Refuse what no library does: nothing that moves, names that are one in C."""
     m = mechanism
     if m.nv == 0:
         raise InputError(f"export: mechanism {m.name!r} has no joint that moves, and so no {asked}")
@@ -50,10 +68,7 @@ def _check_any(mechanism: Mechanism, asked: str, instead: str) -> None:
     make_words("coordinates", m.coordinate_names)
     make_words("rates", m.velocity_names)
     make_words("links", [link.name for link in m.links])
-    phases = [c.name for c in m.closures if c.active]
-    _refuse(
-        m, "closures that act for a while", phases, f"of which a call that knows no time cannot tell; call {instead}"
-    )
+    format_acting_sets(m, LIBRARY_PREFIX)  # whose names are words, too
 
 
 def _check_meshes(mechanism: Mechanism) -> None:

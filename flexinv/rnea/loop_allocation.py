@@ -23,6 +23,7 @@ from typing import Any
 
 import numpy as np
 
+from flexinv.constraints.allocation import STILL_ACCELERATION, STILL_RATE
 from flexinv.kernels.jit import jit_lane, jit_lanes
 from flexinv.kernels.simd import LANES, dot, put_vec, row, vec_of
 from flexinv.rnea import loop_layout as layout
@@ -396,7 +397,10 @@ def _update_pairs(plan, fixed, work, scratch, at, lanes):
 
 @jit_lanes
 def is_unclear(plan, fixed, work, lanes):
-    """Return True if the squares of a call, of all threads, are not clearly within the limits fixed[:3] [-] of the sums."""
+    """Return True if the squares of a call, of all threads, are not clearly within the limits fixed[:3] [-] of the sums.
+
+    What opens so slowly that `allocation` calls it still is within them; squares may have the length fixed[3] [m] in them.
+    """
     speed = size = rounding = a = b = c = 0.0
     for i in range(work.shape[0]):
         limits = work[i, plan[layout.LIMITS] :]
@@ -408,4 +412,7 @@ def is_unclear(plan, fixed, work, lanes):
         speed = max(speed, largest[0])
         size = max(size, largest[1])
         rounding = max(rounding, ACCELERATION_ROUNDING * largest[2])
-    return not (a <= fixed[0] ** 2 and b <= (fixed[1] * speed) ** 2 and c <= (fixed[2] * size + rounding) ** 2)
+    still = min(fixed[_THREE], 1.0)
+    most_rate = max(fixed[1] * speed, still * STILL_RATE)
+    most_acceleration = max(fixed[2] * size, still * STILL_ACCELERATION) + rounding
+    return not (a <= fixed[0] ** 2 and b <= most_rate**2 and c <= most_acceleration**2)

@@ -2,7 +2,7 @@
 
 What a rigid mechanism needs is the motion of all its joints, as `flexinv.prepare` takes it.  A mechanism with beams makes the
 steps of the case one after the other from rest, as `flexinv.Controller` does.  Loops of rigid links are closed by flexinv first:
-a controller, too, gives the library the motion of all joints.
+a controller, too, gives the library the motion of all joints, and says which closures act.
 """
 
 from __future__ import annotations
@@ -27,6 +27,7 @@ from crosscheck.measures.record import Record, torque_series
 from flexinv import __version__
 from flexinv.analysis.solve import solve
 from flexinv.errors import InputError
+from flexinv.export.acting_sets import find_acting_set
 from flexinv.export.given_forces import list_moved_forces
 from flexinv.export.link_library import find_compiler
 from flexinv.export.machine_code import NATIVE
@@ -124,8 +125,10 @@ def plan_case(mechanism: Mechanism, case: Case) -> CasePlan:
     every = round(case.sample / case.step)
     if mechanism.is_rigid:
         motion = _evaluate_rigid_motion(mechanism, case, every)
-        forces = _evaluate_forces(mechanism, sample_times(case))
-        questions = [Question("torque", *row) for row in zip(*motion, forces, strict=True)]
+        samples = sample_times(case)
+        forces = _evaluate_forces(mechanism, samples)
+        phases = [find_acting_set(mechanism, time) for time in samples.tolist()]
+        questions = [Question("torque", *row) for row in zip(*motion, forces, phases, strict=True)]
         return CasePlan(make_rigid_settings(mechanism, motion[0][0]), questions, 1)
     count = every * (len(sample_times(case)) - 1)
     time = case.step * np.arange(count + 1)

@@ -1,7 +1,7 @@
 """A program in C around an exported library, run as a process of its own: questions go in over its pipe, answers come back.
 
-A question is its number and q, qd, qdd; an answer is the library's status and so many numbers (`driver.c.in`).  The process has
-no Python, and knows nothing of the mechanism but what stands in the library.
+A question is its number, that of the closures that act, and q, qd, qdd; an answer is the library's status and so many numbers
+(`driver.c.in`).  The process has no Python, and knows nothing of the mechanism but what stands in the library.
 """
 
 from __future__ import annotations
@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexinv.errors import FlexinvError
+from flexinv.export.acting_sets import has_phases
 from flexinv.export.c_files import STATUSES
 from flexinv.export.export_c import export_c
 from flexinv.export.given_forces import list_moved_forces
@@ -76,6 +77,7 @@ class Question:
     """A question by its name, with q [rad], [m], qd and qdd [rad/s], [m/s^2]; what a call does not take is not looked at.
 
     wrenches : (forces, 6) of the given forces on links now [N], [N m], None for what they are at first
+    phase : number of the set of closures that act (`flexinv.export.acting_sets`)
     """
 
     name: str
@@ -83,6 +85,7 @@ class Question:
     qd: Array
     qdd: Array
     wrenches: Array | None = None
+    phase: int = 0
 
 
 @dataclass(frozen=True)
@@ -104,7 +107,7 @@ class Program:
         """
         numbers = {name: k for k, name in enumerate(QUESTIONS[self.kind])}
         given = b"".join(
-            np.uint64(numbers[one.name]).tobytes()
+            np.array([numbers[one.name], one.phase], dtype=np.uint64).tobytes()
             + np.concatenate([one.q, one.qd, one.qdd, self._list_forces(one)]).tobytes()
             for one in questions
         )
@@ -154,7 +157,7 @@ def make_linked_program(mechanism: Mechanism, folder: Path, name: str) -> Progra
         raise FlexinvError(NO_COMPILER)
     source = folder / "driver.c"
     forces = list_moved_forces(build(apply_stated_ratio(mechanism)))
-    source.write_text(_write_driver(name, kind, len(forces)), encoding="utf-8")
+    source.write_text(_write_driver(name, kind, len(forces), has_phases(mechanism)), encoding="utf-8")
     out = folder / "driver"
     library = folder / "lib" / NATIVE / f"lib{name}.a"
     words = [*compiler.compile, *C_OPTIONS, f"-I{folder / 'include'}", source, library, "-lm", "-o", out]
@@ -165,7 +168,7 @@ def make_linked_program(mechanism: Mechanism, folder: Path, name: str) -> Progra
     return Program(mechanism, kind, out.read_bytes(), first)
 
 
-def _write_driver(name: str, kind: str, forces: int) -> str:
+def _write_driver(name: str, kind: str, forces: int, switches: bool) -> str:
     cases = [
         f"    case {k}: {f'*count = {COUNTS[word]}; ' if word in COUNTS else ''}return {name}_{call};"
         for k, (word, call) in enumerate(QUESTIONS[kind].items())
@@ -176,6 +179,6 @@ def _write_driver(name: str, kind: str, forces: int) -> str:
     )
     values = {
         "name": name, "NAME": name.upper(), "alignment": str(ALIGNMENT), "questions": "\n".join(cases), "forces": str(forces),
-        "set_forces": give,
+        "set_forces": give, "set_phase": f"    {name}_set_phase(memory, phase);\n" if switches else "",
     }  # fmt: skip
     return Template(template.read_text(encoding="utf-8")).substitute(values)

@@ -29,7 +29,7 @@ from flexinv.export.machine_code import Entry, KernelCall, add_entry
 from flexinv.export.memory_image import MemoryImage, list_arrays
 from flexinv.export.names import format_numbers
 from flexinv.export.payload_nodes import add_payload_bodies
-from flexinv.export.readings import format_beams, format_poses, format_strains, format_wrenches
+from flexinv.export.readings import format_beams, format_poses, format_wrenches, make_strain_call
 from flexinv.inverse.balance import REASON, compute_carried_energy, compute_energy_rounding, evaluate_guarded_torques
 from flexinv.kinematics.configuration import fill_given, fill_relative, integrate_array
 from flexinv.model.mechanism import Mechanism
@@ -75,7 +75,8 @@ def plan_flexible_library(mechanism: Mechanism, prefix: str, settings: MarchSett
     motion = [np.zeros(size) for size in (mechanism.nq, mechanism.nv, mechanism.nv)]
     rest = plan_rest_start(state, motion, prefix)
     steps = _list_step_calls(state, motion, prefix)
-    calls = [*steps, *(rest.calls if rest else ())]
+    strained = make_strain_call(state.solver.mesh, state.frames, state.solver.work.element, f"{prefix}_kernel_strains")
+    calls = [*steps, *rest.calls, strained]
     image = MemoryImage(BLOCK_HEADER, [one for call in calls for one in list_arrays(call.arguments)])
     entries = [add_entry(image, call) for call in calls]
     values = _format_places(image, entries, state, motion) | _format_guard(state)
@@ -83,35 +84,29 @@ def plan_flexible_library(mechanism: Mechanism, prefix: str, settings: MarchSett
     values |= _format_readings(image, state, prefix)
     values["start_numbers"] = format_numbers(begins)
     values |= format_parameters(image, state, settings.payloads, prefix)
-    parts = [
-        "links",
-        "flexible",
-        "poses",
-        "turned",
-        "wrenches",
-        "beams",
-        "parameters",
-        *(["bodies", "payloads"] if settings.payloads else []),
-    ]
-    damping = format_damping(
-        image, state.solver.mesh, state.solver.elements if state.flat is None else state.flat.system.elements
-    )
-    if damping is not None:
-        values |= damping
-        parts.append("damping")
-    strains = format_strains(state.solver.mesh, state.flat is not None)
-    if strains is not None:
-        values |= strains
-        parts.append("strains")
-    if state.loads is not None and list_moved_forces(state.solver.mesh):
-        tables = [state.loads.applied.wrench, state.arguments[0].table]
-        values |= format_forces(image, state.solver.mesh, tables, prefix)
-        parts.append("forces")
-    if rest is not None:
-        values |= _format_rest(image, rest, entries[len(steps) :])
-        parts += ["settle", rest.template, "rest"]
+    values["at_strains"] = str(image.find_place(strained.arguments[-1]))
+    parts = ["links", "flexible", "poses", "turned", "wrenches", "beams", "strains", "parameters"]
+    parts += ["bodies", "payloads"] if settings.payloads else []
+    changes = _format_changes(image, state, prefix)
+    parts += changes
+    values |= {name: text for texts in changes.values() for name, text in texts.items()}
+    values |= _format_rest(image, rest, entries[len(steps) : -1])
+    parts += ["settle", rest.template, "rest"]
     golden = _make_step_series(controller, state, begins)
     return LibraryPlan("flexible", mechanism, entries, image, values, golden, tuple(parts), begins, settings.step)
+
+
+def _format_changes(image: MemoryImage, state: FlexibleState, prefix: str) -> dict[str, dict[str, str]]:
+    """Template -> its texts, of what changes while it marches beside parameters: damping of beams, and given forces."""
+    out = dict[str, dict[str, str]]()
+    mesh = state.solver.mesh
+    elements = state.solver.elements if state.flat is None else state.flat.system.elements
+    if (damping := format_damping(image, mesh, elements)) is not None:
+        out["damping"] = damping
+    if state.loads is not None and list_moved_forces(mesh):
+        tables = [state.loads.applied.wrench, state.arguments[0].table]
+        out["forces"] = format_forces(image, mesh, tables, prefix)
+    return out
 
 
 def _format_places(
@@ -171,7 +166,7 @@ def _list_step_calls(state: FlexibleState, motion: list[Array], prefix: str) -> 
 
 def _format_rest(image: MemoryImage, rest: RestStart, entries: Sequence[Entry]) -> dict[str, str]:
     """Places of the start at rest, and of what is zero there."""
-    results = zip(("at_begun", "at_settled", "at_rested"), entries, strict=True)
+    results = zip(("at_begun", "at_settled", "at_rested")[-len(entries) :], entries, strict=True)
     places = {name: image.find_place(one) for name, one in rest.places.items()} | {
         name: one.result for name, one in results
     }

@@ -1,13 +1,14 @@
 """A start at rest, anywhere: the undeformed mechanism, settled by long steps of the march, and then still.
 
 A step of h from rest, of a scheme that keeps no rates, ends where  f(x + d) = 2 M d / h^2:  for a long h in equilibrium
-(`dynamics.initial_state._find_rest_position`).  The kernel of the march makes it, with another scheme.  Where joints without
-drives could sink, a long step may pass a rest position by, and no such start is offered.
+(`dynamics.initial_state._find_rest_position`).  The kernel of the march makes it, with another scheme.  Where loops are to be
+closed, or joints without drives could sink, one long step may pass a rest position by: then many of them follow the equilibrium
+from the start, with the driven joints part of the way.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -20,6 +21,8 @@ from flexinv.dynamics.stepper import integrate_instants
 from flexinv.export.machine_code import KernelCall
 from flexinv.kinematics.configuration import fill_world_motion
 from flexinv.kinematics.tree import Frames
+from flexinv.model.joint_kinds import KINDS
+from flexinv.model.mechanism import Mechanism
 from flexinv.planar.stepper import integrate_planar_motion
 from flexinv.typing import Array
 
@@ -41,14 +44,19 @@ class RestStart:
     still: list[NDArray[Any]]
 
 
-def plan_rest_start(state: FlexibleState, motion: list[Array], prefix: str) -> RestStart | None:
-    """Return the start at rest [m, rad] of a work space, None where joints without drives could sink or loops are to be closed.
+def plan_rest_start(state: FlexibleState, motion: list[Array], prefix: str) -> RestStart:
+    """Return the start at rest [m, rad] of a work space.
 
     motion : q, qd, qdd of the step, which are where the start has its position
     """
-    if state.passive or state.mechanism.closures:
-        return None
     rest = _plan_in_space(state, motion, prefix) if state.flat is None else _plan_in_plane(state, prefix)
+    if state.passive or state.mechanism.closures:
+        moved = [int(joint.actuated) for joint in state.mechanism.joints for _ in range(joint.nq)]
+        texts = {
+            "turns_of_joints": "".join(f"{{{first}, {count}}}, " for first, count in _list_turns(state.mechanism)),
+            "moved_coordinates": ", ".join(map(str, moved)),
+        }
+        rest = replace(rest, template="rest_by_path", calls=rest.calls[1:], places={}, texts=texts)
     return rest if state.loads is None else replace(rest, still=[*rest.still, state.loads.wound])
 
 
@@ -89,3 +97,13 @@ def _list_rates(unknowns: Any) -> list[NDArray[Any]]:
     """Unknowns of a march that are zero at rest, and the order of its prediction."""
     u = unknowns
     return [u.d, u.u, u.du, u.pseudo, u.trend, u.bend, u.u0, u.du0, u.order]
+
+
+def _list_turns(mechanism: Mechanism) -> Iterator[tuple[int, int]]:
+    """First coordinate and count of the cosines and sines and of the quaternions among the coordinates."""
+    for joint in mechanism.joints:
+        columns = mechanism.q_slices[joint.name]
+        if KINDS[joint.kind].circle:
+            yield columns.start, 2
+        elif KINDS[joint.kind].has_quaternion:
+            yield columns.stop - 4, 4

@@ -6,7 +6,6 @@ import platform
 import sys
 import tempfile
 from collections.abc import Mapping
-from importlib.metadata import PackageNotFoundError, distribution
 from pathlib import Path
 
 from flexinv.errors import InputError
@@ -83,16 +82,6 @@ def build_library(plan: LibraryPlan, source: tuple[str, str], name: str, target:
         ]
         run_commands(folder, [[*words, "-lm", "-o", "fmu.so"]])
         return (folder / "fmu.so").read_bytes()
-
-
-def read_licence() -> str:
-    """Return the text of the licence [-] of what an FMU is made of."""
-    try:
-        files = distribution("flexinv").files or []
-        texts = [one.read_text() for one in files if one.name == "LICENSE"]
-    except (PackageNotFoundError, OSError):
-        texts = []
-    return texts[0] if texts else "BSD 3-Clause License, https://opensource.org/license/bsd-3-clause\n"
 
 
 def _collect_values(plan: LibraryPlan, head: FmuHead, made: Interface) -> Mapping[str, str]:

@@ -41,7 +41,11 @@ def render_description(head: FmuHead, made: Interface) -> str:
     lines = [*_render_head(head, made, is_new), "  <UnitDefinitions>", *_render_units(made), "  </UnitDefinitions>"]
     lines += [_render_experiment(head), "  <ModelVariables>"]
     lines += [_render_variable(k, one, is_new) for k, one in enumerate(made.variables)]
-    lines += [_render_time(len(made.variables), is_new), "  </ModelVariables>", *_render_structure(made, is_new)]
+    if (
+        is_new
+    ):  # in FMI 2.0 it may be left out, and readers of FMI Library ask for its start, which the standard forbids
+        lines.append(_render_time(len(made.variables)))
+    lines += ["  </ModelVariables>", *_render_structure(made, is_new)]
     return "\n".join([*lines, "</fmiModelDescription>", ""])
 
 
@@ -94,14 +98,12 @@ def _render_variable(reference: int, one: Variable, is_new: bool) -> str:
     return f"    <ScalarVariable {_list_attributes(values)}><Real {_list_attributes(number)}/></ScalarVariable>"
 
 
-def _render_time(reference: int, is_new: bool) -> str:
+def _render_time(reference: int) -> str:
     values = {
         "name": "time", "valueReference": str(reference), "causality": "independent", "variability": "continuous",
         "description": "end of the last communication step",
     }  # fmt: skip
-    if is_new:
-        return f'    <Float64 {_list_attributes(values)} unit="s"/>'
-    return f'    <ScalarVariable {_list_attributes(values)}><Real unit="s"/></ScalarVariable>'
+    return f'    <Float64 {_list_attributes(values)} unit="s"/>'
 
 
 def _render_structure(made: Interface, is_new: bool) -> Iterator[str]:

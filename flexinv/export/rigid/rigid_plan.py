@@ -13,13 +13,16 @@ With closed loops the efforts of the cut tree, those of the applied forces among
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from dataclasses import replace
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from flexinv.dynamics.applied_wrenches import build_applied_loads, fill_applied_efforts, make_scratch
 from flexinv.errors import InputError
+from flexinv.export.acting_sets import ActingSet, format_acting_sets, has_phases, list_acting_sets
 from flexinv.export.given_forces import format_forces, list_moved_forces
 from flexinv.export.library_plan import BLOCK_HEADER, GoldenSeries, LibraryPlan
 from flexinv.export.machine_code import Entry, KernelCall, add_entry
@@ -27,7 +30,14 @@ from flexinv.export.memory_image import WORD, MemoryImage, list_arrays
 from flexinv.export.names import format_numbers
 from flexinv.export.payload_nodes import PAYLOAD
 from flexinv.export.rigid.closed_samples import list_closed_samples
-from flexinv.export.rigid.placing import build_loaded_mesh, format_placing, make_placing_call
+from flexinv.export.rigid.placing import (
+    LoopCalls,
+    build_loaded_mesh,
+    format_loops,
+    format_placing,
+    make_loop_calls,
+    make_placing_call,
+)
 from flexinv.kernels.memory import LINE
 from flexinv.kernels.simd import BLOCK
 from flexinv.kernels.threads.worker_pool import CELLS
@@ -59,34 +69,55 @@ _LAW = recursion.BODY_LAW
 _MASSES = slice(recursion.BODY_MASS, recursion.BODY_LAW)
 
 
+@dataclass(frozen=True)
+class _Part:
+    """The part of a block that belongs to a set of closures: its function, tables of bodies, and the call of its kernel."""
+
+    function: TorqueFunction
+    tables: Array
+    call: KernelCall
+
+
+class _Room(NamedTuple):
+    """Motion and efforts of one block of samples, and what kernels work in, the same for all sets of closures."""
+
+    q: Array
+    qd: Array
+    qdd: Array
+    tau: Array
+    strides: NDArray[np.uint64]
+    work: Array
+    counter: NDArray[np.uint64]
+    nobody: NDArray[np.uint64]
+
+
 def plan_rigid_library(mechanism: Mechanism, prefix: str, guess: Array | None = None) -> LibraryPlan:
     """Return the library [N m], [N] of a rigid mechanism, whose names begin with ``prefix``.
 
     guess : (nq,) near which loops are closed for the self-test and the examples [rad], [m], by default the neutral position
     Raises InputError where loops are not closed near it.
     """
-    function = prepare(mechanism, threads=1)
-    bodies = function.bodies
-    tables: Array = make_read_only(np.stack([_make_table(bodies.numbers, *terms) for terms in TABLES.values()]))
-    payloads = np.zeros((len(mechanism.links), 10))
-    call = _make_block_call(function, tables[0], f"{prefix}_kernel_torques")
+    sets = list_acting_sets(mechanism)
+    parts = _list_parts([prepare(one.mechanism, threads=1) for one in sets], f"{prefix}_kernel_torques")
+    function = parts[0].function
+    payloads = np.zeros((len(parts), len(mechanism.links), 10))
+    call = parts[0].call
     applied = _make_applied_call(function.mesh, call, f"{prefix}_kernel_applied")
     placed = make_placing_call(mechanism, call, f"{prefix}_kernel_place")
-    calls = [call, placed, *([applied] if applied else [])]
-    arrays = [*(one for each in calls for one in list_arrays(each.arguments)), tables, payloads]
-    image = MemoryImage(BLOCK_HEADER, arrays)
-    entries = [add_entry(image, one) for one in calls]
-    values = (
-        _format_places(image, entries, tables, payloads) | _format_tables(function) | _format_applied(image, entries)
-    )
-    values["gravity_terms"] = _format_gravity_terms(image, function)
+    torques = [part.call for part in parts]
+    closing = _list_loop_calls(mechanism, sets, placed, f"{prefix}_kernel_loops")
+    calls = [placed, *([applied] if applied else []), *_list_calls(closing)]
+    arrays = [one for each in (*torques, *calls) for one in list_arrays(each.arguments)]
+    image = MemoryImage(BLOCK_HEADER, [*arrays, *(part.tables for part in parts), payloads])
+    entries = [add_entry(image, one) for one in (*torques, *calls)]
+    values = _format_places(image, call, payloads) | _format_parts(image, parts, entries, closing)
+    values |= _format_tables(mechanism) | _format_applied(image, entries[len(parts) + 1 :])
+    values |= format_loops(image, build_loaded_mesh(mechanism), list(closing.values()))
+    values["gravity_terms"] = "".join(_format_gravity_terms(image, part.function) for part in parts)
     values |= format_placing(image, mechanism, placed, prefix)
-    rest = ["loops"] if mechanism.closures else ["turned", "wrenches", "tree", *(["applied"] if applied else [])]
-    if list_moved_forces(function.mesh):
-        values |= format_forces(image, function.mesh, [build_applied_loads(function.mesh).wrench], prefix)
-        rest.append("forces")
-    golden = _make_closed_series(function, guess) if mechanism.closures else _make_sample_series(function)
-    start = golden.q[0] if mechanism.closures else None
+    changes, texts = _format_changes(image, function.mesh, mechanism, prefix)
+    values |= texts
+    golden = _make_series([part.function for part in parts], guess)
     return LibraryPlan(
         "rigid",
         mechanism,
@@ -94,50 +125,116 @@ def plan_rigid_library(mechanism: Mechanism, prefix: str, guess: Array | None = 
         image,
         values,
         golden,
-        ("links", "bodies", "rigid", "placed", "poses", *rest),
-        start,
+        ("links", "bodies", "rigid", "placed", "poses", *_list_readings(mechanism), *changes),
+        golden.q[0] if mechanism.closures else None,
     )
 
 
-def _format_places(image: MemoryImage, entries: Sequence[Entry], tables: Array, payloads: Array) -> dict[str, str]:
+def _list_readings(mechanism: Mechanism) -> list[str]:
+    """Templates of what trees have beside torques, or loops."""
+    if mechanism.closures:
+        return ["turned", "wrenches", "loops"]
+    return ["turned", "wrenches", "tree", *(["applied"] if mechanism.springs or mechanism.forces else [])]
+
+
+def _format_changes(
+    image: MemoryImage, mesh: Mesh, mechanism: Mechanism, prefix: str
+) -> tuple[list[str], dict[str, str]]:
+    """Templates and texts of what a program changes beside parameters: closures that act, and given forces."""
+    parts = list[str]()
+    texts = dict[str, str]()
+    if has_phases(mechanism):
+        parts.append("phases")
+        texts |= format_acting_sets(mechanism, prefix)
+    if list_moved_forces(mesh):
+        parts.append("forces")
+        texts |= format_forces(image, mesh, [build_applied_loads(mesh).wrench], prefix)
+    return parts, texts
+
+
+def _list_parts(functions: Sequence[TorqueFunction], name: str) -> list[_Part]:
+    """The part of each set of closures, beside the room that all of them share."""
+    room = _make_room(functions)
+    parts = list[_Part]()
+    for k, function in enumerate(functions):
+        tables: Array = make_read_only(
+            np.stack([_make_table(function.bodies.numbers, *terms) for terms in TABLES.values()])
+        )
+        call = _make_block_call(function, tables[0], f"{name}_{k}" if k else name, room)
+        parts.append(_Part(function, tables, call))
+    return parts
+
+
+def _list_loop_calls(
+    mechanism: Mechanism, sets: Sequence[ActingSet], placed: KernelCall, name: str
+) -> dict[int, LoopCalls]:
+    """Number of each set that has closures -> the calls that add what they do to wrenches at joints."""
+    return {
+        k: make_loop_calls(mechanism, placed, one.acting, f"{name}_{k}" if k else name)
+        for k, one in enumerate(sets)
+        if one.acting.any()
+    }
+
+
+def _list_calls(closing: Mapping[int, LoopCalls]) -> list[KernelCall]:
+    """Return all calls, set by set."""
+    return [call for calls in closing.values() for call in calls[:3]]
+
+
+def _format_parts(
+    image: MemoryImage, parts: Sequence[_Part], entries: Sequence[Entry], closing: Mapping[int, LoopCalls]
+) -> dict[str, str]:
+    """Tables of what differs from one set of closures to the other, a row each."""
+    rows = list[str]()
+    links = list[str]()
+    rates = list[str]()
+    for k, (part, entry) in enumerate(zip(parts, entries, strict=False)):
+        function = part.function
+        samples = entry.find_argument(10)
+        numbers = entry.find_argument(1) + 4 * WORD
+        places = f"{samples}, {numbers}, {image.find_place(part.tables)}"
+        closes = [one.name for one in closing[k][:3]] if k in closing else 3 * ["NULL"]
+        width = image.find_place(closing[k].sample.width) if k in closing else 0
+        sizes = f"{len(function.bodies.tree)}, {int(bool(function.loops))}"
+        rows.append(f"    {{{part.call.name}, {', '.join(closes)}, {places}, {width}, {sizes}}}")
+        links.append("{\n" + ",\n".join(_format_links(function.mesh, function.bodies)) + "\n}")
+        rates.append("{" + ", ".join(map(str, _find_bodies_of_rates(function.mesh, function.bodies))) + "}")
+    return {
+        "phase_count": str(len(parts)), "phases": ",\n".join(rows), "links": ", ".join(links), "body_of_rate": ", ".join(rates),
+    }  # fmt: skip
+
+
+def _format_places(image: MemoryImage, torques: KernelCall, payloads: Array) -> dict[str, str]:
     """Places in the block of what the C file writes and reads."""
-    torques = entries[0]
-    arguments = torques.call.arguments
-    q, qd, qdd, tau = (image.find_place(one) for one in arguments[5:9])
+    q, qd, qdd, tau = (image.find_place(one) for one in torques.arguments[5:9])
     places = {
-        "at_q": q, "at_qd": qd, "at_qdd": qdd, "at_tau": tau, "at_samples": torques.find_argument(10),
-        "at_counter": image.find_place(arguments[12]), "at_numbers": torques.find_argument(1) + 4 * WORD,
-        "at_tables": image.find_place(tables), "at_payloads": image.find_place(payloads),
+        "at_q": q, "at_qd": qd, "at_qdd": qdd, "at_tau": tau, "at_counter": image.find_place(torques.arguments[12]),
+        "at_payloads": image.find_place(payloads),
     }  # fmt: skip
     return {name: str(place) for name, place in places.items()}
 
 
-def _format_tables(function: TorqueFunction) -> dict[str, str]:
-    """Sizes of the tables of bodies, and which body carries each link and moves with each rate."""
-    m = function.mechanism
-    bodies = function.bodies
+def _format_tables(mechanism: Mechanism) -> dict[str, str]:
+    """Sizes of the tables of bodies, and the terms of the torques in words."""
     terms = ["M(q) qdd", "coriolis(q, qd)", "gravity(q)", "friction(qd)", "springs(q)"]
-    terms += ["applied(q, qd)"] if m.springs or m.forces else []
+    terms += ["applied(q, qd)"] if mechanism.springs or mechanism.forces else []
     sizes = {
-        "block": BLOCK, "bodies": len(bodies.tree), "columns": int(recursion.NUMBERS), "mass_column": recursion.BODY_MASS,
-        "law_column": _LAW, "loops": int(bool(m.closures)),
+        "block": BLOCK, "columns": int(recursion.NUMBERS), "mass_column": recursion.BODY_MASS, "law_column": _LAW,
+        "loops": int(bool(mechanism.closures)),
     }  # fmt: skip
     return {name: str(size) for name, size in sizes.items()} | {
         "tables": ", ".join(f"TABLE_{name}" for name in TABLES),
         "sum": f"`tau = {' + '.join(terms)}`",
-        "neutral": format_numbers(m.neutral),
-        "links": ",\n".join(_format_links(function.mesh, bodies)),
-        "body_of_rate": ", ".join(map(str, _find_bodies_of_rates(function.mesh, bodies))),
+        "neutral": format_numbers(mechanism.neutral),
     }
 
 
 def _format_applied(image: MemoryImage, entries: Sequence[Entry]) -> dict[str, str]:
     """Places of the efforts against springs between points and given forces, and of their number of samples; 0 without them."""
-    if len(entries) < 3:
+    if not entries or entries[0].call.kernel is not fill_applied_efforts:
         return {"applied": "0", "at_applied": "0", "at_applied_samples": "0"}
-    call = entries[2]
-    at = image.find_place(call.call.arguments[-1])
-    return {"applied": "1", "at_applied": str(at), "at_applied_samples": str(call.find_argument(4))}
+    at = image.find_place(entries[0].call.arguments[-1])
+    return {"applied": "1", "at_applied": str(at), "at_applied_samples": str(entries[0].find_argument(4))}
 
 
 def _make_applied_call(mesh: Mesh, torques: KernelCall, name: str) -> KernelCall | None:
@@ -152,19 +249,24 @@ def _make_applied_call(mesh: Mesh, torques: KernelCall, name: str) -> KernelCall
     return KernelCall(name, fill_applied_efforts, (*system, motion, make_scratch(mesh), 1, out))
 
 
-def _make_block_call(function: TorqueFunction, numbers: Array, name: str) -> KernelCall:
-    """The call of one block of samples, with room for its motion and efforts."""
-    m = function.mechanism
-    b = function.bodies
+def _make_room(functions: Sequence[TorqueFunction]) -> _Room:
+    """Room for the motion and the efforts of one block of samples, and for the work of any of these functions."""
+    m = functions[0].mechanism
     q, qd, qdd = make_read_only(tuple(np.zeros(BLOCK * width) for width in (m.nq, m.nv, m.nv)))
     strides = np.array([(m.nq, 1), *[(m.nv, 1)] * 3], dtype=np.uint64)
+    size = max(max(one.bodies.size, one.plan.size) for one in functions)
     counter = np.zeros(CALL_CELLS + 1, dtype=np.uint64)
     nobody = np.zeros((0, CELLS), dtype=np.uint64)
-    size = max(b.size, function.plan.size)
+    return _Room(q, qd, qdd, np.zeros(BLOCK * m.nv), strides, np.zeros((1, size + -size % LINE)), counter, nobody)
+
+
+def _make_block_call(function: TorqueFunction, numbers: Array, name: str, room: _Room) -> KernelCall:
+    """The call of one block of samples, with room for its motion and efforts."""
+    b = function.bodies
     system = b.tree, numbers, b.columns, function.plan.plan, function.plan.fixed
-    series = q, qd, qdd, np.zeros(BLOCK * m.nv), strides, np.uint64(1)
-    work = np.zeros((1, size + -size % LINE))
-    return KernelCall(name, compute_torque_blocks, (*system, *series, work, counter, nobody))
+    return KernelCall(
+        name, compute_torque_blocks, (*system, *room[:5], np.uint64(1), room.work, room.counter, room.nobody)
+    )
 
 
 def _make_table(numbers: Array, mass: float, gravity: float, rotor: float, loss: float, spring: float) -> Array:
@@ -199,6 +301,28 @@ def _find_bodies_of_rates(mesh: Mesh, bodies: Bodies) -> list[int]:
     return found
 
 
+def _make_series(functions: Sequence[TorqueFunction], guess: Array | None) -> GoldenSeries:
+    """Samples of each set of closures, those near which a later one is not closed left out."""
+    series = list[GoldenSeries]()
+    phase = list[int]()
+    for k, function in enumerate(functions):
+        if not function.mechanism.closures:
+            series.append(_make_sample_series(function))
+        elif (found := _make_closed_series(function, guess)) is not None:
+            series.append(found)
+        elif k == 0:
+            where = "near zero coordinates" if guess is None else "near start"
+            raise InputError(
+                f"export: the loops of mechanism {function.mechanism.name!r} are not closed {where}, away from singular "
+                "positions; write start = a position near which they close (--start)"
+            )
+        else:
+            continue
+        phase += [k] * len(series[-1].q)
+    q, qd, qdd, tau = (np.concatenate([getattr(one, name) for one in series]) for name in ("q", "qd", "qdd", "tau"))
+    return GoldenSeries(q, qd, qdd, tau, RIGID_TOLERANCE, tuple(phase))
+
+
 def _make_sample_series(function: TorqueFunction) -> GoldenSeries:
     """Samples of joints that stand and move anyhow, the same ones every time."""
     m = function.mechanism
@@ -207,33 +331,28 @@ def _make_sample_series(function: TorqueFunction) -> GoldenSeries:
     return GoldenSeries(q, qd, qdd, function.torques(q, qd, qdd), RIGID_TOLERANCE)
 
 
-def _make_closed_series(function: TorqueFunction, guess: Array | None) -> GoldenSeries:
+def _make_closed_series(function: TorqueFunction, guess: Array | None) -> GoldenSeries | None:
     """Samples of closed loops around a guess (nq,), of which nothing is in doubt: else the library would refuse them."""
     m = function.mechanism
     samples = []
     efforts = []
     for sample in list_closed_samples(function.mesh, m.neutral if guess is None else guess):
-        if is_refused(function, sample):
+        if _is_refused(function, sample):
             continue
         samples.append(sample)
         efforts.append(function.torques(*sample))
         if len(samples) == REPLAYED_SAMPLES:
             break
     if not samples:
-        where = "near zero coordinates" if guess is None else "near start"
-        raise InputError(
-            f"export: the loops of mechanism {m.name!r} are not closed {where}, away from singular positions; write start = a "
-            "position near which they close (--start)"
-        )
+        return None
     q, qd, qdd = (np.array(part) for part in zip(*samples, strict=True))
     return GoldenSeries(q, qd, qdd, np.array(efforts), RIGID_TOLERANCE)
 
 
-def is_refused(function: TorqueFunction, sample: Triple) -> bool:
+def _is_refused(function: TorqueFunction, sample: Triple) -> bool:
     """Return True [-] for a sample q (nq,), qd, qdd (nv,) of which the kernel is in doubt, so that the library refuses it."""
-    arguments = list(_make_block_call(function, function.bodies.numbers, "").arguments)
+    arguments = list(_make_block_call(function, function.bodies.numbers, "", _make_room([function])).arguments)
     arguments[5:8] = (make_read_only(np.array(part)) for part in sample)
-    arguments[10] = np.uint64(1)
     compute_torque_blocks(*arguments)
     return bool(arguments[12][1:4].any())
 

@@ -4,10 +4,13 @@ from __future__ import annotations
 
 import ast
 import re
+from pathlib import Path
 
 import pytest
 
+from flexinv.errors import FlexinvError
 from flexinv.export.names import format_comment, format_markdown, format_string, make_word
+from flexinv.export.written_files import write_files
 
 HOSTILE = (
     '*/ #include "x"',
@@ -38,3 +41,13 @@ def test_words_of_different_names_may_be_one() -> None:
     """Which is why `make_words` refuses them."""
     assert make_word("a b") == make_word("a-b") == "a_b"
     assert make_word("a\N{LATIN SMALL LETTER E WITH ACUTE}") == "aue9"
+
+
+def test_a_file_that_cannot_be_written_takes_the_others_with_it(tmp_path: Path) -> None:
+    """A folder stands where a file should: the error names it, and what came before is gone."""
+    (tmp_path / "second").mkdir()
+    with pytest.raises(
+        FlexinvError, match=r"export: .*second cannot be written \(Is a directory\); nothing of it is left"
+    ):
+        write_files(tmp_path, {"first/one": b"1", "second": b"2"})
+    assert not (tmp_path / "first" / "one").exists()

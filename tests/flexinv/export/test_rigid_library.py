@@ -274,6 +274,7 @@ def test_without_a_compiler_objects_and_commands_are_there(
     monkeypatch.setattr("flexinv.export.export_c.find_compiler", lambda target: None)
     out = tmp_path / "out"
     made = export_c(mechanism, out, targets=("aarch64",))
+    assert "LICENSE" in made.files
     assert all(line.startswith(("aarch64-linux-gnu-gcc ", "ar ")) for line in made.to_link)
     code = (out / "lib" / "aarch64" / f"{made.name}_kernels.o").read_bytes()
     assert code[:4] == b"\x7fELF"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import subprocess
 from dataclasses import replace
 from pathlib import Path
 
@@ -12,6 +13,7 @@ from rigid_trees import tree
 
 import flexinv
 from flexinv.errors import InputError
+from flexinv.export.acting_sets import find_acting_set, list_acting_sets
 from flexinv.export.export_c import ExportedLibrary, export_c
 from flexinv.files.load_cases import load_cases
 from flexinv.model.links import Body
@@ -62,6 +64,18 @@ def test_torques_of_loops_have_the_digits_of_python(stewart: tuple[Mechanism, Tr
     assert_needs_nothing(made)
 
 
+def assert_has_wrenches(block: Block, m: Mechanism, row: Triple) -> None:
+    """Wrenches at all joints, at one sample, are those of `nodal`."""
+    assert block.call("place", *row) == "OK"
+    wrench = np.zeros((len(m.joints), 6))
+    for number, out in enumerate(wrench):
+        assert block.call("joint_wrench", number, out) == "OK"
+    expected = np.array(
+        [one[0] for one in flexinv.prepare(m, threads=1).nodal(*(part[None] for part in row)).wrench.values()]
+    )
+    np.testing.assert_allclose(wrench, expected, rtol=0, atol=ROUNDING * np.abs(expected).max())
+
+
 def test_parameters_of_loops_are_those_of_a_mechanism_that_has_them(
     stewart: tuple[Mechanism, Triple], made: ExportedLibrary
 ) -> None:
@@ -82,6 +96,7 @@ def test_parameters_of_loops_are_those_of_a_mechanism_that_has_them(
     expected = flexinv.joint_torques(other, *motion, threads=1)
     scale = np.abs(expected).max()
     assert np.abs(torques(block, motion) - expected).max() <= ROUNDING * scale
+    assert_has_wrenches(block, other, tuple(part[2].copy() for part in motion))
     assert np.abs(torques(Block(made), motion) - expected).max() > 1e-2 * scale
 
 
@@ -150,12 +165,69 @@ def test_springs_and_forces_on_a_tree_have_a_part_of_their_own(tmp_path: Path) -
     assert_needs_nothing(made)
 
 
-def test_what_knows_no_time_is_refused_before_anything_is_written(tmp_path: Path) -> None:
-    with pytest.raises(
-        InputError, match=r"'walker' has closures that act for a while .*call flexinv.solve from Python"
-    ):
-        export_c(flexinv.load_mechanism("models/walker"), tmp_path / "out")
-    assert not (tmp_path / "out").exists()
+def test_closures_that_act_for_a_while_are_told_by_number(tmp_path: Path) -> None:
+    """Each phase as the mechanism that has its closures alone: not one bit differs; parameters are of all of them."""
+    folder = Path("models/two_arms")
+    m = flexinv.load_mechanism(folder)
+    case = next(iter(load_cases(folder, m).values()))
+    s = flexinv.solve(m, case.motion, case.step, end=case.end, start=case.start)
+    made = export_c(m, tmp_path / "library", start=s.q[0])
+    block = Block(made)
+    assert subprocess.run([made.folder / "lib" / "native" / "selftest"], check=False).returncode == 0
+    sets = list_acting_sets(m)
+    assert [one.name for one in sets] == ["lies", "left and right", "lies_again", "nothing"]
+    tau = np.zeros(m.nv)
+    for k in range(0, len(s.time), 10):
+        row = s.q[k].copy(), s.qd[k].copy(), s.qdd[k].copy()
+        phase = find_acting_set(m, float(s.time[k]))
+        assert block.call("set_phase", phase) == "OK"
+        assert block.call("torque", *row, tau) == "OK"
+        assert np.array_equal(tau, flexinv.prepare(sets[phase].mechanism, threads=1).sample(*row, np.zeros(m.nv)))
+        np.testing.assert_allclose(tau, s.torque_all[k], rtol=0, atol=ROUNDING * np.abs(s.torque_all).max())
+        assert_has_wrenches(block, sets[phase].mechanism, row)
+    held = len(s.time) // 2
+    row = s.q[held].copy(), s.qd[held].copy(), s.qdd[held].copy()
+    gravity = np.array([1.0, -7.0, 0.0])
+    assert block.call("set_phase", 0) == "OK"
+    assert block.call("torque", *row, tau) == "NOT_CLOSED"
+    assert block.call("set_payload", 8, 2.0, np.zeros(3), np.zeros(6)) == "OK"
+    assert block.call("set_gravity", gravity) == "OK"
+    assert block.call("set_friction", 0, 3.0, 50.0) == "OK"
+    assert block.call("set_phase", 1) == "OK"
+    assert block.call("torque", *row, tau) == "OK"
+    joints = (replace(m.joints[0], friction=3.0, damping=50.0), *m.joints[1:])
+    load = Body("load", Inertia(2.0, np.zeros(3), np.zeros((3, 3))))
+    other = replace(sets[1].mechanism.with_body(m.links[8].name, load), gravity=gravity, joints=joints)
+    expected = flexinv.joint_torques(other, *row, threads=1)
+    np.testing.assert_allclose(tau, expected, rtol=0, atol=ROUNDING * np.abs(expected).max())
+    assert block.call("set_phase", len(sets)) == "BAD_VALUE"
+    assert_needs_nothing(made)
+
+
+def test_what_no_call_can_know_of_closures_is_refused_before_anything_is_written(tmp_path: Path) -> None:
+    """Frames that are captured as they lie, phases of beams, and phases in an FMU."""
+    walker = flexinv.load_mechanism("models/walker")
+    captures = replace(walker, closures=tuple(replace(one, capture=True) for one in walker.closures))
+    with pytest.raises(InputError, match=r"'walker' has closures that capture frames as they lie .*call flexinv.solve"):
+        export_c(captures, tmp_path / "out")
+    said = r"has closures that act for a while .*call flexinv.solve from Python"
+    with pytest.raises(InputError, match=said):
+        export_c(flexinv.load_mechanism("models/two_arms_flexible"), tmp_path / "out", step=1e-3)
+    with pytest.raises(InputError, match=r"has closures that act for a while .*call flexinv.export_c"):
+        flexinv.export_fmu(walker, tmp_path / "walker.fmu")
+    assert not any(tmp_path.iterdir())
+
+
+def test_a_motion_that_all_but_stands_still_is_closed(stewart: tuple[Mechanism, Triple], made: ExportedLibrary) -> None:
+    """Rates and accelerations that are rounding of a controller at rest."""
+    m, motion = stewart
+    q = motion[0][2].copy()
+    rounding = 1e-11 * np.random.default_rng(3).uniform(-1.0, 1.0, (2, m.nv))
+    tau, still = np.zeros((2, m.nv))
+    block = Block(made)
+    assert block.call("torque", q, *rounding, tau) == "OK"
+    assert block.call("gravity", q, still) == "OK"
+    np.testing.assert_allclose(tau, still, rtol=0, atol=1e-9 * np.abs(still).max())
 
 
 def test_a_force_is_changed_from_call_to_call(tmp_path: Path) -> None:

@@ -74,7 +74,7 @@ def test_its_certificate_holds_and_another_mechanism_is_found() -> None:
 @pytest.mark.parametrize(
     ("model", "case", "words"),
     [
-        ("walker", "walk", "closures that act for a while"),
+        ("two_arms_flexible", "carry", "closures that act for a while"),
         ("flex_one_link", "bang_bang", "accelerations jump at t = "),
     ],
 )

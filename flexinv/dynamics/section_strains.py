@@ -1,0 +1,25 @@
+"""Strains of beams at their sections at one instant, from the poses of their nodes (compiled): damping has no part in them."""
+
+from __future__ import annotations
+
+from flexinv.elements.beam import fill_relative_poses, make_point
+from flexinv.kernels.jit import jit
+from flexinv.kernels.vec3 import apply, mat, put, put_block, sub, vec
+
+
+@jit
+def fill_section_strains(elements, frames, scratch, out):
+    """Set what each section is strained by, beside its shape without stress, out (elements, points, 6) [-], [1/m].
+
+    elements : `beam_element.Elements`; frames : of all nodes at one instant; scratch : `beam.Scratch` of an element
+    """
+    for k in range(len(elements.order)):
+        count = elements.order[k] + 1
+        for i in range(count):
+            put(scratch.x[i], 0, vec(frames.x[elements.nodes[k, i]]))
+            put_block(scratch.r[i], 0, 0, mat(frames.r[elements.nodes[k, i]]))
+        fill_relative_poses(count, scratch)
+        for g in range(count - 1):
+            point = make_point(count, elements.shape[k, g], elements.slope[k, g], scratch)
+            put(out[k, g], 0, sub(point.stretch, vec(elements.gamma0[k, g])))
+            put(out[k, g], 3, sub(apply(point.h, point.dpsi), vec(elements.kappa0[k, g])))
