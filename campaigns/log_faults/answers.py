@@ -10,8 +10,6 @@ from __future__ import annotations
 import re
 from dataclasses import dataclass
 
-import numpy as np
-
 from crosscheck.identification.causes.cause import NamedCause
 
 ERRORS = 3.0  # a size is right within so many of its standard errors ...
@@ -69,7 +67,6 @@ NAMES = {
     "step of the effort": "effort step",
     "settling of the effort's zero": "effort drift",
     "oscillation of the effort": "oscillation",
-    "balance of the joint by a spring": "counterbalance",
     "dry friction that changes with the angle": "friction of the angle",
     "stiction beside what is known": "stiction",
     "load friction beside what is known": "load friction",
@@ -87,7 +84,6 @@ NAMES = {
     "wrapped effort": "overflow",
     "no cause that is known": UNKNOWN,
 }
-WAVES = ("counterbalance",)  # whose size is an amplitude: the sign is one of the phase
 FACTORS = ("clock", "effort gain", "angle gain", "gravity", "gear efficiency")
 PLACES = {"the world's y axis": "y", "the world's x axis": "x", "the world": "*", "all joints": "*", "the times": "*"}
 RIPPLE = re.compile(r"ripple of the effort, .* a turn")
@@ -166,8 +162,7 @@ def has_size_of(said: Answer, right: Answer) -> bool:
     if right.size is None or said.size is None:
         return True
     whole = right.size - 1.0 if right.name in FACTORS else right.size
-    size = np.copysign(said.size, right.size) if right.name in WAVES else said.size
-    return bool(abs(size - right.size) <= ERRORS * said.error + PART * abs(whole))
+    return abs(said.size - right.size) <= ERRORS * said.error + PART * abs(whole)
 
 
 def judge_causes(right: str, named: tuple[NamedCause, ...], refused: str, other_day: bool) -> Verdict:

@@ -232,10 +232,8 @@ def _make_unknown_cause(channel: Channel, level: float, nearest: list[NamedCause
 def _find_strongest_cause(here: CauseRound, at: Array, known: set[str]) -> tuple[int, NamedCause] | None:
     level = here.compute_weighed_residual(at)
     first: list[tuple[float, int, float]] = []
-    quiet = _list_quiet_places(here)
-    for k, cause in enumerate(here.causes):
-        if (cause.kin or cause.name + cause.place) not in known and not (cause.rare and cause.place in quiet):
-            first += [(drop, k, size) for drop, size in _list_start_sizes(here, at, k, level) if drop > ASKED]
+    for k in _list_asked_causes(here, known):
+        first += [(drop, k, size) for drop, size in _list_start_sizes(here, at, k, level) if drop > ASKED]
     chosen = _list_nearest_causes(here, first)
     tried = [_fit_possible_size(here, at, k, size, level) for k, size in chosen.items()]
     followed = [(k, one) for k, one in filter(None, tried) if _is_possible(here, k, one)]
@@ -250,6 +248,15 @@ def _find_strongest_cause(here: CauseRound, at: Array, known: set[str]) -> tuple
     return k, replace(likely, evidence=words)
 
 
+def _list_asked_causes(here: CauseRound, known: set[str]) -> list[int]:
+    """The causes that are not known by their texts; no rare one where it is quiet, but the other wave of one that is named."""
+    quiet = _list_quiet_places(here)
+    new = [k for k, cause in enumerate(here.causes) if (cause.kin or cause.name + cause.place) not in known]
+    return [
+        k for k in new if not here.causes[k].rare or here.causes[k].place not in quiet or _is_wave_of_named(here, k)
+    ]
+
+
 def _list_quiet_places(here: CauseRound) -> set[str]:
     """The places of causes that no rare one is asked for: a channel of which no more is left than noise, or all of them."""
     levels = here.compute_levels()
@@ -258,15 +265,19 @@ def _list_quiet_places(here: CauseRound) -> set[str]:
 
 
 def _list_nearest_causes(here: CauseRound, first: list[tuple[float, int, float]]) -> dict[int, float]:
-    """The causes that are followed and the size [unit] at which each begins: `NEAREST` usual and as many rare ones.
+    """The causes that are followed and the size [unit] at which each begins: `NEAREST` usual and as many rare ones, of
+    those that move the model's side, which are not linear, and of others.
 
     first : about how much the cost falls, cause, and size
     """
     start: dict[int, float] = {}
     for _, k, size in sorted(first, reverse=True):
         start.setdefault(k, size)
-    usual, rare = ([k for k in start if here.causes[k].rare == one] for one in (False, True))
-    return {k: start[k] for k in (*usual[:NEAREST], *rare[:NEAREST])}
+    groups: dict[tuple[bool, bool], list[int]] = {}
+    for k in start:
+        cause = here.causes[k]
+        groups.setdefault((cause.rare, cause.rare and cause.moves), []).append(k)
+    return {k: start[k] for some in groups.values() for k in some[:NEAREST]}
 
 
 def _fit_possible_size(

@@ -2,8 +2,8 @@
 
     effort_j + phi s(spot),   drop(spot) = (s . r)^2 / (s . s)    of s less what the parameters can make up for
 
-Shapes over time (a zero that jumps or settles, an oscillation), over the angle (a spring that balances, friction of a bent shaft,
-an end stop), of friction (stiction, load, square of the rate) and of the sensor's own curve.  A spot is when, how fast or where.
+Shapes over time (a zero that jumps or settles, an oscillation), over the angle (friction of a bent shaft, an end
+stop), of friction (stiction, load, square of the rate) and of the sensor's own curve.  A spot is when, how fast or where.
 """
 
 from __future__ import annotations
@@ -150,14 +150,6 @@ def _list_over_time() -> Iterator[Family]:
 
 
 def _list_over_angle() -> Iterator[Family]:
-    yield Family(
-        "balance of the joint by a spring",
-        "",
-        "",
-        _list_none,
-        lambda k, s: np.sin(k.angle),
-        lambda k, s: np.cos(k.angle),
-    )
     yield Family(
         "dry friction that changes with the angle, 1 a turn",
         "",
