@@ -14,10 +14,13 @@ import numpy as np
 
 import flexinv
 from flexinv.errors import FlexinvError
+from flexinv.export.acting_sets import list_acting_sets
 from flexinv.export.c_files import STATUSES
 from flexinv.export.link_library import find_compiler
 from flexinv.export.machine_code import NATIVE
 from flexinv.export.memory_image import ALIGNMENT
+from flexinv.export.rigid.closed_samples import list_closed_samples
+from flexinv.kinematics.mesh import build
 from flexinv.kinematics.nodal_motion import integrate_configuration
 from flexinv.model.mechanism import Mechanism
 from flexinv.rnea.loop_plan import sample_configurations
@@ -53,6 +56,7 @@ MACHINES = (
     Machine("Talos", "talos", payload="arm_left_7_link", mass=1.0),
 )
 RIGID_ARM = Machine("UR5", "ur5", payload="wrist_3_link", mass=1.0)
+RIGID_LOOPS = Machine("two arms that grasp", "two_arms", payload="bar", mass=1.0)
 BEND = 400  # rows of the motion of a mechanism that bends
 SAMPLES = 100  # of a rigid one
 
@@ -145,8 +149,12 @@ def _find_start(mechanism: Mechanism, machine: Machine) -> Array | None:
 
 
 def _list_rows(mechanism: Mechanism, machine: Machine, start: Array | None) -> Array:
-    """Rows of q, qd, qdd: samples of a rigid mechanism; of one that bends there and back with jumps of acceleration."""
+    """Rows of q, qd, qdd: samples of a rigid mechanism, closed ones of loops; of one that bends a way there and back."""
     m = mechanism
+    if machine.step is None and m.closures:
+        closed = list_closed_samples(build(list_acting_sets(m)[0].mechanism), m.neutral)
+        rows = [np.concatenate(row) for row in closed]
+        return np.array([rows[k % len(rows)] for k in range(SAMPLES)])
     if machine.step is None:
         qd, qdd = np.random.default_rng(1).normal(size=(2, SAMPLES, m.nv))
         return np.hstack([sample_configurations(m, SAMPLES), qd, qdd])

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import re
+import shutil
+import tempfile
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from string import Template
@@ -9,7 +12,7 @@ from string import Template
 from campaigns.hardness.first_torques import list_first_rows
 from campaigns.hardness.fuzz_calls import write_calls
 from campaigns.hardness.instructions import list_instruction_rows
-from campaigns.hardness.libraries import HERE, MACHINES, RIGID_ARM, Library, open_library, run_command
+from campaigns.hardness.libraries import HERE, MACHINES, RIGID_ARM, RIGID_LOOPS, Library, open_library, run_command
 from campaigns.hardness.processors import list_processor_rows
 from campaigns.hardness.speed import list_sample_rows, list_step_rows
 from flexinv.export.c_files import STATUSES
@@ -21,11 +24,12 @@ CHECKED_STEPS = 300  # under valgrind
 CHECKED_CALLS = 3_000
 VALGRIND_TARGET = "x86-64-v3"  # valgrind 3.19 knows no AVX-512
 SANITIZERS = ("-g", "-fsanitize=address,undefined", "-fno-sanitize-recover=all")
+CHECKED = (RIGID_ARM, RIGID_LOOPS, *MACHINES)  # a tree, loops whose closures come and go, beams, a humanoid
 
 
 def show_memory(scale: float) -> Iterator[str]:
     """Yield lines about 1e7 steps of each kind: calls of malloc, under seccomp's strict mode, between guarded pages [-]."""
-    for machine in (RIGID_ARM, *MACHINES):
+    for machine in CHECKED:
         with open_library(machine) as library:
             program = library.compile("steps.c", words=("-DCOUNT_MALLOC",))
             yield f"{machine.title}: {run_command([program, library.motion, int(scale * STEPS), 1]).strip()}"
@@ -33,7 +37,7 @@ def show_memory(scale: float) -> Iterator[str]:
 
 def show_threads(scale: float) -> Iterator[str]:
     """Yield lines about two threads with a block each beside one after the other [-], with the thread sanitizer, too."""
-    for machine in (RIGID_ARM, *MACHINES):
+    for machine in CHECKED:
         with open_library(machine) as library:
             for words in ((), ("-g", "-fsanitize=thread")):
                 program = library.compile("steps.c", words=words)
@@ -43,7 +47,7 @@ def show_threads(scale: float) -> Iterator[str]:
 
 def show_fuzz(scale: float) -> Iterator[str]:
     """Yield lines about 1e6 calls by lot of all functions, the C layer under the address and behaviour sanitizers [-]."""
-    for machine in (RIGID_ARM, *MACHINES):
+    for machine in CHECKED:
         with open_library(machine) as library:
             program = compile_fuzz(library, NATIVE)
             calls = int(scale * CALLS)
@@ -57,7 +61,7 @@ def show_fuzz(scale: float) -> Iterator[str]:
 def show_valgrind(scale: float) -> Iterator[str]:
     """Yield lines about kernels and C layer under memcheck (steps, calls by lot) and helgrind (two threads) [-]."""
     steps, calls = int(max(scale, 0.1) * CHECKED_STEPS), int(max(scale, 0.1) * CHECKED_CALLS)
-    for machine in (RIGID_ARM, *MACHINES):
+    for machine in CHECKED:
         with open_library(machine, (VALGRIND_TARGET,)) as library:
             fuzz = compile_fuzz(library, VALGRIND_TARGET, sanitized=False)
             program = library.compile("steps.c", VALGRIND_TARGET, ("-g",))
@@ -66,6 +70,21 @@ def show_valgrind(scale: float) -> Iterator[str]:
             run_command([*memcheck, program, library.motion, steps, 2])
             run_command(["valgrind", "-q", "--tool=helgrind", "--error-exitcode=9", program, library.motion, steps, 2])
             yield f"{machine.title}: memcheck ({calls} calls, 4 x {steps} steps) and helgrind (2 threads x {steps} steps) clean"
+
+
+def show_alone(_: float) -> Iterator[str]:
+    """Yield lines about the example of each folder in a root of its own, with libc, libm and the loader alone [-]."""
+    for machine in CHECKED:
+        with open_library(machine) as library, tempfile.TemporaryDirectory() as place:
+            root = Path(place)
+            program = library.compile("example.c")
+            needed = re.findall(r"(/\S+) \(0x", run_command(["ldd", program]))
+            for file in needed:
+                (root / file[1:]).parent.mkdir(parents=True, exist_ok=True)
+                shutil.copy(file, root / file[1:])
+            shutil.copy(program, root / "example")
+            run_command(["chroot", root, "/example"])
+            yield f"{machine.title}: the example runs beside {', '.join(sorted(Path(file).name for file in needed))}"
 
 
 def compile_fuzz(library: Library, target: str, sanitized: bool = True) -> Path:
@@ -81,6 +100,7 @@ def compile_fuzz(library: Library, target: str, sanitized: bool = True) -> Path:
 
 SHOWS: dict[str, Callable[[float], Iterator[str]]] = {
     "memory": show_memory, "threads": show_threads, "fuzz": show_fuzz, "valgrind": show_valgrind,
+    "alone": show_alone,
     "instructions": list_instruction_rows, "processors": list_processor_rows, "samples": list_sample_rows,
     "steps": list_step_rows, "first": list_first_rows,
 }  # fmt: skip

@@ -37,6 +37,13 @@ STATUSES = {
     "FAILED": "the machine code gave up, which it never should",
 }
 
+# Kind of library -> how long a call may take, in words.
+BOUNDS = {
+    "rigid": "no loop of `torque` depends on the numbers given.",
+    "flexible": "a step makes at most 40 iterations of Newton's method, usually two or three, and `start_at` at most a few "
+    "thousand steps.",
+}
+
 
 def render_files(plan: LibraryPlan, prefix: str, targets: Sequence[str]) -> dict[str, str]:
     """Return path in the folder -> text [-] of all files that a C compiler and a reader need."""
@@ -45,6 +52,7 @@ def render_files(plan: LibraryPlan, prefix: str, targets: Sequence[str]) -> dict
     parts = plan.parts
     header, source = render_sources(plan, prefix)
     values["but"] = "" if kind == "rigid" else "; `ENERGY` alone ends the block"
+    values["bound"] = BOUNDS[kind]
     values["notes"] = _join(parts, "md", values)
     return {
         f"include/{prefix}.h": header,

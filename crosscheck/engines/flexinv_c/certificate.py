@@ -15,6 +15,8 @@ from flexinv.files.load_cases import Case
 from flexinv.model.joint_kinds import KINDS
 from flexinv.model.mechanism import WORLD, Joint, Mechanism
 
+WEIGHED_STEPS = 64  # of a mechanism with beams at rest
+
 
 def certify(mechanism: Mechanism, case: Case, engine: str) -> Certificate:
     """Return mass matrix [kg m^2], [kg], gravity torque [N m], [N], damping, friction and springs of a rigid library.
@@ -42,11 +44,17 @@ def certify(mechanism: Mechanism, case: Case, engine: str) -> Certificate:
 
 
 def _compute_mass(mechanism: Mechanism, case: Case) -> float:
-    """Mass of what moves [kg]: the forces on the joints that carry it, in equilibrium, over gravity."""
+    """Mass of what moves [kg]: the forces on the joints that carry it, in equilibrium, over gravity.
+
+    Their mean over some steps: accelerations at one instant are what the last digit of stiff forces leaves, and their mean is how
+    rates have changed in all this time.
+    """
     size = float(np.linalg.norm(mechanism.gravity))
     if size == 0.0 or mechanism.springs or mechanism.forces or mechanism.closures:
         raise InputError("the library of a mechanism with beams is weighed, which takes gravity and an open tree alone")
-    program = make_program(mechanism, replace(plan_case(mechanism, case).settings, initial="static"))
+    settings = replace(plan_case(mechanism, case).settings, initial="static")
+    program = make_program(mechanism, settings)
+    still = _list_state(mechanism, np.array(settings.start))
     held = {WORLD}
     roots = list[int]()
     for k, joint in enumerate(mechanism.joints):
@@ -54,10 +62,10 @@ def _compute_mass(mechanism: Mechanism, case: Case) -> float:
             held.add(joint.child)
         elif joint.parent in held:
             roots.append(k)
-    answers = program.ask(
-        [Question("joint_wrench", *_list_state(mechanism, mechanism.neutral, float(k))) for k in roots]
-    )
-    return sum(float(np.linalg.norm(wrench[:3])) for wrench in answers) / size
+    weigh = [Question("joint_wrench", *_list_state(mechanism, still[0], float(k))) for k in roots]
+    answers = program.ask(WEIGHED_STEPS * [Question("step", *still), *weigh])
+    held_by = np.array([answers[1 + k :: 1 + len(roots)] for k in range(len(roots))])[:, :, :3].mean(axis=1)
+    return float(np.linalg.norm(held_by, axis=1).sum()) / size
 
 
 def _list_state(mechanism: Mechanism, q: Array, rate: float = 0.0) -> tuple[Array, Array, Array]:
