@@ -69,7 +69,6 @@ NAMES = {
     "oscillation of the effort": "oscillation",
     "dry friction that changes with the angle": "friction of the angle",
     "stiction beside what is known": "stiction",
-    "load friction beside what is known": "load friction",
     "quadratic friction beside what is known": "drag of the squared rate",
     "saturation of the effort": "iron saturation",
     "curvature of the effort's sensor": "bent sensor",

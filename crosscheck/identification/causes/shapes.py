@@ -3,7 +3,7 @@
     effort_j + phi s(spot),   drop(spot) = (s . r)^2 / (s . s)    of s less what the parameters can make up for
 
 Shapes over time (a zero that jumps or settles, an oscillation), over the angle (friction of a bent shaft, an end
-stop), of friction (stiction, load, square of the rate) and of the sensor's own curve.  A spot is when, how fast or where.
+stop), of friction (stiction, square of the rate) and of the sensor's own curve.  A spot is when, how fast or where.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from crosscheck.identification.filters import apply_low_pass_all
 from crosscheck.identification.logs.log import Log
 from crosscheck.identification.machine import Channel, Machine, has_friction, resolve_value
 from crosscheck.identification.parameters import Values
-from crosscheck.identification.readings import compute_measured_motion, make_run
+from crosscheck.identification.readings import compute_measured_motion
 from flexinv.model.mechanism import Mechanism
 from flexinv.typing import Array
 
@@ -164,7 +164,6 @@ def _list_over_angle() -> Iterator[Family]:
 def _list_of_friction() -> Iterator[Family]:
     for kind, name, said, unit, spots, least in (
         ("stribeck share", "stiction", ", below {:.2g} rad/s", "-", _list_rates, 0.0),
-        ("load friction", "load friction", "", "-", _list_none, 0.0),
         ("quadratic friction", "quadratic friction", "", " s^2/rad^2", _list_none, -np.inf),
     ):
         yield Family(f"{name} beside what is known", said, unit, spots, partial(_make_friction, kind), least=least)
@@ -215,10 +214,7 @@ def _collect_known(machine: Machine, channel: Channel, values: Values, log: Log)
 
     def compute_changed(others: dict[str, float]) -> Array:
         changed = dict(values) | {(kind, channel.place): value for kind, value in others.items()}
-        load = None
-        if "load friction" in others:
-            load = make_run(machine, log, efforts=False, once=True).response(values)[0][:, at]
-        return compute_friction(machine, channel.place, rate, changed, load)
+        return compute_friction(machine, channel.place, rate, changed)
 
     still = resolve_value(machine, values, "transition rate", channel.place)
     effort = log.read_column(channel.column) * channel.factor
