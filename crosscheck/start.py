@@ -22,12 +22,17 @@ EXTRAS = {
 }
 # New objects after which Python looks for garbage.  What is imported stays: with the usual 700 a seventh of a start goes to that.
 GARBAGE = 50_000
+# Libraries that take matrices apart in threads of their own.  Matrices here are small: a second thread waits by spinning, which
+# takes as much of a processor as the first and gives nothing.  Whoever has set a number keeps it.
+LIBRARIES = ("OPENBLAS", "MKL", "VECLIB_MAXIMUM")
 FROM_PYTHON = re.compile(r'python_version >= "(\d+)\.(\d+)"')
 
 
 def main() -> None:
     """Run the command line, or say what it needs; Ctrl-C and a polite kill (SIGTERM) are words at any moment."""
     gc.set_threshold(GARBAGE)
+    for library in LIBRARIES:  # NumPy reads it when it is imported, which is later
+        os.environ.setdefault(f"{library}_NUM_THREADS", "1")
     signal.signal(signal.SIGTERM, convert_to_interrupt)
     try:
         run_commands()

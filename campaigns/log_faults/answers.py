@@ -64,6 +64,23 @@ NAMES = {
     "jump of the angle": "angle jump",
     "backlash of the gear": "backlash",
     "part of the effort of another joint, carried too": "coupled effort",
+    "step of the effort": "effort step",
+    "settling of the effort's zero": "effort drift",
+    "oscillation of the effort": "oscillation",
+    "dry friction that changes with the angle": "friction of the angle",
+    "stiction beside what is known": "stiction",
+    "quadratic friction beside what is known": "drag of the squared rate",
+    "saturation of the effort": "iron saturation",
+    "curvature of the effort's sensor": "bent sensor",
+    "gain of positive efforts alone": "one-sided gain",
+    "dead band of the effort": "dead band",
+    "part of the reading of another effort": "crosstalk",
+    "part of the angle of another joint": "coupled angle",
+    "twist of the gear by its load": "gear stiffness",
+    "angle from the world": "absolute angle",
+    "copied column of the effort": "copied effort",
+    "effort without its sign": "effort unsigned",
+    "wrapped effort": "overflow",
     "no cause that is known": UNKNOWN,
 }
 FACTORS = ("clock", "effort gain", "angle gain", "gravity", "gear efficiency")
@@ -109,9 +126,14 @@ def _parse_answer(text: str) -> Answer:
 
 def read_answer(name: str, place: str, size: float, error: float) -> Answer:
     """Return a named cause in the names of answers, with factors for relative errors and the base for gravity [-]."""
-    own = "effort ripple" if RIPPLE.fullmatch(name) else NAMES.get(name, name)
+    first = name.partition(", ")[0]  # behind it stands where, when or how fast
+    own = "effort ripple" if RIPPLE.fullmatch(name) else NAMES.get(name) or NAMES.get(first, first)
     where = FAR.sub("", place)
     where = "*" if PAIR.search(where) else PLACES.get(where, where)
+    if own.startswith("length of the link"):
+        own = "length"
+    if own == "gear stiffness":  # of one unit of load
+        return Answer(own, where, 1.0 / size, error / size**2)
     if own == "clock":
         return Answer(own, where, 1.0 / (1.0 + size), error)
     if own in FACTORS:

@@ -31,6 +31,7 @@ from crosscheck.identification.identify import Identification, identify, judge_b
 from crosscheck.identification.logs.log import read_columns, read_log
 from crosscheck.identification.logs.meanings import choose_time_column
 from crosscheck.identification.logs.motions import judge_motions
+from crosscheck.identification.machine import Machine
 from crosscheck.identification.page import write_page
 from crosscheck.identification.propose import format_identify_toml
 from crosscheck.identification.settings import FILE, IdentifyTable, move_efforts_behind_gears, read_settings
@@ -50,13 +51,14 @@ FOLD = "Cut the window of the first log into so many blocks; each is judged by w
 
 @click.command("identify", short_help="Find the parameters of NAME in logs, with intervals.")
 @click.argument("name")
+@click.argument("first", nargs=-1, metavar="[LOG]...")
 @MODELS
 @click.option(
     "--log",
     "logs",
     multiple=True,
-    required=True,
-    help="Log that identifies (.csv, .csv.gz, .parquet, .mat, bag of ROS); LOG@START:END: these seconds. Repeatable.",
+    help="Log that identifies, as LOG behind NAME (.csv, .csv.gz, .parquet, .mat, bag of ROS); LOG@START:END: these seconds. "
+    "Repeatable.",
 )
 @click.option(
     "--payload",
@@ -114,6 +116,7 @@ FOLD = "Cut the window of the first log into so many blocks; each is judged by w
 )
 def command(
     name: str,
+    first: tuple[str, ...],
     models: Path,
     logs: tuple[str, ...],
     loads: tuple[str, ...],
@@ -145,6 +148,7 @@ def command(
     console = Console()
     folder = out or Path("reports") / "identify" / name
     source = models / name
+    logs = _join_logs(name, *first, *logs)
     if propose:
         _write_proposed_settings(console, source, logs[0], behind)
         return
@@ -166,10 +170,7 @@ def command(
             drives = find_drive_report(identification)
             _write_drives(console, drives)
             if count is not None:
-                log = read_of(identification.machine, given[0])
-                _write_table(
-                    console, f"{count} blocks in turn", judge_blocks(read_machine(source, settings), log, count)
-                )
+                _write_blocks(console, read_machine(source, settings), given[0], count)
             if seconds is not None:
                 _write_proposed_motion(console, identification, given[0], seconds, folder)
             took = clock.perf_counter() - begun
@@ -178,6 +179,13 @@ def command(
         raise Failure(str(error)) from error
     console.print(f"page: {folder / 'index.html'}", highlight=False, soft_wrap=True)
     sys.exit(results.exit_code)
+
+
+def _join_logs(name: str, *logs: str) -> tuple[str, ...]:
+    """The logs that identify, as they stand behind the name and behind --log."""
+    if not logs:
+        raise Failure(f"identify: no log, expected one that identifies; write crosscheck identify {name} run.csv")
+    return logs
 
 
 def _write_proposed_settings(console: Console, source: Path, log: str, behind: bool) -> None:
@@ -355,6 +363,10 @@ def _find_causes(
             console.print(escape(words), highlight=False, soft_wrap=True, style="dim")
         out.append((Path(log).name, rest))
     return out
+
+
+def _write_blocks(console: Console, machine: Machine, path: str, count: int) -> None:
+    _write_table(console, f"{count} blocks in turn", judge_blocks(machine, read_of(machine, path), count))
 
 
 def _write_table(console: Console, title: str, rows: list[ChannelJudgement]) -> None:

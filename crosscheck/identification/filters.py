@@ -2,15 +2,40 @@
 
 from __future__ import annotations
 
-from functools import lru_cache
+from collections.abc import Callable
+from functools import lru_cache, wraps
+from typing import ParamSpec, TypeVar
 
 import numpy as np
 import scipy  # its parts are loaded when they are asked for
 
 from flexinv.typing import Array
 
+Given = ParamSpec("Given")
+Result = TypeVar("Result")
+
 LONGEST_KEPT = 50_000  # samples of a signal that is kept, with its result: 128 of them take 100 MB
 ORDER = 4  # of the Butterworth filter; forth and back it is 8
+
+
+def make_signal_cache(most: int) -> Callable[[Callable[Given, Result]], Callable[Given, Result]]:
+    """Return a decorator: a function of signals, given as bytes of their samples, keeps its last results.
+
+    Undoing a fault leaves most signals of a log as they were.  Those of more than `LONGEST_KEPT` samples are not kept.
+    most : results of the function that are kept [-]
+    """
+
+    def make_cached_function(function: Callable[Given, Result]) -> Callable[Given, Result]:
+        kept = lru_cache(maxsize=most)(function)
+
+        @wraps(function)
+        def run_cached(*given: Given.args, **named: Given.kwargs) -> Result:
+            is_long = any(isinstance(one, bytes) and len(one) > 8 * LONGEST_KEPT for one in given)
+            return function(*given, **named) if is_long else kept(*given, **named)  # type: ignore[arg-type]
+
+        return run_cached
+
+    return make_cached_function
 
 
 def low_pass(values: Array, spacing: float, bandwidth: float) -> Array:
@@ -21,12 +46,10 @@ def low_pass(values: Array, spacing: float, bandwidth: float) -> Array:
     values : (samples,) [any unit]; spacing : [s]; the ends are continued by a point reflection over two periods of the bandwidth
     """
     signal = np.asarray(values, dtype=np.float64)
-    if len(signal) > LONGEST_KEPT:
-        return apply_low_pass_all(signal[:, None], spacing, bandwidth)[:, 0]
     return _apply_kept_low_pass(signal.tobytes(), spacing, bandwidth).copy()
 
 
-@lru_cache(maxsize=128)  # undoing a fault leaves most signals of a log as they were
+@make_signal_cache(128)
 def _apply_kept_low_pass(values: bytes, spacing: float, bandwidth: float) -> Array:
     """The signal (samples,) behind the low-pass, as it is kept: whoever gives it away copies it."""
     return apply_low_pass_all(np.frombuffer(values)[:, None], spacing, bandwidth)[:, 0]

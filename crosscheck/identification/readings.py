@@ -11,7 +11,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import lru_cache
 
 import numpy as np
 import scipy  # its parts are loaded when they are asked for
@@ -22,7 +21,7 @@ from crosscheck.identification.drives.efforts import (
     compute_loaded_drive_effort,
     convert_to_motor_efforts,
 )
-from crosscheck.identification.filters import apply_lag, apply_low_pass_all, low_pass
+from crosscheck.identification.filters import apply_lag, apply_low_pass_all, low_pass, make_signal_cache
 from crosscheck.identification.logs.jumps import find_jumps, find_wrap_period
 from crosscheck.identification.logs.log import Log
 from crosscheck.identification.machine import Channel, Machine, has_friction, resolve_value
@@ -106,7 +105,7 @@ def _read_warmth(settings: IdentifyTable, log: Log) -> Array | None:
     return np.column_stack([none if t is None else log.read_column(t.column) - t.reference_degC for t in tables])
 
 
-@lru_cache(maxsize=64)  # undoing a fault leaves most angles as they were
+@make_signal_cache(64)
 def _fit_splines(grid: bytes, values: bytes) -> tuple[Array, Array, Array]:
     """A spline through samples at times of a grid [s], and its first and second derivatives there (samples,) each."""
     time = np.frombuffer(grid)
@@ -352,7 +351,7 @@ def apply_delay(values: Array, spacing: float, delay: float) -> Array:
     return np.asarray(spline(np.clip(time - delay, 0.0, time[-1])))
 
 
-@lru_cache(maxsize=64)  # many delays of a signal are tried
+@make_signal_cache(64)  # many delays of a signal are tried
 def _build_spline(values: bytes, spacing: float) -> scipy.interpolate.CubicSpline:
     signal = np.frombuffer(values)
     return scipy.interpolate.CubicSpline(spacing * np.arange(len(signal)), signal)

@@ -8,7 +8,7 @@ the columns of pi by differences, which are exact because the torque is linear i
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import lru_cache
 
 import numpy as np
@@ -154,29 +154,41 @@ def _build_tree_response(
     if list_point_sensors(settings):
         mesh = build(add_sensor_bodies(mechanism, settings))
         points = build_point_motion(settings, mesh, compute_rigid_motion(mesh, q, qd, qdd))
-    gravity = np.asarray(mechanism.gravity)
-    torques = _build_direct_response if once else _build_regressor_response
-    effort = torques(mechanism, space, (q, qd, qdd), rows)
-
-    def evaluate(values: Mapping[Key, float]) -> Told:
-        return effort(values), np.zeros((len(q), 0)), points.compute_readings(_compute_tilted_gravity(gravity, values))
-
-    return evaluate
+    torques = _DirectTorques if once else _RegressorTorques.build
+    return _TreeResponse(torques(mechanism, space, (q, qd, qdd), rows), points, np.asarray(mechanism.gravity))
 
 
-def _build_direct_response(
-    mechanism: Mechanism, space: ParameterSpace, state: State, rows: list[int]
-) -> Callable[[Mapping[Key, float]], Array]:
-    """The efforts (samples, joints) of a tree at any values, each from the motion anew."""
+@dataclass(frozen=True)
+class _TreeResponse:
+    """Response of a rigid tree: its efforts (samples, joints) [N m], [N] at any values, and how its points move."""
 
-    def compute_effort(values: Mapping[Key, float]) -> Array:
-        ten = compute_link_inertias(space, mechanism, values)
-        forces = tuple(values.get(("spring force", s.name), 1.0) for s in mechanism.springs)
-        tilts = _compute_tilted_gravity(np.asarray(mechanism.gravity), values)
-        changed = _apply_changes(mechanism, space.changed_links, ten.tobytes(), tilts.tobytes(), forces)
-        return joint_torques(changed, *state)[:, rows]
+    torques: Callable[[Mapping[Key, float]], Array]
+    points: PointMotion
+    gravity: Array
 
-    return compute_effort
+    def __call__(self, values: Mapping[Key, float]) -> Told:
+        """Return the readings of the sensors at values [unit of each], as `build_response` has them."""
+        efforts = self.torques(values)
+        tilted = _compute_tilted_gravity(self.gravity, values)
+        return efforts, np.zeros((len(efforts), 0)), self.points.compute_readings(tilted)
+
+
+@dataclass(frozen=True)
+class _DirectTorques:
+    """The efforts of a tree at any values, each from the motion anew; rows : of the measured joints."""
+
+    mechanism: Mechanism
+    space: ParameterSpace
+    state: State
+    rows: list[int]
+
+    def __call__(self, values: Mapping[Key, float]) -> Array:
+        """Return the efforts (samples, joints) [N m], [N] at values [unit of each]."""
+        ten = compute_link_inertias(self.space, self.mechanism, values)
+        forces = tuple(values.get(("spring force", s.name), 1.0) for s in self.mechanism.springs)
+        tilts = _compute_tilted_gravity(np.asarray(self.mechanism.gravity), values)
+        changed = _apply_changes(self.mechanism, self.space.changed_links, ten.tobytes(), tilts.tobytes(), forces)
+        return joint_torques(changed, *self.state)[:, self.rows]
 
 
 @make_owner_cache(most=4)
@@ -194,36 +206,51 @@ def _scale_spring(spring: Spring, factor: float) -> Spring:
     return replace(spring, stiffness=spring.stiffness * factor, law=spring.law and spring.law.scale_forces(factor))
 
 
-def _build_regressor_response(
-    mechanism: Mechanism, space: ParameterSpace, state: State, rows: list[int]
-) -> Callable[[Mapping[Key, float]], Array]:
-    """The efforts (samples, joints) of a tree at any values, by matrices of the motion that are made once."""
-    known = {p.key for p in space.parameters}
-    free_tilts = [f"gravity tilt {axis}" for axis in "xy" if (f"gravity tilt {axis}", "world") in known]
-    level = torque_regressor(mechanism, *state).matrix[:, rows]
-    slopes = [_compute_tilt_slope(mechanism, state, rows, level, tilt[-1]) for tilt in free_tilts]
-    alone, forced, sprung = _split_mechanism(mechanism)
-    free = joint_torques(alone, *state, passive=False)
-    held = joint_torques(forced, *state)[:, rows] - free[:, rows]
-    pulls = {name: (joint_torques(one, *state, passive=False) - free)[:, rows] for name, one in sprung.items()}
+@dataclass(frozen=True)
+class _RegressorTorques:
+    """The efforts of a tree at any values, by matrices of the motion that are made once.
 
-    @lru_cache(maxsize=4)  # friction and sensors leave it as it was
-    def compute_from_numbers(masses: bytes, tilts: tuple[float, ...], forces: tuple[float, ...]) -> Array:
+    level : Y (samples, joints, 10 links); slopes : its derivatives by each tilt of gravity that is free; held : of given forces
+    pulls : of each spring between points (samples, joints) [N m], [N]
+    """
+
+    mechanism: Mechanism
+    space: ParameterSpace
+    level: Array
+    slopes: dict[str, Array]
+    held: Array
+    pulls: dict[str, Array]
+
+    @classmethod
+    def build(cls, mechanism: Mechanism, space: ParameterSpace, state: State, rows: list[int]) -> _RegressorTorques:
+        """Build the matrices of a motion [rad], [m] and per second."""
+        known = {p.key for p in space.parameters}
+        free_tilts = [f"gravity tilt {axis}" for axis in "xy" if (f"gravity tilt {axis}", "world") in known]
+        level = torque_regressor(mechanism, *state).matrix[:, rows]
+        slopes = {tilt: _compute_tilt_slope(mechanism, state, rows, level, tilt[-1]) for tilt in free_tilts}
+        alone, forced, sprung = _split_mechanism(mechanism)
+        free = joint_torques(alone, *state, passive=False)
+        held = joint_torques(forced, *state)[:, rows] - free[:, rows]
+        pulls = {name: (joint_torques(one, *state, passive=False) - free)[:, rows] for name, one in sprung.items()}
+        return cls(mechanism, space, level, slopes, held, pulls)
+
+    def __call__(self, values: Mapping[Key, float]) -> Array:
+        """Return the efforts (samples, joints) [N m], [N] at values [unit of each]."""
+        tilts = tuple(values[kind, "world"] for kind in self.slopes)
+        forces = tuple(values.get(("spring force", name), 1.0) for name in self.pulls)
+        masses = compute_link_inertias(self.space, self.mechanism, values)
+        return self._compute_from_numbers(masses.tobytes(), tilts, forces)
+
+    @make_owner_cache(most=4)  # friction and sensors leave it as it was
+    def _compute_from_numbers(self, masses: bytes, tilts: tuple[float, ...], forces: tuple[float, ...]) -> Array:
         pi = np.frombuffer(masses)
-        out = level @ pi + held
-        for tilt, slope in zip(tilts, slopes, strict=True):
+        out = self.level @ pi + self.held
+        for tilt, slope in zip(tilts, self.slopes.values(), strict=True):
             if tilt:
                 out = out + tilt * (slope @ pi)
-        for force, pull in zip(forces, pulls.values(), strict=True):
+        for force, pull in zip(forces, self.pulls.values(), strict=True):
             out = out + force * pull
         return np.asarray(out)
-
-    def compute_effort(values: Mapping[Key, float]) -> Array:
-        tilts = tuple(values[kind, "world"] for kind in free_tilts)
-        forces = tuple(values.get(("spring force", name), 1.0) for name in pulls)
-        return compute_from_numbers(compute_link_inertias(space, mechanism, values).tobytes(), tilts, forces)
-
-    return compute_effort
 
 
 def _compute_tilt_slope(mechanism: Mechanism, state: State, rows: list[int], level: Array, axis: str) -> Array:
@@ -326,19 +353,30 @@ def _build_solver_response(
     masses = [p.key for p in space.parameters if p.kind == MASS]
     if masses and not once and _is_linear_in_masses(mechanism, motion):
         return _build_linear_response(mechanism, space, solved, model)
-    kept: dict[tuple[float, ...], Told] = {}
+    return _SolvedResponse(model, space, tuple(solved + masses))
 
-    def evaluate(values: Mapping[Key, float]) -> Told:
-        ten = compute_link_inertias(space, mechanism, values)
-        at = tuple(values.get(k, np.inf) for k in solved + masses)  # a payload that is not there is none of any size
-        if at not in kept:
-            changed = {link.name: ten[k] for k, link in enumerate(mechanism.links) if link.name in space.changed_links}
-            if len(kept) >= KEPT:
-                kept.pop(next(iter(kept)))
-            kept[at] = model.solve_in_time(values, changed)[0]
-        return kept[at]
 
-    return evaluate
+@dataclass(frozen=True)
+class _SolvedResponse:
+    """Response of a mechanism that is marched along the motion; asked : parameters that need a march of their own."""
+
+    model: SolverModel
+    space: ParameterSpace
+    asked: tuple[Key, ...]
+    kept: dict[tuple[float, ...], Told] = field(default_factory=dict)
+
+    def __call__(self, values: Mapping[Key, float]) -> Told:
+        """Return the readings of the sensors at values [unit of each], as `build_response` has them."""
+        at = tuple(values.get(k, np.inf) for k in self.asked)  # a payload that is not there is none of any size
+        if at not in self.kept:
+            mechanism = self.model.mechanism
+            ten = compute_link_inertias(self.space, mechanism, values)
+            links = enumerate(mechanism.links)
+            changed = {link.name: ten[k] for k, link in links if link.name in self.space.changed_links}
+            if len(self.kept) >= KEPT:
+                self.kept.pop(next(iter(self.kept)))
+            self.kept[at] = self.model.solve_in_time(values, changed)[0]
+        return self.kept[at]
 
 
 def _is_linear_in_masses(mechanism: Mechanism, motion: MeasuredMotion) -> bool:
@@ -351,38 +389,49 @@ def _is_linear_in_masses(mechanism: Mechanism, motion: MeasuredMotion) -> bool:
 def _build_linear_response(
     mechanism: Mechanism, space: ParameterSpace, solved: list[Key], model: SolverModel
 ) -> Response:
-    """Rigid loops: tau = tau_0 + Y (pi - pi_0), columns by differences, kept for each set of the other values.
-
-    The loops are followed once, as masses do not move them.
-    """
     known = {
         name: move_mass_properties(space.factors[name], np.zeros(PARAMETERS))
         if name in space.factors
         else compute_link_parameters(mechanism.link_of[name])
         for name in space.changed_links
     }
-    kept: dict[tuple[float, ...], Told] = {}
+    return _LinearResponse(model, space, tuple(solved), known)
 
-    def compute_columns(values: Mapping[Key, float]) -> Told:
-        (level, _, points), state = model.solve_in_time(values, known)
-        base = model.compute_efforts(values, known, state)
+
+@dataclass(frozen=True)
+class _LinearResponse:
+    """Rigid loops: tau = tau_0 + Y (pi - pi_0), columns by differences, kept for each set of the other values.
+
+    The loops are followed once, as masses do not move them.  known : pi_0 of each link (10,) [kg], [kg m], [kg m^2]
+    """
+
+    model: SolverModel
+    space: ParameterSpace
+    solved: tuple[Key, ...]
+    known: dict[str, Array]
+    kept: dict[tuple[float, ...], Told] = field(default_factory=dict)
+
+    def __call__(self, values: Mapping[Key, float]) -> Told:
+        """Return the readings of the sensors at values [unit of each], as `build_response` has them."""
+        at = tuple(values[k] for k in self.solved)
+        if at not in self.kept:
+            self.kept[at] = self._compute_columns(values)
+        level, matrix, points = self.kept[at]
+        mechanism = self.model.mechanism
+        ten = compute_link_inertias(self.space, mechanism, values)
+        number = {link.name: k for k, link in enumerate(mechanism.links)}
+        change = np.concatenate([ten[number[name]] - first for name, first in self.known.items()])
+        return level + matrix @ change, np.zeros((len(level), 0)), points
+
+    def _compute_columns(self, values: Mapping[Key, float]) -> Told:
+        (level, _, points), state = self.model.solve_in_time(values, self.known)
+        base = self.model.compute_efforts(values, self.known, state)
         out = []
-        for name, ten in known.items():
+        for name, ten in self.known.items():
             for k in range(PARAMETERS):
                 size = max(abs(float(ten[k])), 1e-3 * float(ten[0]))
                 changed = ten.copy()
                 changed[k] += size
-                out.append((model.compute_efforts(values, {**known, name: changed}, state) - base) / size)
+                efforts = self.model.compute_efforts(values, {**self.known, name: changed}, state)
+                out.append((efforts - base) / size)
         return level, np.stack(out, axis=-1), points  # (sample, joint), (sample, joint, parameter), (sample, sensor)
-
-    def evaluate(values: Mapping[Key, float]) -> Told:
-        at = tuple(values[k] for k in solved)
-        if at not in kept:
-            kept[at] = compute_columns(values)
-        level, matrix, points = kept[at]
-        ten = compute_link_inertias(space, mechanism, values)
-        number = {link.name: k for k, link in enumerate(mechanism.links)}
-        change = np.concatenate([ten[number[name]] - known[name] for name in known])
-        return level + matrix @ change, np.zeros((len(level), 0)), points
-
-    return evaluate

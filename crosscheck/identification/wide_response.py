@@ -11,12 +11,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import lru_cache
 
 import numpy as np
 import scipy  # its parts are loaded when they are asked for
 from numpy.typing import NDArray
 
+from crosscheck.identification.filters import make_signal_cache
 from flexinv.typing import Array
 
 PERIODS = (3.0, 8.0)  # of the bandwidth in a segment, at least and at most
@@ -64,7 +64,7 @@ def compute_wide_response(angle: Array, effort: Array, spacing: float, bandwidth
     return _compute_response(angle.tobytes(), effort.tobytes(), spacing, bandwidth)
 
 
-@lru_cache(maxsize=64)  # undoing a fault leaves most columns as they were
+@make_signal_cache(64)
 def _compute_response(columns: bytes, efforts: bytes, spacing: float, bandwidth: float) -> WideResponse | None:
     angle = np.frombuffer(columns)
     effort = np.frombuffer(efforts)
@@ -87,7 +87,7 @@ def _compute_response(columns: bytes, efforts: bytes, spacing: float, bandwidth:
     )
 
 
-@lru_cache(maxsize=64)  # undoing a fault leaves most columns as they were
+@make_signal_cache(64)
 def _compute_segment_spectra(values: bytes, count: int) -> NDArray[np.complex128]:
     """Spectra (segments, frequencies) of segments of so many samples, each without its mean."""
     parts = np.lib.stride_tricks.sliding_window_view(np.frombuffer(values), count)[:: count // 2]

@@ -43,6 +43,7 @@ LEAST_EFFICIENCY = (
 ORDERS = (1, 2)
 LARGEST_RIPPLE = 0.05  # [rad]: a disc of 20 mm radius that runs out by a millimetre
 LARGEST_ANGLE = 0.6
+LONGER = 0.3  # of the way to a joint
 # Of gravity: on the Earth it is 9.764 to 9.834 m/s^2 (Hirt et al. 2013, doi:10.1002/grl.50838), and 10 is written for it.
 HEAVIER = 0.03
 # Of what is known, and as a number [unit of the law]: so much less than nothing may be there by the error of a fit.
@@ -75,10 +76,35 @@ def list_possible_causes(machine: Machine, values: Values) -> Iterator[Cause]:
     for channel in machine.channels:
         if has_friction(machine, channel):
             yield from _list_drive_causes(machine, channel, values)
+    yield from _list_length_causes(machine)
     for channel in machine.channels:
         if has_friction(machine, channel):
             slow = _list_slow_causes(machine, channel, values)
             yield from (replace(one, rare=True) for one in (*slow, *_list_gear_causes(machine, channel, values)))
+
+
+def _list_length_causes(machine: Machine) -> Iterator[Cause]:
+    """Yield by how much further out a joint sits on a link that moves [m]."""
+    moved = {joint.child for joint in machine.mechanism.joints if joint.nv}
+    for joint in machine.mechanism.joints:
+        far = float(np.linalg.norm(joint.placement.position))
+        link = machine.mechanism.link_of.get(joint.parent)
+        if joint.parent in moved and far > 0.0 and link is not None and link.beam is None:
+            undo = _make_length_undo(joint.name, joint.placement.position / far)
+            name = f"length of the link up to joint {joint.name}"
+            yield replace(_make_bounded(name, joint.parent, "m", LONGER * far, undo), rare=True)
+
+
+def _make_length_undo(name: str, along: Array) -> Undo:
+    """The machine with a joint further out along a direction (3,)."""
+
+    def move_joint(log: Log, mechanism: Mechanism, phi: float) -> tuple[Log, Mechanism]:
+        at = mechanism.joint_of[name].placement
+        placed = replace(at, position=at.position + phi * along)
+        joints = tuple(replace(j, placement=placed) if j.name == name else j for j in mechanism.joints)
+        return log, replace(mechanism, joints=joints)
+
+    return move_joint
 
 
 def _list_slow_causes(machine: Machine, channel: Channel, values: Values) -> Iterator[Cause]:

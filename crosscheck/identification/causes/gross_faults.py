@@ -61,6 +61,25 @@ def list_gross_faults(machine: Machine) -> Iterator[GrossFault]:
             what = "wrong gear before the angle"
             yield GrossFault(what, name, "-", known, _make_factor_undo(column, 1.0 / known), (name,), True)
     yield from _list_swap_faults(machine)
+    yield from _list_world_faults(machine)
+
+
+def _list_world_faults(machine: Machine) -> Iterator[GrossFault]:
+    """Yield angles that are told from the world in the place of the link before: the angle of its joint is in them, too."""
+    joints = machine.settings.joints
+    before = {joint.child: joint for joint in machine.mechanism.joints}
+    for name, table in joints.items():
+        first = before.get(machine.mechanism.joint_of[name].parent)
+        if (
+            first is None
+            or first.name not in joints
+            or "prismatic" in (first.kind, machine.mechanism.joint_of[name].kind)
+        ):
+            continue
+        other = joints[first.name].angle
+        factor = ANGLES[other.unit] / other.over / (ANGLES[table.angle.unit] / table.angle.over)
+        undone = _make_difference_undo(table.angle.column, other.column, factor)
+        yield GrossFault("angle from the world, not from the link before", name, "-", 1.0, undone, (name,), True)
 
 
 def _list_channel_faults(machine: Machine, channel: Channel) -> Iterator[GrossFault]:
@@ -99,6 +118,10 @@ def _list_swap_faults(machine: Machine) -> Iterator[GrossFault]:
 
 def _make_factor_undo(column: str, factor: float) -> Undo:
     return lambda log, m, phi: (apply_to_column(log, column, lambda v: v * factor), m)
+
+
+def _make_difference_undo(column: str, other: str, factor: float) -> Undo:
+    return lambda log, m, phi: (apply_to_column(log, column, lambda v: v - factor * log.columns[other]), m)
 
 
 def _make_swap_undo(first: str, second: str) -> Undo:

@@ -25,6 +25,7 @@ from crosscheck.identification.causes.encoders import compare_encoders
 from crosscheck.identification.causes.gear_faults import list_play_causes, list_ripple_causes
 from crosscheck.identification.causes.gross_faults import GrossFault, Score, compute_score, list_gross_faults
 from crosscheck.identification.causes.rounds import CauseRound, CauseSearch, replace_cause
+from crosscheck.identification.causes.shapes import list_shape_causes
 from crosscheck.identification.causes.signals import (
     find_clipped_samples,
     list_broken_columns,
@@ -49,6 +50,8 @@ FOLLOWED = 4  # steps on the way to a size
 ASKED = 2.0  # least drop of the linear estimate, which a large fault makes small: it spoils the weights
 NEAREST = 6  # causes that are followed: at phi = 0 some are alike, a delay and a lag above all
 ALIKE = 4.0  # of drops that differ by less than this neither is the better one: the first of the dictionary is named
+# RMS of a channel over that of blocks left out, below which no rare cause is asked for what is left of it: noise has as much.
+QUIET = 1.0
 LARGEST = 4  # causes named at most
 # Faults at once, beside friction that is another on another day: rows 169, 316 and 319 of
 # campaigns/log_faults named three, among them wrong ones.
@@ -156,9 +159,12 @@ def _compute_fault_score(search: CauseSearch, task: Problem, linear: Linear) -> 
 def _find_small_causes(search: CauseSearch, log: Log) -> tuple[list[NamedCause], CauseRound, Array]:
     """Causes by their evidence, and the log under them with their sizes; where they leave more than noise, none is named."""
     values = search.machine.space.compute_values(search.fit.z)
-    usual = [*list_possible_causes(search.machine, values), *list_play_causes(search.machine, values)]
+    usual = list(list_possible_causes(search.machine, values))
     alone = CauseRound(search, log, usual, np.zeros(len(usual)), None)
-    here = alone.add_causes(list_ripple_causes(alone, alone.at))
+    noisy = np.flatnonzero(alone.compute_levels() > QUIET).tolist()
+    play = list_play_causes(search.machine, values, noisy)
+    waves = list_ripple_causes(alone, alone.at, noisy)
+    here = alone.add_causes([*play, *waves, *list_shape_causes(alone, values, noisy)])
     causes = list(here.causes)
     at = here.at.copy()
     named: dict[int, NamedCause] = {}
@@ -226,32 +232,52 @@ def _make_unknown_cause(channel: Channel, level: float, nearest: list[NamedCause
 def _find_strongest_cause(here: CauseRound, at: Array, known: set[str]) -> tuple[int, NamedCause] | None:
     level = here.compute_weighed_residual(at)
     first: list[tuple[float, int, float]] = []
-    for k, cause in enumerate(here.causes):
-        if (cause.kin or cause.name + cause.place) not in known:
-            first += [(drop, k, size) for drop, size in _list_start_sizes(here, at, k, level) if drop > ASKED]
+    for k in _list_asked_causes(here, known):
+        first += [(drop, k, size) for drop, size in _list_start_sizes(here, at, k, level) if drop > ASKED]
     chosen = _list_nearest_causes(here, first)
     tried = [_fit_possible_size(here, at, k, size, level) for k, size in chosen.items()]
     followed = [(k, one) for k, one in filter(None, tried) if _is_possible(here, k, one)]
     if not followed:
         return None
     most = max(_compute_cost_drop(here, *one) for one in followed)
-    alike = sorted((one for one in followed if _compute_cost_drop(here, *one) > most - ALIKE), key=lambda one: one[0])
+    near = [one for one in followed if _compute_cost_drop(here, *one) > most - ALIKE]
+    alike = sorted(near, key=lambda one: (not _is_wave_of_named(here, one[0]), one[0]))
     k, likely = alike[0]
     others = [f"{one.name} of {one.place}, {one.size:.3g} {one.unit}" for _, one in alike[1:]]
     words = likely.evidence + (f"; next to as likely: {'; '.join(others)}" if others else "")
     return k, replace(likely, evidence=words)
 
 
+def _list_asked_causes(here: CauseRound, known: set[str]) -> list[int]:
+    """The causes that are not known by their texts; no rare one where it is quiet, but the other wave of one that is named."""
+    quiet = _list_quiet_places(here)
+    new = [k for k, cause in enumerate(here.causes) if (cause.kin or cause.name + cause.place) not in known]
+    return [
+        k for k in new if not here.causes[k].rare or here.causes[k].place not in quiet or _is_wave_of_named(here, k)
+    ]
+
+
+def _list_quiet_places(here: CauseRound) -> set[str]:
+    """The places of causes that no rare one is asked for: a channel of which no more is left than noise, or all of them."""
+    levels = here.compute_levels()
+    places = {channel.place: level for channel, level in zip(here.search.machine.channels, levels, strict=True)}
+    return {one.place for one in here.causes if places.get(one.place, levels.max()) < QUIET}
+
+
 def _list_nearest_causes(here: CauseRound, first: list[tuple[float, int, float]]) -> dict[int, float]:
-    """The causes that are followed and the size [unit] at which each begins: `NEAREST` usual and as many rare ones.
+    """The causes that are followed and the size [unit] at which each begins: `NEAREST` usual and as many rare ones, of
+    those that move the model's side, which are not linear, and of others.
 
     first : about how much the cost falls, cause, and size
     """
     start: dict[int, float] = {}
     for _, k, size in sorted(first, reverse=True):
         start.setdefault(k, size)
-    usual, rare = ([k for k in start if here.causes[k].rare == one] for one in (False, True))
-    return {k: start[k] for k in (*usual[:NEAREST], *rare[:NEAREST])}
+    groups: dict[tuple[bool, bool], list[int]] = {}
+    for k in start:
+        cause = here.causes[k]
+        groups.setdefault((cause.rare, cause.rare and cause.moves), []).append(k)
+    return {k: start[k] for some in groups.values() for k in some[:NEAREST]}
 
 
 def _fit_possible_size(
@@ -297,7 +323,15 @@ def compute_evidence_threshold(causes: Collection[Cause]) -> float:
 def _compute_cost_drop(here: CauseRound, k: int, one: NamedCause) -> float:
     """The drop of the cost; what is rare or against nature has to explain more by as much as counts as evidence."""
     cause = here.causes[k]
-    return one.drop - EVIDENCE * (cause.rare or (cause.one_sided and one.size < 0.0))
+    rare = cause.rare and not _is_wave_of_named(here, k)
+    return one.drop - EVIDENCE * (rare or (cause.one_sided and one.size < 0.0))
+
+
+def _is_wave_of_named(here: CauseRound, k: int) -> bool:
+    """Tell whether a cause is the other wave of one that is named, and so no further one."""
+    cause = here.causes[k]
+    named = {(here.causes[n].name, here.causes[n].place) for n in here.named}
+    return cause.wave and (cause.name, cause.place) in named
 
 
 def _list_start_sizes(here: CauseRound, at: Array, k: int, level: Array) -> list[tuple[float, float]]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import replace
+from itertools import combinations
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,9 +13,9 @@ from crosscheck.identification.causes.cause import NamedCause
 from crosscheck.identification.estimation.fit import Fit
 from crosscheck.identification.filters import low_pass
 from crosscheck.identification.logs.doubts import find_clipped_extremes
-from crosscheck.identification.logs.jumps import find_jumps
+from crosscheck.identification.logs.jumps import WHOLE, find_jumps
 from crosscheck.identification.logs.log import Log
-from crosscheck.identification.machine import Machine
+from crosscheck.identification.machine import Channel, Machine
 from crosscheck.identification.readings import compute_raw_signals, compute_readings, make_run
 from crosscheck.identification.settings import ANGLES
 from flexinv.typing import Array
@@ -28,6 +29,7 @@ EXACT = 0.05  # part of a step by which values may miss its multiples: what few 
 FIRST = 8  # levels by which a step is told first
 LEAP = 3.0  # times the largest step beside it is a leap: an angle that was held for `HELD` samples makes more
 AMONG_SMALLEST = 0.1  # of a signal's values are smaller than those at the ends of a dead band: of dropouts any are
+TINY = 1e-300
 HALF = 0.5  # of what remains: an angle's steps that make more of the readings are named
 
 
@@ -44,10 +46,48 @@ def list_broken_columns(machine: Machine, fit: Fit, log: Log) -> Iterator[NamedC
             yield from _list_breaks("angle", name, "m" if slides else "rad", log.time, values, values)
     run = make_run(machine, log, efforts=False, once=True)
     told = compute_raw_signals(machine, run.motion, run.response, machine.space.compute_values(fit.z))
+    yield from _list_copied_efforts(machine, log, told)
     for channel, expected in zip(machine.channels, told.T, strict=True):
         if channel.column in log.columns:
+            yield from _list_whole_faults(channel, log.columns[channel.column] * channel.factor, expected)
             values = log.columns[channel.column] * channel.factor
             yield from _list_breaks(channel.sense, channel.place, channel.unit, log.time, values, values - expected)
+
+
+def _list_copied_efforts(machine: Machine, log: Log, told: Array) -> Iterator[NamedCause]:
+    """Yield efforts whose column is that of another one, number by number; told : (samples, channels) [units of the channels]."""
+    efforts = [
+        (c, one) for c, one in enumerate(machine.channels) if one.sense == "effort" and one.column in log.columns
+    ]
+    for (a, one), (b, other) in combinations(efforts, 2):
+        if one.column != other.column and np.array_equal(log.columns[one.column], log.columns[other.column]):
+            values = [log.columns[c.column] * c.factor for c in (one, other)]
+            missed = [np.std(v - told[:, k]) / np.std(told[:, k]) for v, k in zip(values, (a, b), strict=True)]
+            copy, first = (one, other) if missed[0] > missed[1] else (other, one)
+            words = (
+                f"all samples are those of {first.column}, and miss what is expected by {max(missed):.2g} of its spread"
+            )
+            yield NamedCause(f"copied column of the {copy.sense}", copy.place, "-", 1.0, 0.0, np.inf, words)
+
+
+def _list_whole_faults(channel: Channel, values: Array, expected: Array) -> Iterator[NamedCause]:
+    """Yield an effort without its sign, and one that begins anew beyond its range; values, expected : (samples,) [unit]."""
+    if channel.sense != "effort":
+        return
+    sizes = np.abs(expected)
+    left = [float(np.std(values - one)) for one in (expected, sizes)]
+    low, high = np.quantile(expected, [AMONG_SMALLEST, 1.0 - AMONG_SMALLEST])
+    if low < 0.0 < high and values.min() >= 0.0 and left[1] < HALF * left[0]:
+        words = (
+            f"it is never negative; {left[0]:.3g} {channel.unit} remain, and {left[1]:.3g} where the sign is left out"
+        )
+        yield NamedCause(f"{channel.sense} without its sign", channel.place, "-", 1.0, 0.0, np.inf, words)
+    period = float(np.ptp(values))
+    turns = np.round((expected - values) / max(period, TINY)) if period > 0.0 else np.zeros(1)
+    wrapped = np.abs(np.diff(values)) > WHOLE * period
+    if wrapped.any() and turns.any() and np.std(values + period * turns - expected) < HALF * left[0]:
+        words = f"it begins anew at the other end of its range {int(wrapped.sum())} times"
+        yield NamedCause(f"wrapped {channel.sense}", channel.place, channel.unit, period, 0.0, np.inf, words)
 
 
 def _list_breaks(sense: str, place: str, unit: str, time: Array, values: Array, rest: Array) -> Iterator[NamedCause]:

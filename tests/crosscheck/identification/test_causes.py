@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import pickle
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -10,6 +11,7 @@ import logged_arm
 import numpy as np
 import planted_faults
 import pytest
+from once import made_once
 
 import crosscheck
 from crosscheck.identification.causes.cause import NamedCause
@@ -28,7 +30,15 @@ STIFF, LATER = 2e4, 0.003  # [N m/rad], [s] of the link angle
 @pytest.fixture(scope="module")
 def known(tmp_path_factory: pytest.TempPathFactory) -> tuple[Identification, Log]:
     """The arm identified on one log, and another log of it, with a second encoder at the shoulder."""
-    folder: Path = tmp_path_factory.mktemp("models") / "arm"
+
+    def make(home: Path) -> None:
+        (home / "known").write_bytes(pickle.dumps(identify_arm(home / "models" / "arm")))
+
+    return pickle.loads((made_once(tmp_path_factory, "arm", make) / "known").read_bytes())  # type: ignore[no-any-return]
+
+
+def identify_arm(folder: Path) -> tuple[Identification, Log]:
+    """Write logs of the arm into a folder; return what one tells, and the other."""
     logged_arm.write_arm(folder)
     text = (folder / "identify.toml").read_text()
     angle = 'angle = { column = "q1" }'
@@ -181,12 +191,16 @@ def test_a_tilted_base_is_named_with_its_angle(known: tuple[Identification, Log]
 
 
 @pytest.fixture(scope="module")
-def real(root: Path) -> tuple[Identification, Log, list[NamedCause]]:
-    """The measured arm, its log, and what that shows as it is."""
-    folder = root / "models" / "kuka_kr300"
-    identification = crosscheck.identify(folder, [folder / "run_A.csv.gz"])
-    log = read_log(folder / "run_A.csv.gz")
-    return identification, log, find_causes(identification, log)
+def real(root: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[Identification, Log, list[NamedCause]]:
+    """The measured arm, its log, and what that shows as it is: found by one worker, and handed on as a pickle."""
+
+    def make(home: Path) -> None:
+        folder = root / "models" / "kuka_kr300"
+        identification = crosscheck.identify(folder, [folder / "run_A.csv.gz"])
+        log = read_log(folder / "run_A.csv.gz")
+        (home / "known").write_bytes(pickle.dumps((identification, log, find_causes(identification, log))))
+
+    return pickle.loads((made_once(tmp_path_factory, "kuka", make) / "known").read_bytes())  # type: ignore[no-any-return]
 
 
 @pytest.mark.slow

@@ -1,4 +1,4 @@
-"""Faults of gears in a log: ripple by its order, play by its size; tried as campaigns/log_faults does."""
+"""Faults of gears and of known shapes in a log, by their sizes; tried as campaigns/log_faults does."""
 
 from __future__ import annotations
 
@@ -15,10 +15,14 @@ from crosscheck.identification.causes.signals import find_quantisation_step
     [
         (693848, "gear ripple @ 0 0.3 12", "ripple of the effort", 0.3, 0.01),
         (11017, "backlash @ 0 0.02", "backlash of the gear", 0.02, 0.002),
+        (11017, "effort step @ 0 0.5 3.5", "step of the effort, at 3.5 s", 0.5, 0.01),
+        (11017, "shaking floor @ 0 0.4 3", "oscillation of the effort, 3 Hz", 0.4, 0.01),
+        (11017, "end stop @ 0 40 0.15", "end stop, on the last 0.15", 40.0, 1.0),
+        (11017, "soft drive @ 0 2000", "twist of the gear by its load", 1.0 / 2000.0, 2e-5),
     ],
 )
 def test_a_fault_of_a_gear_is_named_with_its_size(seed: int, fault: str, name: str, size: float, most: float) -> None:
-    """Within a tenth: the passage through the play has a width of its own, of which the log knows little."""
+    """Of backlash within a tenth: the passage through the play has a width of its own, of which the log knows little."""
     named = run_row(Row(0, "pendulum", "same", "sines", seed, fault, "")).named
     (one,) = named
     assert one.name.startswith(name)

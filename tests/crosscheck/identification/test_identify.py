@@ -117,13 +117,19 @@ def test_every_log_that_is_asked_for_is_predicted(folder: Path, tmp_path: Path) 
     logs = [str(folder / "one.csv"), str(folder / "two.csv")]
     asked = [word for log in logs for word in ("--predict", log)]
     said = run(
-        "arm", "--models", str(folder.parent), "--log", f"{logs[0]}@0:4", *asked, "--out", str(tmp_path / "both")
-    )
+        "arm", f"{logs[0]}@0:4", "--models", str(folder.parent), *asked, "--out", str(tmp_path / "both")
+    )  # a log behind the name identifies, as --log does
     files = [tmp_path / "both" / name for name in ("prediction.csv", "prediction_2.csv")]
     for file, log in zip(files, logs, strict=True):
         assert np.array_equal(pd.read_csv(file)["time_s"], pd.read_csv(log)["time_s"])
         assert f"prediction of {Path(log).name}: {file}" in said
     assert files[0].read_bytes() != files[1].read_bytes()
+
+
+def test_no_log_at_all_is_refused_in_words(folder: Path) -> None:
+    done = CliRunner().invoke(Main(), ["identify", "arm", "--models", str(folder.parent)])
+    assert done.exit_code == 2
+    assert "no log, expected one that identifies; write crosscheck identify arm run.csv" in done.output
 
 
 @pytest.mark.parametrize("good", [1, 0])
