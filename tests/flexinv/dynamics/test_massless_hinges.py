@@ -54,7 +54,7 @@ BETWEEN = '[links.m]\nkind = "rigid"\nmassless = true\n'
 SPRING = "stiffness_Nm_per_rad = 3\n"
 MOTION = flexinv.Motion.point_to_point({"j": 0.0}, {"j": 1.0}, duration=0.3)
 STEP = 1e-3
-# Rotary inertias that stand for none [kg m], 2e-8 and 4e-8 of what the arm has about its joint: what they change is in proportion.
+# A rotary inertia that stands for none [kg m], 2e-8 of what the arm has about its joint, and what it changes twice by its double.
 SMALL = 1e-8
 SAME = 5e-11  # what is left of their squares, and rounding: 1e-11
 # Rounding of the equilibrium that the march begins with turns so light a section in the first steps: 2e-8 of the range of the
