@@ -8,12 +8,11 @@ import numpy as np
 
 from crosscheck.findings.finding import Finding, make_error, make_warning
 from flexinv.errors import InputError
+from flexinv.files.parts import LINK_SIZES
 from flexinv.model.mechanism import Mechanism
 from flexinv.model.part import MeshedPart
 from flexinv.parts.part_matrices import PartMatrices, build_part_matrices
 
-# Extents of links of machines [m]: beyond them the unit of the mesh is as a rule another one.
-SIZES = (5e-3, 20.0)
 # Part of the cells from which on a kind of cell decides how stiff a mesh is.
 MOST_OF_THEM = 0.5
 
@@ -36,7 +35,7 @@ def check_parts(mechanism: Mechanism) -> Iterator[Finding]:
 
 def _check_size(part: MeshedPart, place: str) -> Iterator[Finding]:
     extent = float(np.ptp(part.points, axis=0).max())
-    if not SIZES[0] <= extent <= SIZES[1]:
+    if not LINK_SIZES[0] <= extent <= LINK_SIZES[1]:
         write = "unit_m = 0.001 for a mesh in millimetres, 1 for one in metres"
         yield make_warning("mesh size", place, f"a mesh {extent:.4g} m long", "a link is rarely so", write)
 

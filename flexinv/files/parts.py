@@ -128,6 +128,10 @@ class MeshLinkTable(Table):
     source: Text = SOURCE
 
 
+# Extents of links of machines [m]: beyond them the unit of a mesh is as a rule another one.
+LINK_SIZES = (5e-3, 20.0)
+
+
 def read_meshed_part(data: Any, where: Location) -> tuple[MeshedPart, MeshLinkTable]:
     """Read the mesh of a link [m, kg, Pa] and its table.  Raises InputError: file, table, key, and what to write."""
     table = check_table(MeshLinkTable, data, where)
@@ -143,6 +147,7 @@ def read_meshed_part(data: Any, where: Location) -> tuple[MeshedPart, MeshLinkTa
     _check_ends(table, where)
     tip = table.tip or next((name for name in reversed(table.interfaces) if name != table.root), table.root)
     matter = _read_matter(table, mesh, place, where)
+    _warn_of_odd_size(points, table, where)
     try:
         part = MeshedPart(
             points, matter[0], tuple(interfaces), table.root, tip, 8 if table.modes is None else table.modes,
@@ -152,6 +157,16 @@ def read_meshed_part(data: Any, where: Location) -> tuple[MeshedPart, MeshLinkTa
     except InputError as error:
         raise InputError(f"{where.describe_key()}: {error}") from error
     return part, table
+
+
+def _warn_of_odd_size(points: Array, table: MeshLinkTable, where: Location) -> None:
+    """Warn where a mesh is so long or so short [m] that its unit is as a rule another one."""
+    extent = float(np.ptp(points, axis=0).max())
+    if not LINK_SIZES[0] <= extent <= LINK_SIZES[1]:
+        said = f"{where.describe_key('unit_m')}: with {table.unit_m:g} the mesh is {extent:.4g} m long; "
+        warnings.warn(
+            said + "write unit_m = 0.001 for a mesh in millimetres, 1 for one in metres", ModelWarning, stacklevel=6
+        )
 
 
 def _check_ends(table: MeshLinkTable, where: Location) -> None:

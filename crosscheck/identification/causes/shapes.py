@@ -65,6 +65,7 @@ class Family:
     make : the shape at a spot (samples,) [1 / unit], in the unit of the joint's effort
     turned : the shape a quarter of a period later, which is told together with it; of_sensor : in the unit of the channel
     refined : the best spot is looked for between those beside it; least : the least size
+    of_turns : of joints that turn alone
     """
 
     name: str
@@ -76,6 +77,7 @@ class Family:
     of_sensor: bool = False
     refined: bool = True
     least: float = -np.inf
+    of_turns: bool = False
 
 
 def _list_none(known: Known) -> Array:
@@ -157,6 +159,7 @@ def _list_over_angle() -> Iterator[Family]:
         _list_none,
         lambda k, s: np.sin(k.angle) * _compute_sense(k),
         lambda k, s: np.cos(k.angle) * _compute_sense(k),
+        of_turns=True,
     )
     yield Family("end stop", ", on the last {:.2g}", "/rad", _list_stops, _make_stop, least=0.0)
 
@@ -201,7 +204,10 @@ def list_shape_causes(here: CauseRound, values: Values, noisy: Collection[int]) 
             continue
         known = _collect_known(machine, channel, values, here.log)
         known = replace(known, counted=known.time[here.task.chosen[0][:, c]])
+        slides = machine.mechanism.joint_of[channel.place].kind == "prismatic"
         for family in FAMILIES:
+            if slides and family.of_turns:
+                continue
             spot, phase = _find_best_spot(here, c, left, family, known)
             for turn in (0.0, QUARTER) if family.turned else (0.0,):
                 yield _make_shape_cause(_FoundShape(machine, channel, values, family, spot, phase + turn))

@@ -209,6 +209,13 @@ def test_other_formulations_are_said(tmp_path: Path) -> None:
         load(tmp_path)
 
 
+def test_a_mesh_in_another_unit_is_said(tmp_path: Path) -> None:
+    """Millimetres taken for metres, where all interfaces catch their nodes."""
+    write_mesh(tmp_path)
+    with pytest.warns(ModelWarning, match=r"key unit_m: with 1 the mesh is 400 m long; write unit_m = 0.001"):
+        load(tmp_path, GOOD.replace("unit_m = 0.001\n", "").replace("point_m = [0.4", "point_m = [400"))
+
+
 FAULTS = {
     "no such file": ("arm.inp", "leg.inp", "no such file"),
     "no mesh": ('file = "arm.inp"', 'file = "mechanism.toml"', "a mesh of a kind that meshio reads"),
