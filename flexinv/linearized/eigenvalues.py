@@ -154,14 +154,31 @@ def _solve_from_both_ends(k: Array, m: Array) -> tuple[Array, Array]:
     x^T M Q = 0, and fast ones found by omega^2 of K by M, known to 1e-16 of the fastest.  They part at the mean of both ends:
     each loses the root of what one end alone would lose of the other, and as many are found as there are freedoms.
     """
-    values, vectors = scipy.linalg.eigh(m, k)
+    values, vectors, shift = _find_inverse_roots(k, m)
     fastest = float(np.divide(*(np.einsum("km,kl,lm->m", vectors, part, vectors) for part in (k, m))).max())
     slow = values >= np.sqrt(values[-1] / fastest)
     found = vectors[:, slow][:, ::-1]
     rest = scipy.linalg.qr(m @ found)[0][:, found.shape[1] :]
     inner, inertia = (rest.T @ part @ rest for part in (k, m))
     squared, fast = scipy.linalg.eigh((inner + inner.T) / 2, (inertia + inertia.T) / 2)
-    return np.concatenate([1.0 / values[slow][::-1], squared]), np.hstack([found, rest @ fast])
+    return np.concatenate([1.0 / values[slow][::-1] - shift, squared]), np.hstack([found, rest @ fast])
+
+
+def _find_inverse_roots(k: Array, m: Array) -> tuple[Array, Array, float]:
+    """Return 1 / (omega^2 + shift) (modes,) [s^2], rising, their shapes, and the shift [1/s^2]: 0 but where rounding hides that
+    K is positive definite, which libraries of linear algebra do not agree on.
+    """
+    shift = 0.0
+    smallest = SOFT * np.abs(k).max(initial=0.0) / max(np.abs(m).max(initial=0.0), np.finfo(float).tiny)
+    while True:
+        try:
+            values, vectors = scipy.linalg.eigh(m, k + shift * m)
+        except scipy.linalg.LinAlgError:
+            if shift > smallest / SOFT**2:
+                raise
+            shift = max(10.0 * shift, smallest, np.finfo(float).tiny)
+        else:
+            return values, vectors, shift
 
 
 def choose_shift(squared: NDArray[Any], shift: float) -> float:
