@@ -70,7 +70,7 @@ def run_forward_pass(topology, state, joints, frames, variation, work, factors, 
         else:
             if topology.freedoms[n] > 0:
                 _fill_passive_motion(n, topology, state, joints, variation, cv, ca, columns)
-            elif topology.shapes.part[n] >= 0:
+            elif shapes.part[n] >= 0:
                 _fill_shaped_motion(n, topology, state, joints, variation, work.moved, factors, columns)
             compute_child_motion(n, topology.parent[n], frames, joints)
             add_parent_variation(n, topology.parent[n], columns, frames, joints, variation)

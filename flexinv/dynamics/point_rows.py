@@ -13,7 +13,7 @@ Of an own amplitude it is
 
 from __future__ import annotations
 
-from flexinv.elements.points import take_point, write_point
+from flexinv.elements.points import add_scaled_row, take_point, write_point
 from flexinv.kernels.jit import jit_sums
 from flexinv.kernels.vec3 import add, add_scaled, add_to, apply, cross, mat, scale, sub, sum3, tapply, vec
 
@@ -81,7 +81,7 @@ def _fill_force_columns(part, system, law, factors):
     root = shapes.root[part]
     begin = shapes.points.row[part]
     end = begin + 3 * shapes.points.stride[part]
-    mass = topology.mass[shapes.points.node[shapes.points.first[part]]]  # all points of a part weigh the same
+    mass = shapes.points.mass[part]
     own = topology.amplitude[part]
     w = scale(2.0, vec(system.frames.w[root]))
     cv = 2.0 * factors[0]
@@ -93,9 +93,7 @@ def _fill_force_columns(part, system, law, factors):
         _add_turned(law, mass, motion.slide[c, begin:end], column)
         if c < shapes.soft[part]:
             _add_turned(by_rate, mass, motion.rate[c, begin:end], column)
-            change = motion.change[c, begin:end]
-            for i in range(len(column)):
-                column[i] += mass * change[i]
+            add_scaled_row(mass, motion.change[c, begin:end], column)
     for c in range(topology.reach[root]):
         _fill_carried_column(part, c, system, mass)
 
@@ -103,14 +101,18 @@ def _fill_force_columns(part, system, law, factors):
 @jit_sums
 def _add_turned(turn, mass, row, out):
     """Add m turn v of the vectors v in a row."""
+    x, y, z = _split_coordinates(row)
+    to_x, to_y, to_z = _split_coordinates(out)
+    _add_three(scale(mass, turn[0]), x, y, z, to_x)
+    _add_three(scale(mass, turn[1]), x, y, z, to_y)
+    _add_three(scale(mass, turn[2]), x, y, z, to_z)
+
+
+@jit_sums
+def _split_coordinates(row):
+    """Return the coordinates x, y and z of all points in a row."""
     stride = len(row) // 3
-    x = row[:stride]
-    y = row[stride : 2 * stride]
-    z = row[2 * stride :]
-    along = scale(mass, turn[0]), scale(mass, turn[1]), scale(mass, turn[2])
-    _add_three(along[0], x, y, z, out[:stride])
-    _add_three(along[1], x, y, z, out[stride : 2 * stride])
-    _add_three(along[2], x, y, z, out[2 * stride :])
+    return row[:stride], row[stride : 2 * stride], row[2 * stride :]
 
 
 @jit_sums
@@ -173,14 +175,11 @@ def _add_to_frame(part, system):
 @jit_sums
 def _compute_vector_sum(row):
     """Sum the vectors in a row."""
-    stride = len(row) // 3
-    x = row[:stride]
-    y = row[stride : 2 * stride]
-    z = row[2 * stride :]
+    x, y, z = _split_coordinates(row)
     s0 = 0.0
     s1 = 0.0
     s2 = 0.0
-    for i in range(stride):
+    for i in range(len(x)):
         s0 += x[i]
         s1 += y[i]
         s2 += z[i]
@@ -190,17 +189,12 @@ def _compute_vector_sum(row):
 @jit_sums
 def _compute_moment_sum(arms, forces):
     """Sum r x f of the vectors in two rows."""
-    n = len(arms) // 3
-    x = arms[:n]
-    y = arms[n : 2 * n]
-    z = arms[2 * n :]
-    fx = forces[:n]
-    fy = forces[n : 2 * n]
-    fz = forces[2 * n :]
+    x, y, z = _split_coordinates(arms)
+    fx, fy, fz = _split_coordinates(forces)
     s0 = 0.0
     s1 = 0.0
     s2 = 0.0
-    for i in range(n):
+    for i in range(len(x)):
         s0 += y[i] * fz[i] - z[i] * fy[i]
         s1 += z[i] * fx[i] - x[i] * fz[i]
         s2 += x[i] * fy[i] - y[i] * fx[i]
@@ -234,17 +228,11 @@ def _add_amplitude_rows(part, system, law):
         if a >= soft:
             for i in range(3):
                 for j in range(3):
-                    _add_scaled_row(law[i][j], points.product[part, a, i, j, soft:count], row[own + soft : own + count])
+                    add_scaled_row(law[i][j], points.product[part, a, i, j, soft:count], row[own + soft : own + count])
     force = motion.force[begin:end]
     for a in range(soft):
         for c in range(soft):
             work.diagonal[b, own + a, own + c] += _compute_product_sum(points.bend[a, c, begin:end], force)
-
-
-@jit_sums
-def _add_scaled_row(factor, row, out):
-    for c in range(len(out)):
-        out[c] += factor * row[c]
 
 
 @jit_sums
@@ -260,7 +248,7 @@ def add_point_masses(part, system):
     frame = mat(system.frames.r[root])
     begin = points.row[part]
     stride = points.stride[part]
-    mass = topology.mass[points.node[points.first[part]]]
+    mass = points.mass[part]
     columns = topology.size[b]
     for c in range(columns):
         moved = tapply(frame, vec(system.variation.x[root, c]))

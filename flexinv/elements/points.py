@@ -31,6 +31,7 @@ class PartPoints(NamedTuple):
     row : (parts,) first entry of a part in the tables below: coordinates x of all its points, y, z; stride : (parts,) of each
     place : (entries,) [m] of the undeformed points; slide : (amplitudes, entries) [-]
     bend : (soft, soft, entries) second derivatives of the places [1/m]
+    mass : (parts,) of each point of a part [kg]
     product : (parts, amplitudes, 3, 3, amplitudes) sum m U U^T over the undeformed points of a part [kg]
     """
 
@@ -41,6 +42,7 @@ class PartPoints(NamedTuple):
     place: Array
     slide: Array
     bend: Array
+    mass: Array
     product: Array
 
 
@@ -116,6 +118,13 @@ def fill_point_motion(part, shapes, first, state, frames, joints, motion, want_t
 
 
 @jit_sums
+def add_scaled_row(factor, row, out):
+    """Add ``factor`` times a row to another one [any unit]."""
+    for i in range(len(out)):
+        out[i] += factor * row[i]
+
+
+@jit_sums
 def take_point(table, at, stride):
     """Return the vector of a point from one row of a table [any unit]; at : entry of its x."""
     return table[at], table[at + stride], table[at + 2 * stride]
@@ -145,11 +154,8 @@ def _fill_bent_slides(part, shapes, first, state, motion):
             rate[i] = 0.0
         for j in range(soft):
             bend = points.bend[j, c, begin:end]
-            y = state.place[first + j] + state.d[first + j]
-            u = state.u[first + j]
-            for i in range(len(slide)):
-                slide[i] += y * bend[i]
-                rate[i] += u * bend[i]
+            add_scaled_row(state.place[first + j] + state.d[first + j], bend, slide)
+            add_scaled_row(state.u[first + j], bend, rate)
 
 
 @jit_sums
@@ -164,10 +170,7 @@ def _fill_bent_change(part, shapes, first, state, motion):
         for i in range(len(change)):
             change[i] = 0.0
         for j in range(soft):
-            bend = points.bend[j, c, begin:end]
-            du = state.du[first + j]
-            for i in range(len(change)):
-                change[i] += du * bend[i]
+            add_scaled_row(state.du[first + j], points.bend[j, c, begin:end], change)
 
 
 @jit_sums
@@ -185,17 +188,11 @@ def _fill_places(part, shapes, first, state, motion):
         drift[i] = 0.0
         pull[i] = 0.0
     for c in range(shapes.size[part]):
-        straight = points.slide[c, begin:end]
         slide = motion.slide[c, begin:end]
         half = 0.5 * (state.place[first + c] + state.d[first + c])
-        u = state.u[first + c]
-        du = state.du[first + c]
-        for i in range(len(place)):
-            place[i] += half * (straight[i] + slide[i])
-            drift[i] += u * slide[i]
-            pull[i] += du * slide[i]
+        add_scaled_row(half, points.slide[c, begin:end], place)
+        add_scaled_row(half, slide, place)
+        add_scaled_row(state.u[first + c], slide, drift)
+        add_scaled_row(state.du[first + c], slide, pull)
     for c in range(shapes.soft[part]):
-        rate = motion.rate[c, begin:end]
-        u = state.u[first + c]
-        for i in range(len(pull)):
-            pull[i] += u * rate[i]
+        add_scaled_row(state.u[first + c], motion.rate[c, begin:end], pull)

@@ -256,7 +256,8 @@ def _build_points(
         bend[at] = _fill_up(of_part, "bend", (3, softest, softest)).reshape(*at.shape, -1)
         product[number] = law.point_mass * np.einsum("pia,pjb->aijb", slides, slides, optimize=True)
     bends = bend.T.copy().reshape(softest, softest, len(place))
-    return PartPoints(first, node, row, stride, place[:, 0].copy(), slide.T.copy(), bends, product)
+    mass = np.array([law.point_mass for law in parts])
+    return PartPoints(first, node, row, stride, place[:, 0].copy(), slide.T.copy(), bends, mass, product)
 
 
 def _fill_up(records: Sequence[ShapedNode | PartLaw], name: str, shape: tuple[int, ...]) -> Array:

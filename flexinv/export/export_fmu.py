@@ -78,7 +78,7 @@ def export_fmu(
     mechanism = replace_changing_forces(mechanism)
     if kind == "inverse":
         check_exportable(mechanism)
-        check_lasting(mechanism, "flexinv.export_c")
+        check_lasting(mechanism, "an FMU", "flexinv.export_c")
     else:
         check_movable(mechanism)
     prefix = make_library_name(mechanism)

@@ -29,7 +29,7 @@ def check_exportable(mechanism: Mechanism) -> None:
         for one in list_acting_sets(m):
             _check_loops(one.mechanism)
         return
-    check_lasting(m, "flexinv.solve")
+    check_lasting(m, "a library with beams", "flexinv.solve")
     coupling = [c.name for c in m.closures if c.kind == "coupling"]
     _refuse(
         m,
@@ -42,7 +42,7 @@ def check_exportable(mechanism: Mechanism) -> None:
 def check_movable(mechanism: Mechanism) -> None:
     """Raise InputError [-] for a mechanism that torques do not move in a library: names, phases, joints that are no scalars."""
     _check_any(mechanism, "motion")
-    check_lasting(mechanism, "flexinv.simulate")
+    check_lasting(mechanism, "a forward FMU", "flexinv.simulate")
     _check_meshes(mechanism)
     for joint in mechanism.joints:
         if joint.nv and not KINDS[joint.kind].scalar:
@@ -52,10 +52,10 @@ def check_movable(mechanism: Mechanism) -> None:
             )
 
 
-def check_lasting(mechanism: Mechanism, instead: str) -> None:
-    """Raise InputError for closures that act for a while [s]; instead : what to call."""
+def check_lasting(mechanism: Mechanism, what: str, instead: str) -> None:
+    """Raise InputError for closures that act for a while [s]; what : the file that cannot be told; instead : what to call."""
     passing = [c.name for c in mechanism.closures if c.active]
-    why = f"of which a call that knows no time cannot tell; call {instead}"
+    why = f"and {what} has no call that says which of them act; call {instead}"
     _refuse(mechanism, "closures that act for a while", passing, why)
 
 

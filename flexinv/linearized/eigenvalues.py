@@ -165,20 +165,28 @@ def _solve_from_both_ends(k: Array, m: Array) -> tuple[Array, Array]:
 
 
 def _find_inverse_roots(k: Array, m: Array) -> tuple[Array, Array, float]:
-    """Return 1 / (omega^2 + shift) (modes,) [s^2], rising, their shapes, and the shift [1/s^2]: 0 but where rounding hides that
-    K is positive definite, which libraries of linear algebra do not agree on.
+    """Return 1 / (omega^2 + shift) (modes,) [s^2], rising, their shapes, and the shift [1/s^2].
+
+    It is 0 but where rounding hides that K is positive definite, of which one library of linear algebra judges otherwise than
+    another.
     """
     shift = 0.0
-    smallest = SOFT * np.abs(k).max(initial=0.0) / max(np.abs(m).max(initial=0.0), np.finfo(float).tiny)
+    smallest = _compute_smallest_shift(k, m)
     while True:
         try:
             values, vectors = scipy.linalg.eigh(m, k + shift * m)
         except scipy.linalg.LinAlgError:
             if shift > smallest / SOFT**2:
                 raise
-            shift = max(10.0 * shift, smallest, np.finfo(float).tiny)
+            shift = max(10.0 * shift, smallest)
         else:
             return values, vectors, shift
+
+
+def _compute_smallest_shift(k: Array, m: Array) -> float:
+    """Return the omega^2 [1/s^2] that is just above rounding of the fastest, above zero."""
+    tiny = float(np.finfo(float).tiny)
+    return max(SOFT * float(np.abs(k).max(initial=0.0)) / max(float(np.abs(m).max(initial=0.0)), tiny), tiny)
 
 
 def choose_shift(squared: NDArray[Any], shift: float) -> float:
@@ -232,11 +240,11 @@ def _find_soft_motions(k: Array, m: Array) -> Array:
     if not k.any() and _is_definite(m):  # all motions are, and no shift of K is in scale with M
         return np.eye(len(k))
     shift = 0.0
-    smallest = SOFT * np.abs(k).max(initial=0.0) / max(np.abs(m).max(initial=0.0), np.finfo(float).tiny)
+    smallest = _compute_smallest_shift(k, m)
     while not _is_definite(k + shift * m):
         if shift > smallest / SOFT**2:
             raise InputError("modes: a freedom has neither inertia nor stiffness; give its link a mass")
-        shift = max(10 * shift, smallest, np.finfo(float).tiny)
+        shift = max(10.0 * shift, smallest)
     if shift == 0.0:
         return np.empty((len(k), 0))
     values, vectors = scipy.linalg.eigh(m, k + shift * m)

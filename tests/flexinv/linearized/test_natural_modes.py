@@ -18,7 +18,7 @@ from flexinv.errors import InputError
 from flexinv.files.load_mechanism import load_mechanism
 from flexinv.kinematics.mesh import build
 from flexinv.linearized import rest_position as module
-from flexinv.linearized.eigenvalues import find_undamped_modes
+from flexinv.linearized.eigenvalues import SOFT, _find_inverse_roots, find_undamped_modes
 from flexinv.linearized.linear_model import linear_model
 from flexinv.linearized.natural_modes import natural_modes
 from flexinv.linearized.rest_position import compute_tip_displacements
@@ -268,3 +268,11 @@ def test_a_motion_that_has_next_to_no_stiffness_costs_no_other_one(seed: int) ->
     squared, shapes = find_undamped_modes(csc_array(leaning.T @ stiffness @ leaning), csc_array(np.eye(9)))
     np.testing.assert_allclose(squared, exact, rtol=LEANING)
     np.testing.assert_allclose(shapes.T @ shapes, np.eye(9), rtol=0, atol=LEANING)
+
+
+def test_a_stiffness_that_rounding_makes_indefinite_is_still_looked_at() -> None:
+    """The slowest root of three is lost in rounding of the others, and one shift shows all to its own size."""
+    values, vectors, shift = _find_inverse_roots(np.diag([1.0, -1e-18, 4.0]), np.eye(3))
+    assert 0.0 < shift <= 10.0 * SOFT * 4.0
+    np.testing.assert_allclose(np.sort(1.0 / values - shift), [0.0, 1.0, 4.0], rtol=0, atol=8.0 * EPS)
+    np.testing.assert_allclose(np.abs(vectors[1]).max() ** 2, values.max(), rtol=8.0 * EPS)
