@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-
-import pandas as pd
+from typing import TYPE_CHECKING
 
 from flexinv.constraints.continuation import compute_mobility, find_closed_near
 from flexinv.constraints.loop_starts import find_closed_anywhere, list_closed_nearby
@@ -20,6 +19,10 @@ from flexinv.model.section_matrices import COMPONENTS, UPPER, scale_to_unit_stre
 from flexinv.parts.reductions import find_reduction
 from flexinv.typing import Array
 
+if TYPE_CHECKING:
+    import pandas
+
+OverviewColumns = dict[str, Sequence[object]]  # title with unit -> a value for every row
 SEEN = 1e-3  # of the geometric mean of two stiffnesses: a smaller coupling of theirs is not named
 
 
@@ -62,18 +65,21 @@ def _count(number: int, word: str) -> str:
     return f"{number} {word}" if number == 1 else f"{number} {word}s"
 
 
-def build_overview_tables(mechanism: Mechanism) -> dict[str, pd.DataFrame]:
+def build_overview_tables(mechanism: Mechanism) -> dict[str, pandas.DataFrame]:
     """Return tables with one row per joint that moves, closure, link and beam, by title; columns have units, such as [N m].
 
     Drives that are not zero stand with their joints, when closures act [s] with these; stiffness and mass of a beam: at its root.
     """
-    return {
-        "joints": _build_joint_table(mechanism),
-        "closures": _build_closure_table(mechanism),
-        "links": _build_link_table(mechanism),
-        "beams": _build_beam_table(mechanism),
-        "meshes": _build_mesh_table(mechanism),
+    import pandas  # whoever wants no table does not wait for it
+
+    columns = {
+        "joints": _build_joint_columns(mechanism),
+        "closures": _build_closure_columns(mechanism),
+        "links": _build_link_columns(mechanism),
+        "beams": _build_beam_columns(mechanism),
+        "meshes": _build_mesh_columns(mechanism),
     }
+    return {title: pandas.DataFrame(found) for title, found in columns.items()}
 
 
 def compute_whole_mass(link: Link) -> float:
@@ -81,10 +87,10 @@ def compute_whole_mass(link: Link) -> float:
     return compute_link_mass(link) + (0.0 if link.part is None else float(find_reduction(link.part).mass.sum()))
 
 
-def _build_mesh_table(mechanism: Mechanism) -> pd.DataFrame:
+def _build_mesh_columns(mechanism: Mechanism) -> OverviewColumns:
     """Meshes and what is kept of them: frequencies held at the root with all other interfaces free, and the first left out."""
     parts = [(link.name, link.part, find_reduction(link.part)) for link in mechanism.meshed if link.part is not None]
-    columns: dict[str, Sequence[object]] = {
+    columns: OverviewColumns = {
         "mesh": [name for name, _, _ in parts],
         "nodes": [len(reduced.points) for _, _, reduced in parts],
         "interfaces (root first)": [", ".join([part.root, *(one.name for one in part.moved)]) for _, part, _ in parts],
@@ -93,12 +99,12 @@ def _build_mesh_table(mechanism: Mechanism) -> pd.DataFrame:
         "fixed interfaces [Hz]": [", ".join(f"{f:.5g}" for f in reduced.fixed[:4]) or "-" for _, _, reduced in parts],
         "left out from [Hz]": [f"{reduced.left_out:.5g}" for _, _, reduced in parts],
     }
-    return pd.DataFrame(columns)
+    return columns
 
 
-def _build_joint_table(mechanism: Mechanism) -> pd.DataFrame:
+def _build_joint_columns(mechanism: Mechanism) -> OverviewColumns:
     moving = [j for j in mechanism.joints if j.nv]
-    columns: dict[str, Sequence[object]] = {
+    columns: OverviewColumns = {
         "joint": [j.name for j in moving],
         "kind": [j.kind for j in moving],
         "parent": [describe_carrier(j) for j in moving],
@@ -109,12 +115,12 @@ def _build_joint_table(mechanism: Mechanism) -> pd.DataFrame:
     for key, unit in (("rotor_inertia", "kg m^2, kg"), ("damping", "N m s, N s/m"), ("friction", "N m, N")):
         if any(values := [getattr(j, key) for j in moving]):
             columns[f"{key.replace('_', ' ')} [{unit}]"] = values
-    return pd.DataFrame(columns)
+    return columns
 
 
-def _build_closure_table(mechanism: Mechanism) -> pd.DataFrame:
+def _build_closure_columns(mechanism: Mechanism) -> OverviewColumns:
     closures = mechanism.closures
-    columns = {
+    columns: OverviewColumns = {
         "closure": [c.name for c in closures],
         "kind": [c.kind for c in closures],
         "first": [c.first.link for c in closures],
@@ -122,18 +128,18 @@ def _build_closure_table(mechanism: Mechanism) -> pd.DataFrame:
         "constraints": [CLOSURES[c.kind] for c in closures],
         "acts [s]": [" and ".join(f"{a:g} to {b:g}" for a, b in c.active) or "always" for c in closures],
     }
-    return pd.DataFrame(columns)
+    return columns
 
 
-def _build_link_table(mechanism: Mechanism) -> pd.DataFrame:
+def _build_link_columns(mechanism: Mechanism) -> OverviewColumns:
     links = mechanism.links
-    columns = {
+    columns: OverviewColumns = {
         "link": [link.name for link in links],
         "kind": ["beam" if link.beam else "mesh" if link.part else "rigid" for link in links],
         "mass [kg]": [compute_whole_mass(link) for link in links],
         "bodies": [", ".join(body.name for body in link.bodies) or "-" for link in links],
     }
-    return pd.DataFrame(columns)
+    return columns
 
 
 def _describe_couplings(section: Section) -> str:
@@ -148,9 +154,9 @@ def _describe_couplings(section: Section) -> str:
     return ", ".join(words) or ("a little" if section.is_coupled else "no")
 
 
-def _build_beam_table(mechanism: Mechanism) -> pd.DataFrame:
+def _build_beam_columns(mechanism: Mechanism) -> OverviewColumns:
     beams = [link.beam for link in mechanism.links if link.beam is not None]
-    columns: dict[str, Sequence[object]] = {
+    columns: OverviewColumns = {
         "beam": [link.name for link in mechanism.links if link.beam is not None],
         "length [m]": [beam.length for beam in beams],
         "mesh": [f"{beam.elements} x order {beam.order}" for beam in beams],
@@ -160,4 +166,4 @@ def _build_beam_table(mechanism: Mechanism) -> pd.DataFrame:
     columns["mass [kg/m]"] = [beam.section.mass_per_length[0] for beam in beams]
     if any(beam.section.is_coupled for beam in beams):
         columns["coupled"] = [_describe_couplings(beam.section) for beam in beams]
-    return pd.DataFrame(columns)
+    return columns

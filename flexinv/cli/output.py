@@ -6,14 +6,16 @@ import importlib.util
 import json
 from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
-from typing import TypeVar
+from typing import TYPE_CHECKING, TypeVar
 
 import click
 import numpy as np
-import pandas as pd
 
 from flexinv.display.figures import check_matplotlib
 from flexinv.errors import InputError
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 T = TypeVar("T")
 PLOTS = (".png", ".svg", ".pdf")
@@ -80,7 +82,7 @@ def check_plot(plot: Path | None) -> None:
 
 def write_table(table: pd.DataFrame | pd.Series, digits: int = 6, index: bool = False, missing: str = "NaN") -> None:
     """Print a table with so many ``digits`` [-], for a number that is none ``missing``."""
-    rows = {"index": index} if isinstance(table, pd.DataFrame) else {}
+    rows = {"index": index} if table.ndim == 2 else {}
     click.echo(table.to_string(float_format=lambda x: f"{x:.{digits}g}", na_rep=missing, **rows))
 
 
@@ -95,7 +97,7 @@ def _write_npz(table: pd.DataFrame, out: Path) -> None:
 
 
 WRITERS: dict[str, Callable[[pd.DataFrame, Path], None]] = {
-    ".csv": pd.DataFrame.to_csv, ".parquet": lambda table, out: table.reset_index().to_parquet(out, index=False),
+    ".csv": lambda table, out: table.to_csv(out), ".parquet": lambda table, out: table.reset_index().to_parquet(out, index=False),
     ".json": _write_json, ".npz": _write_npz,
 }  # fmt: skip
 

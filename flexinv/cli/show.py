@@ -7,7 +7,6 @@ from pathlib import Path
 
 import click
 import numpy as np
-import pandas as pd
 
 from flexinv.analysis import overview
 from flexinv.cli.choose_case import choose, read_own_cases, resolve_model_folder
@@ -30,6 +29,8 @@ from flexinv.rigid.torque_regressor import base_parameters, sample_states, torqu
 @MODEL
 def info(model: Path) -> None:
     """Show what a mechanism file (or a URDF) is: coordinates, masses, beams and their meshes, and its cases."""
+    import pandas as pd
+
     mechanism = read_robot_file(model)
     click.echo(mechanism.name + (f": {mechanism.title}" if mechanism.title else ""))
     gravity = ", ".join(f"{g:g}" for g in mechanism.gravity)
@@ -82,6 +83,8 @@ def modes(
     steady rotation, stress, centrifugal and gyroscopic terms included. At rest each frequency has an error bar, from a finer mesh
     and rounding.
     """
+    import pandas as pd
+
     mechanism = load_mechanism(model)
     at = None
     if name is not None:

@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING
 
 import click
 import numpy as np
-import pandas as pd
 
 from flexinv.analysis.simulate import simulate
 from flexinv.analysis.solution import list_effort_labels, list_effort_units
@@ -69,6 +68,8 @@ def _parse_numbers(text: str) -> list[float]:
 
 def _read_efforts(mechanism: Mechanism, file: Path | None, duration: float | None) -> tuple[Array, Array | None]:
     """Times [s] and efforts (samples, drives) [N m], [N] of a file, or no efforts over a time."""
+    import pandas as pd
+
     drives = [label for label, driven in zip(list_effort_labels(mechanism), mechanism.actuated, strict=True) if driven]
     if file is None and not drives and duration is not None:
         return np.array([0.0, duration]), None
@@ -114,6 +115,8 @@ def follow_task(
     The table shows how far the tip of the flexible mechanism is from the path with torques of the rigid mechanism, with
     joints that move as the rigid mechanism's, and with stable inversion, whose joints move before the path begins.
     """
+    import pandas as pd
+
     from flexinv.tracking.follow import follow  # with it comes SciPy's interpolation, which no other command needs
     from flexinv.tracking.task_file import load_tasks
 

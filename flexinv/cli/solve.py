@@ -7,7 +7,6 @@ from pathlib import Path
 
 import click
 import numpy as np
-import pandas as pd
 
 from flexinv.analysis.find_limits import LimitUse, find_limits
 from flexinv.analysis.motor_side import motor_side
@@ -111,6 +110,8 @@ def _write_limits(uses: tuple[LimitUse, ...]) -> None:
 
 def _write_motors(solution: Solution) -> None:
     """Print peak values of every motor, or why its motion does not follow."""
+    import pandas as pd
+
     try:
         found = motor_side(solution)
         columns = ["motor", "peak speed [rad/s]", "peak torque [N m]", "peak current [A]"]

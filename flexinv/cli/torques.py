@@ -7,7 +7,6 @@ from pathlib import Path
 
 import click
 import numpy as np
-import pandas as pd
 
 from flexinv.cli.output import FILE, OVERWRITE, parse_by_joint, write_table
 from flexinv.errors import InputError
@@ -64,6 +63,8 @@ def write_torque_file(
     \b
       flexinv torques models/ur5 motion.csv --out torques.csv --payload ee_link=3@0.05,0,0
     """
+    import pandas as pd
+
     loads = parse_by_joint(
         "--payload", payload, _parse_load, "a link and a mass in kg, for example --payload tool0=2.5"
     )
