@@ -94,7 +94,7 @@ def check_rotation(name: str, value: Any) -> Any:
 
 
 def _is_reflection(given: Any) -> bool:
-    """Whether det R < 0: e_z . (e_x x e_y) of the columns; plain numbers, as NumPy's calls took longer than all the rest."""
+    """Return True where det R < 0, by plain numbers: NumPy's calls took longer than all the rest."""
     (xx, yx, zx), (xy, yy, zy), (xz, yz, zz) = given.tolist()
     cross = (xy * yz - xz * yy) * zx
     return bool(cross - (xx * yz - xz * yx) * zy + (xx * yy - xy * yx) * zz < 0.0)
