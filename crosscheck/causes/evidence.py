@@ -19,7 +19,7 @@ from crosscheck.causes.fit import IMPOSSIBLE, SMALL, Candidate, Fit, compute_eff
 from crosscheck.causes.model import Model
 from crosscheck.causes.quantities import Quantities
 from crosscheck.engines.flexinv.certificate import certify, collect_attachment_data
-from crosscheck.measures.certificate import EACH, EXACT, PROBED, Certificate, checks
+from crosscheck.measures.certificate import EACH, EXACT, MESHED, PROBED, Certificate, checks
 from flexinv.files.load_cases import Case
 from flexinv.model.mechanism import Mechanism
 from flexinv.typing import Array
@@ -43,6 +43,8 @@ LINES = {
     "gravity": ("gravity torque", EXACT),
     "axes": ("joint axes", EXACT),
     "stiffness": ("section stiffness", PROBED),
+    "part_stiffness": ("stiffness of meshes at interfaces", MESHED),
+    "part_frequencies": ("frequencies of meshes", MESHED),
     "damping": ("joint damping", EXACT),
     "friction": ("joint friction", EXACT),
     "springs": ("springs", EXACT),

@@ -313,6 +313,14 @@ class CertificateFile(Data):
     stiffness: dict[str, float] = describe_key(
         "'LINK: EI_z' and so on, length over compliance [N], [N m^2]", default_factory=dict
     )
+    part_stiffness: dict[str, float] = describe_key(
+        "of meshed links held at the root, 'LINK: INTERFACE x' to 'rz': load over motion of the interface [N/m], [N m/rad]",
+        default_factory=dict,
+    )
+    part_frequencies: dict[str, float] = describe_key(
+        "of meshed links with twice their modes, 'LINK: held 1' and so on, held at the root; 'LINK: free 1', held nowhere [Hz]",
+        default_factory=dict,
+    )
     damping: dict[str, float] = describe_key("by joint [N m s/rad], [N s/m]", default_factory=dict)
     friction: dict[str, float] = describe_key("by joint [N m], [N]", default_factory=dict)
     springs: dict[str, float] = describe_key("'NAME: stiffness', 'NAME: rest', 'NAME: damping'", default_factory=dict)

@@ -22,10 +22,17 @@ CLOSED = 1e-9
 # A static probe of a beam: a load that bends by some 1e-4 of the length, so that geometry adds 1e-8, on a mesh whose error
 # in statics under end loads is rounding for uniform sections and a part of the taper for others; as is that of its mass.
 PROBED = 1e-3
+# Of one mesh in two bases by as many modes: eigenvalues and factors of both leave up to 1e-5 of a part in space.
+MESHED = 1e-4
 
 
+# Of meshed links: twice the modes of the mechanism's file, so that what is left of a basis is within the bars of flexinv's;
+# the slowest modes that are compared; axes of an interface's frame.
+TIMES_MODES = 2
+COMPARED_MODES = 4
+INTERFACE_AXES = ("x", "y", "z", "rx", "ry", "rz")
 # Lines whose numbers have no size in common: each is measured against its own.
-EACH = ("beam_masses", "beam_moments", "stiffness", "springs")
+EACH = ("beam_masses", "beam_moments", "stiffness", "part_stiffness", "part_frequencies", "springs")
 # Lines that every mechanism has by its joints: where no name is the same, they are another mechanism's.
 BY_JOINT = ("masses", "moments", "inertias", "axes")
 
@@ -43,6 +50,10 @@ class Certificate:
     axes : by joint with one coordinate, (configurations, 3) [-], in the world
     order : names of the joints in the engine's own order
     stiffness : by "link: EI_z" and so on, of the whole beam, length over the compliance of its sections [N], [N m^2]
+    part_stiffness : of meshed links held at the root, by "link: interface x" and so on to "rz", a load over what the frame of the
+        interface moves along it under this load alone [N/m], [N m/rad]
+    part_frequencies : of meshed links with twice their modes, by "link: held 1" and so on, held at the root, and "link: free 1",
+        held nowhere [Hz]
     damping, friction : by joint of what moves, viscous [N m s/rad], [N s/m] and dry [N m], [N]
     springs : by "name: stiffness" [N/m], [N m/rad], "name: rest" [m], [rad], "name: damping" [N s/m], of springs between points
         and in joints
@@ -64,6 +75,8 @@ class Certificate:
     axes: Mapping[str, Any] = field(default_factory=dict)
     order: tuple[str, ...] = ()
     stiffness: Mapping[str, float] = field(default_factory=dict)
+    part_stiffness: Mapping[str, float] = field(default_factory=dict)
+    part_frequencies: Mapping[str, float] = field(default_factory=dict)
     damping: Mapping[str, float] = field(default_factory=dict)
     friction: Mapping[str, float] = field(default_factory=dict)
     springs: Mapping[str, float] = field(default_factory=dict)
@@ -195,6 +208,8 @@ def _list_number_lines(theirs: Certificate, ours: Certificate) -> Iterator[Check
         ("masses of beams", "kg", "beam_masses", PROBED),
         ("first moments of beams", "kg m", "beam_moments", PROBED),
         ("section stiffness", "N, N m^2", "stiffness", PROBED),
+        ("stiffness of meshes at interfaces", "N/m, N m/rad", "part_stiffness", MESHED),
+        ("frequencies of meshes", "Hz", "part_frequencies", MESHED),
         ("joint damping", "N m s/rad, N s/m", "damping", EXACT),
         ("joint friction", "N m, N", "friction", EXACT),
         ("springs", "N/m, m, N s/m", "springs", EXACT),

@@ -98,6 +98,8 @@ class PlainCertificate(TypedDict, total=False):
     axes: Mapping[str, Rows]
     order: Sequence[str]
     stiffness: Mapping[str, float]
+    part_stiffness: Mapping[str, float]
+    part_frequencies: Mapping[str, float]
     damping: Mapping[str, float]
     friction: Mapping[str, float]
     springs: Mapping[str, float]

@@ -77,7 +77,7 @@ def unsupported(mechanism: Mechanism, case: Case, engine: str) -> str | None:
         if names:
             return f"{engine} has rigid bodies only; flexible here: {names}"
         return None if engine == TREE else _describe_refusal(mechanism, case, engine)
-    return _describe_refusal(mechanism, case, engine) if names else f"no link is a beam: see {TREE} and {DAE}"
+    return _describe_refusal(mechanism, case, engine) if names else f"no link bends: see {TREE} and {DAE}"
 
 
 def _describe_loop_refusal(mechanism: Mechanism, case: Case, engine: str) -> str | None:

@@ -11,6 +11,7 @@ from crosscheck.engines.exudyn import static_probes as exudyn_probe
 from crosscheck.engines.exudyn import weights as exudyn_weights
 from crosscheck.engines.exudyn.ends import read_connector_ends
 from crosscheck.engines.exudyn.integration import quiet
+from crosscheck.engines.exudyn.models import meshes as exudyn_meshes
 from crosscheck.engines.exudyn.run_in_time import ANCF, DAE, EXACT
 from crosscheck.engines.shared.prescribed import collect_passive_elements, rotor_effort
 from crosscheck.engines.shared.probe_states import Array, configurations
@@ -42,7 +43,13 @@ def _build_time_certificate(mechanism: Mechanism, case: Case, engine: str) -> Ce
     )
     if engine == DAE:
         return certificate
-    return replace(certificate, stiffness=exudyn_probe.compute_probe_stiffness(mechanism, case, engine))
+    parts = [exudyn_meshes.compute_properties(link.name, link.part) for link in mechanism.meshed if link.part]
+    return replace(
+        certificate,
+        stiffness=exudyn_probe.compute_probe_stiffness(mechanism, case, engine),
+        part_stiffness={key: value for found, _ in parts for key, value in found.items()},
+        part_frequencies={key: value for _, found in parts for key, value in found.items()},
+    )
 
 
 def _build_tree_certificate(mechanism: Mechanism, case: Case) -> Certificate:

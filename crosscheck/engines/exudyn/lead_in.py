@@ -71,7 +71,7 @@ def list_joints_in_motion(mechanism: Mechanism, case: Case) -> list[Joint]:
     _, qd, qdd = case.motion.evaluate(mechanism, np.linspace(0.0, case.end, 101))
     moving = np.zeros(mechanism.nv, dtype=bool)
     for rate in (qd, qdd):
-        moving |= np.abs(rate[0]) > (REFUSED if mechanism.beams else STARTED) * np.abs(rate).max(axis=0)
+        moving |= np.abs(rate[0]) > (REFUSED if mechanism.flexible else STARTED) * np.abs(rate).max(axis=0)
     free = assembly.find_unprescribed_joints(mechanism, case)
     return [j for j in mechanism.joints if j.nv and j.name not in free and moving[mechanism.v_slices[j.name]].any()]
 
@@ -82,8 +82,8 @@ def describe_refusal(mechanism: Mechanism, case: Case) -> str | None:
     if not joints or not mechanism.closures:
         return None
     words = "starts in motion: Exudyn finds its initial accelerations without those of the motion and takes none from outside"
-    if mechanism.beams:
-        return f"joint {joints[0].name} {words}, and how a beam came to its start is not known"
+    if mechanism.flexible:
+        return f"joint {joints[0].name} {words}, and how a link that bends came to its start is not known"
     odd = [j for j in joints if j.kind not in SCALAR]
     return f"joint {odd[0].name} {words}; a lead-in is there for joints of one coordinate" if odd else None
 

@@ -1,6 +1,6 @@
 """Closed loops, springs and forces in Exudyn, in time: redundant coordinates, drives where the motion gives joints.
 
-Links may be rigid (``exudyn-dae``) or beams too (``exudyn-ancf``, ``exudyn-ge``).
+Links may be rigid (``exudyn-dae``), or beams too (``exudyn-ancf``, ``exudyn-ge``), or meshes too (``exudyn-ge``).
 
 The joints that the motion leaves out are connectors with free axes; Exudyn's integrator moves them.  Its multipliers are
 the efforts of drives on the joints that the motion gives; where actuators stand on other joints, or on more of them,
@@ -96,7 +96,7 @@ def describe_refusal(mechanism: Mechanism, case: Case, engine: str) -> str | Non
         return reason
     if strange := [c.name for c in mechanism.closures if c.kind not in exudyn_closing.HELD]:
         return f"closures without a connector of Exudyn between redundant coordinates: {', '.join(strange)}"
-    if not mechanism.beams and (reason := assembly.describe_refusal(mechanism)):
+    if mechanism.is_rigid and (reason := assembly.describe_refusal(mechanism)):
         return reason
     if (
         reason := exudyn_spatial.describe_refusal(mechanism)
@@ -104,14 +104,17 @@ def describe_refusal(mechanism: Mechanism, case: Case, engine: str) -> str | Non
         or exudyn_lead.describe_refusal(mechanism, case)
     ):
         return reason
-    return _describe_beam_refusal(mechanism, case, engine) if mechanism.beams else None
+    return _describe_flexible_refusal(mechanism, case, engine) if mechanism.flexible else None
 
 
 def _describe_wrong_engine(mechanism: Mechanism, engine: str) -> str | None:
-    beams = ", ".join(link.name for link in mechanism.beams)
-    if engine == DAE and beams:
-        return f"{engine} has rigid bodies only; flexible here: {beams}"
-    return None if engine == DAE or beams else f"no link is a beam: see {DAE}"
+    bending = ", ".join(link.name for link in mechanism.flexible)
+    meshes = ", ".join(link.name for link in mechanism.meshed)
+    if engine == DAE:
+        return f"{engine} has rigid bodies only; flexible here: {bending}" if bending else None
+    if engine == ANCF and meshes:
+        return f"links that are meshes are told to {EXACT} alone; here: {meshes}"
+    return None if bending else f"no link bends: see {DAE}"
 
 
 def _describe_switched_closures(mechanism: Mechanism) -> str | None:
@@ -127,12 +130,12 @@ def _describe_leaning_axes(mechanism: Mechanism, case: Case) -> str | None:
     return None
 
 
-def _describe_beam_refusal(mechanism: Mechanism, case: Case, engine: str) -> str | None:
-    """Return the reason why beams with closures, springs or forces cannot be done, or None."""
+def _describe_flexible_refusal(mechanism: Mechanism, case: Case, engine: str) -> str | None:
+    """Return the reason why links that bend with closures, springs or forces cannot be done, or None."""
     free = assembly.find_unprescribed_joints(mechanism, case)
     wrong = [j.name for j in mechanism.joints if j.nv and j.actuated is (j.name in free)]
     if mechanism.closures and wrong:
-        return f"with beams the drives stand on the very joints that the motion gives; here not so: {', '.join(wrong)}"
+        return f"with links that bend the drives stand on the very joints that the motion gives; here not so: {', '.join(wrong)}"
     if reason := exudyn_flat.describe_unmodelled_effort(mechanism, frozenset(free)):
         return reason
     left_out = exudyn_spatial.describe_damping_loss(mechanism) if engine == EXACT else None
@@ -173,7 +176,7 @@ def build_model(mechanism: Mechanism, case: Case, engine: str = DAE, history: Ex
     layout = build_layout(mechanism, q, qd)
     free = compute_free_coordinates(mechanism, case, q)
     plane = exudyn_planar.find_plane(mechanism, layout, frozenset(free))
-    if mechanism.beams:  # a beam in a loop leaves no equation to follow from the others
+    if mechanism.flexible:  # a link that bends leaves no equation of its loop to follow from the others
         held = {c.name: list(exudyn_closing.HELD[c.kind]) for c in mechanism.closures}
         return Model(history, engine, layout, None if isinstance(plane, str) else plane, free, held)
     held = exudyn_closing.find_independent_axes(mechanism, case) if mechanism.closures else {}
@@ -209,7 +212,7 @@ def plan_runs(model: Model, options: Options) -> list[Plan]:
         spectral_radius=0.5,
         tolerance=NEWTON[0],
         extrapolate=moving,
-        static_start=bool(model.mechanism.beams) and case.initial == "static",
+        static_start=bool(model.mechanism.flexible) and case.initial == "static",
         lead=lead,
     )
     return [replace(plan, step=plan.step / 2**k) for k in range(3 if options.get("error", True) else 2)]
@@ -231,7 +234,7 @@ def integrate_loops(mechanism: Mechanism, case: Case, engine: str, options: Opti
     plans = plan_runs(model, options)
     elements = list_mesh_sizes(len(plans), options)
     done = [_integrate_with_retries(model, n, plan) for n, plan in zip(elements, plans, strict=True)]
-    series_of = collect_flexible_series if mechanism.beams else _collect_rigid_series
+    series_of = collect_flexible_series if mechanism.flexible else _collect_rigid_series
     runs = [series_of(model, outcome) for outcome, _ in done]
     made, budget = add_error_bars(
         compute_richardson_limit(runs), [Family("mesh and step" if mechanism.beams else "step", runs, "limit")]
@@ -264,7 +267,7 @@ def integrate_model(model: Model, elements: int, plan: Plan) -> Outcome:
 
 
 def collect_flexible_series(model: Model, outcome: Outcome) -> dict[str, Series]:
-    """Return the series of one run of a mechanism with beams [N m], [N], [m]."""
+    """Return the series of one run of a mechanism with links that bend [N m], [N], [m]."""
     m = model.mechanism
     torque = compute_drive_efforts(model, outcome, sample_times(model.case))
     flexible_series = torque_series(m, torque) | collect_link_series(m, model.layout, outcome)
@@ -277,7 +280,7 @@ def collect_flexible_series(model: Model, outcome: Outcome) -> dict[str, Series]
 
 
 def compute_drive_efforts(model: Model, outcome: Outcome, time: Array) -> Array:
-    """Return the efforts (samples, nv) [N m], [N] of the drives of a mechanism with beams at ``time`` (samples,) [s]."""
+    """Return the efforts (samples, nv) [N m], [N] of the drives at ``time`` (samples,) [s], links that bend among the others."""
     m = model.mechanism
     q, qd, qdd = model.case.motion.evaluate(m, time)
     passive = rotor_effort(m, qdd) + passive_effort(m, qd) + compute_spring_effort(m, q)

@@ -2,20 +2,24 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
+import scipy  # its parts are loaded when they are asked for
 
 from crosscheck.engines.shared.probe_states import Array, collect_joint_bodies, configurations, move_inertia_to_origin
-from crosscheck.measures.certificate import AttachmentData, Certificate
+from crosscheck.measures.certificate import COMPARED_MODES, INTERFACE_AXES, TIMES_MODES, AttachmentData, Certificate
 from flexinv.analysis.solve import solve
 from flexinv.constraints.allocation import count_ranks
 from flexinv.constraints.closures import build_constraint_rows, compute_constraint_jacobian
+from flexinv.errors import InputError
 from flexinv.files.load_cases import Case
 from flexinv.kinematics.mesh import Mesh, build
 from flexinv.kinematics.nodal_motion import NodalMotion, compute_rigid_motion
 from flexinv.model.mechanism import WORLD, Beam, Body, Mechanism, Placement, Section
 from flexinv.model.part import MeshedPart
+from flexinv.parts.part_matrices import build_rigid_motions
 from flexinv.parts.reductions import find_reduction
 from flexinv.rigid.joint_torques import joint_torques
 
@@ -93,7 +97,49 @@ def _build_flexible_certificate(mechanism: Mechanism) -> Certificate:
         beam_masses={name: _integrate_beam_mass(beam) for name, beam in straight.items()},
         beam_moments={name: _integrate_beam_mass(beam, 1) for name, beam in straight.items()},
         stiffness=compute_beam_stiffness(mechanism),
+        part_stiffness=_collect_part_values(mechanism, _compute_part_stiffness),
+        part_frequencies=_collect_part_values(mechanism, _compute_part_frequencies),
     )
+
+
+def _collect_part_values(
+    mechanism: Mechanism, compute: Callable[[str, MeshedPart], dict[str, float]]
+) -> dict[str, float]:
+    """What is computed of each meshed link by its name and part, in one dictionary."""
+    found = [compute(link.name, link.part) for link in mechanism.meshed if link.part is not None]
+    return {key: value for values in found for key, value in values.items()}
+
+
+def _compute_part_stiffness(name: str, part: MeshedPart) -> dict[str, float]:
+    """Load over motion of the frame of every moved interface, 1 / (W K^-1 W^T)_ii of its motions W by amplitudes."""
+    reduced = find_reduction(part)
+    out: dict[str, float] = {}
+    for number, one in enumerate(part.moved):
+        moves = np.vstack([reduced.moves[number], reduced.turns[number]])
+        compliance = (moves**2 / reduced.modal_stiffness).sum(axis=1)
+        out |= {
+            f"{name}: {one.name} {axis}": float(1.0 / c) for axis, c in zip(INTERFACE_AXES, compliance, strict=True)
+        }
+    return out
+
+
+def _compute_part_frequencies(name: str, part: MeshedPart) -> dict[str, float]:
+    """Frequencies held at the root, and of the shapes with rigid motions beside them held nowhere [Hz], with twice the modes."""
+    try:
+        reduced = find_reduction(replace(part, modes=TIMES_MODES * part.modes))
+    except InputError:  # so many modes it does not have
+        return {}
+    rigid = build_rigid_motions(reduced.points, np.zeros(3)).reshape(len(reduced.points), 3, 6)
+    both = np.concatenate([rigid, reduced.shapes], axis=2)
+    pushed = (reduced.mass @ both.reshape(len(both), -1)).reshape(both.shape)
+    mass = np.tensordot(both, pushed, axes=([0, 1], [0, 1]))  # (column, column)
+    stiffness = np.diag(np.concatenate([np.zeros(6), reduced.modal_stiffness]))
+    free = np.sqrt(scipy.linalg.eigh(stiffness, mass, eigvals_only=True)[6:]) / (2 * np.pi)
+    return {
+        f"{name}: {way} {k + 1}": float(frequency)
+        for way, frequencies in (("held", reduced.frequency), ("free", free))
+        for k, frequency in enumerate(frequencies[:COMPARED_MODES])
+    }
 
 
 def _collect_lumps(mechanism: Mechanism) -> dict[str, list[tuple[float, Array, Array]]]:

@@ -366,5 +366,5 @@ def describe_refusal(mechanism: Mechanism) -> str | None:
     if catches := [c.name for c in mechanism.closures if c.capture]:
         return f"closures tie frames that have met here; capturing: {', '.join(catches)}"
     if not mechanism.is_rigid:
-        return f"closed loops of rigid links only; flexible: {', '.join(link.name for link in mechanism.beams)}"
+        return f"closed loops of rigid links only; flexible: {', '.join(link.name for link in mechanism.flexible)}"
     return None

@@ -276,7 +276,7 @@ def test_the_formulation_of_open_trees_refuses(what: str) -> None:
     assert reason is not None
     assert words in reason
     for engine in ("exudyn-ancf", "exudyn-ge"):  # these do all of it, but for beams
-        assert exudyn.unsupported(*example, engine) == "no link is a beam: see exudyn-dae"
+        assert exudyn.unsupported(*example, engine) == "no link bends: see exudyn-dae"
 
 
 def test_mujocos_flex_refuses_springs() -> None:

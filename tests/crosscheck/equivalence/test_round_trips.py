@@ -24,10 +24,11 @@ from flexinv.model.mechanism import WORLD, Body, Inertia, Joint, Link, Mechanism
 MODELS = Path(__file__).resolve().parents[3] / "models"
 NAMES = sorted(path.parent.name for path in MODELS.glob("*/mechanism.toml"))
 SLOW = ("talos",)
+MESHED = ("meshed_arm", "slider_crank_meshed", "four_bar_bracket")
 # What a format has no word for, by model: a word of the reason that the export gives.
 CANNOT = {
-    "urdf": {"screw_lift": "helical", "meshed_arm": "meshes"},
-    "mjcf": {"screw_lift": "ratio", "meshed_arm": "meshes"},
+    "urdf": {"screw_lift": "helical"} | dict.fromkeys(MESHED, "meshes"),
+    "mjcf": {"screw_lift": "ratio"} | dict.fromkeys(MESHED, "meshes"),
 }
 
 

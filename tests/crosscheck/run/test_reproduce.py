@@ -346,7 +346,7 @@ def test_the_command_writes_a_folder_that_explains_itself(root: Path, tmp_path: 
     assert max(result.values()) < ROUNDING
     refused = CliRunner().invoke(main, [*command[:-3], "exudyn-ge"])
     assert refused.exit_code == 2
-    assert "double_pendulum/swing in exudyn-ge: no link is a beam: see exudyn and exudyn-dae" in refused.output
+    assert "double_pendulum/swing in exudyn-ge: no link bends: see exudyn and exudyn-dae" in refused.output
     unknown = CliRunner().invoke(main, [*command, "--case", "jump"])
     assert unknown.exit_code == 2
     assert "nothing to run is called 'double_pendulum/jump'" in unknown.output

@@ -95,9 +95,8 @@ def compute_link_frames(mechanism: Mechanism, q: Array, v: Array) -> dict[str, F
     for joint in mechanism.joints:
         coordinates = q[mechanism.q_slices[joint.name]]
         rates = mechanism.v_slices[joint.name]
-        offset_frame = compute_offset_frame(
-            _compute_section_frame(mechanism, links, joint.parent, joint.station), joint.placement
-        )
+        seat = _compute_seat_frame(mechanism, links, joint.parent, joint.station, joint.interface)
+        offset_frame = compute_offset_frame(seat, joint.placement)
         links[joint.child] = _compute_child_frame(offset_frame, joint, coordinates, v[rates], rates)
     return links
 
@@ -151,15 +150,19 @@ def _compute_bias_acceleration(joint: Joint, q: Array, qd: Array) -> Array:
 
 def _compute_attachment_frame(mechanism: Mechanism, links: dict[str, FrameMotion], at: Attachment) -> FrameMotion:
     on_beam = at.link != WORLD and mechanism.link_of[at.link].beam is not None
-    section_frame = _compute_section_frame(mechanism, links, at.link, resolve_station(at.station) if on_beam else None)
-    return compute_offset_frame(section_frame, at.placement)
+    station = resolve_station(at.station) if on_beam else None
+    seat = _compute_seat_frame(mechanism, links, at.link, station, at.interface)
+    return compute_offset_frame(seat, at.placement)
 
 
-def _compute_section_frame(
-    mechanism: Mechanism, links: dict[str, FrameMotion], name: str, station: float | None
+def _compute_seat_frame(
+    mechanism: Mechanism, links: dict[str, FrameMotion], name: str, station: float | None, interface: str
 ) -> FrameMotion:
-    """Return a link's frame, or that of a section of a beam as it is without stress."""
-    beam = None if name == WORLD else mechanism.link_of[name].beam
+    """Return a link's frame, or that of a section of a beam or of an interface of a mesh as it is without stress."""
+    link = None if name == WORLD else mechanism.link_of[name]
+    if link is not None and link.part is not None and interface:
+        return compute_offset_frame(links[name], Placement(link.part.interface_of[interface].origin))
+    beam = None if link is None else link.beam
     if beam is None or station is None:
         return links[name]
     return compute_offset_frame(links[name], compose(beam.placement, compute_section_pose(beam, station * beam.length)))

@@ -18,6 +18,7 @@ from exudyn.itemInterface import MarkerSuperElementRigid
 from numpy.typing import NDArray
 
 from crosscheck.engines.exudyn.models.frames import Array
+from crosscheck.measures.certificate import COMPARED_MODES, INTERFACE_AXES, TIMES_MODES
 from flexinv.model.mechanism import Mechanism, Placement
 from flexinv.model.part import Cells, MeshedPart, PartInterface
 
@@ -31,8 +32,6 @@ ELEMENTS = {
 }
 # A node is where scikit-fem has a degree of freedom up to this part of the part's extent; further off, an edge is curved.
 SAME_PLACE = 1e-6
-# Twice the modes of the mechanism's file: what is left of the basis is then within the bars of flexinv's.
-TIMES_MODES = 2
 
 
 def describe_refusal(mechanism: Mechanism) -> str | None:
@@ -80,6 +79,41 @@ def compute_weight(part: MeshedPart, place: Placement) -> tuple[float, Array, Ar
     alike = scipy.sparse.csr_array(mass)[::3][:, ::3]
     second = at.T @ (alike @ at)
     return float(alike.sum()), np.asarray(alike.sum(axis=0) @ at), np.trace(second) * np.eye(3) - second
+
+
+def compute_properties(name: str, part: MeshedPart) -> tuple[dict[str, float], dict[str, float]]:
+    """Return `Certificate.part_stiffness` [N/m], [N m/rad] and `part_frequencies` [Hz] of a part, from Exudyn's own basis."""
+    fem, used = build_fem(part)
+    basis = np.asarray(fem.modeBasis["matrix"])
+    mass = basis.T @ (fem.massMatrix @ basis)
+    stiffness = basis.T @ (fem.stiffnessMatrix @ basis)
+    held = scipy.linalg.eigh(stiffness, mass, eigvals_only=True)
+    points = part.points[used]
+    both = np.hstack([_build_rigid_columns(points, np.zeros(3)), basis])
+    whole = both.T @ (fem.massMatrix @ both)
+    free = scipy.linalg.eigh(both.T @ (fem.stiffnessMatrix @ both), whole, eigvals_only=True)[6:]
+    frequencies = {
+        f"{name}: {way} {k + 1}": float(np.sqrt(squared) / (2 * np.pi))
+        for way, roots in (("held", held), ("free", free))
+        for k, squared in enumerate(roots[:COMPARED_MODES])
+    }
+    at_interfaces: dict[str, float] = {}
+    for one in part.moved:
+        nodes = np.searchsorted(used, one.nodes)
+        rows = (3 * nodes[:, None] + np.arange(3)).ravel()
+        moves = np.linalg.lstsq(_build_rigid_columns(points[nodes], one.origin), basis[rows], rcond=None)[0]
+        compliance = np.einsum("ij,ji->i", moves, np.linalg.solve(stiffness, moves.T))  # (x to rz), summed over modes
+        at_interfaces |= {
+            f"{name}: {one.name} {axis}": float(1.0 / c) for axis, c in zip(INTERFACE_AXES, compliance, strict=True)
+        }
+    return at_interfaces, frequencies
+
+
+def _build_rigid_columns(points: Array, origin: Array) -> Array:
+    """Displacements (3 n, 6) of points by unit slides along x, y, z and small turns about them through an origin."""
+    arms = points - origin
+    columns = [np.tile(axis, (len(points), 1)) for axis in np.eye(3)] + [np.cross(axis, arms) for axis in np.eye(3)]
+    return np.stack([column.ravel() for column in columns], axis=1)
 
 
 def _assemble(part: MeshedPart) -> tuple[NDArray[np.int64], Any, Any]:

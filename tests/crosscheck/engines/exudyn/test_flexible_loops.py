@@ -244,7 +244,7 @@ def test_what_beams_in_loops_cannot_be() -> None:
     )
     assert reason("exudyn") == tree_only
     driven = tuple(replace(j, actuated=True) for j in mechanism.joints)
-    words = "with beams the drives stand on the very joints that the motion gives; here not so: B, D"
+    words = "with links that bend the drives stand on the very joints that the motion gives; here not so: B, D"
     assert reason(joints=driven) == words
     rough = tuple(replace(j, friction=0.1) if j.name == "D" else j for j in mechanism.joints)
     assert (
@@ -261,13 +261,13 @@ def test_beams_that_start_in_motion_are_refused() -> None:
     )
     assert reason is not None
     assert reason.startswith("joint A starts in motion: ")
-    assert reason.endswith(", and how a beam came to its start is not known")
+    assert reason.endswith(", and how a link that bends came to its start is not known")
 
 
 def test_rigid_loops_are_not_for_beams() -> None:
     mechanism = load_mechanism(MODELS / "four_bar")
     case = load_cases(MODELS / "four_bar", mechanism)["turn"]
-    assert exudyn.unsupported(mechanism, case, "exudyn-ge") == "no link is a beam: see exudyn-dae"
+    assert exudyn.unsupported(mechanism, case, "exudyn-ge") == "no link bends: see exudyn-dae"
 
 
 def test_a_closure_out_of_the_plane_is_not_planar() -> None:

@@ -15,9 +15,10 @@ from crosscheck.engines.exudyn.certificate import certify as certify_exudyn
 from crosscheck.engines.exudyn.models.meshes import ELEMENTS, _assemble, build_fem
 from crosscheck.engines.flexinv.certificate import certify as certify_flexinv
 from crosscheck.engines.pinocchio import adapter as pinocchio
+from crosscheck.measures.certificate import checks
 from crosscheck.run.child import ask_for_refusal
 from flexinv.files.load_cases import Case
-from flexinv.model.mechanism import Body, Inertia, Joint, Link, Mechanism
+from flexinv.model.mechanism import Attachment, Body, Closure, Inertia, Joint, Link, Mechanism, Placement
 from flexinv.model.part import Material, MeshedPart
 from flexinv.parts.craig_bampton import compute_reduction
 from flexinv.parts.part_matrices import build_part_matrices
@@ -63,6 +64,23 @@ def test_exudyns_own_basis_has_the_same_frequencies(tie: str) -> None:
     assert roots == pytest.approx(squared, rel=1e-6)
 
 
+def test_a_mesh_is_certified_by_its_stiffness_and_its_frequencies() -> None:
+    """Exudyn's own basis of scikit-fem's own matrices; another tie or a modulus one per cent off is another mesh."""
+    bar = make_bar("hexahedron20", 0.4, 0.03, (4, 1, 1), GLASS_FILLED, modes=4, stiffening=False)
+    theirs = certify_exudyn(make_arm(bar), make_case(), "exudyn-ge")
+    looser = make_bar("hexahedron20", 0.4, 0.03, (4, 1, 1), GLASS_FILLED, modes=4, stiffening=False, tie="average")
+    stiffer = Material.build_isotropic(1.01 * 20e9, 0.35, 1600.0)
+    harder = replace(bar, cells=tuple(replace(cells, material=stiffer) for cells in bar.cells))
+    holds = {}
+    for name, part in (("same", bar), ("tie", looser), ("modulus", harder)):
+        ours = certify_flexinv(make_arm(part), make_case(), "flexinv")
+        lines = checks("arm", "turn", "exudyn-ge", theirs, ours)
+        holds[name] = {line.what: line.holds for line in lines if "of meshes" in line.what}
+    lines = ("stiffness of meshes at interfaces", "frequencies of meshes")
+    assert holds["same"] == dict.fromkeys(lines, True)
+    assert holds["tie"] == holds["modulus"] == dict.fromkeys(lines, False)
+
+
 def test_both_give_one_torque_and_one_certificate() -> None:
     """To 0.1 % of the ranges, of which steps that are half as long change a third."""
     bar = make_bar("hexahedron20", 0.4, 0.03, (4, 1, 1), GLASS_FILLED, modes=4, stiffening=False, retardation=2e-5)
@@ -85,6 +103,39 @@ def test_both_give_one_torque_and_one_certificate() -> None:
     wrong = flexinv.solve(make_arm(softer), case.motion, step=5e-4, initial="static")
     part = np.abs(wrong.torque - solution.torque[::8]).max(axis=0) / np.ptp(solution.torque, axis=0)
     assert part.max() > 5e-3  # a modulus that is a tenth too small is seen
+
+
+def make_slider_crank(rod: MeshedPart) -> Mechanism:
+    """A crank of 0.1 m that drives a slider along x by a meshed rod of 0.3 m, closed at the rod's far interface."""
+    crank = Inertia(0.3, np.array([0.05, 0.0, 0.0]), 1e-4 * np.eye(3))
+    links = (Link("crank", (Body("crank", crank),)), Link("rod", part=rod), Link("slider", (Body("s", Inertia(0.3)),)))
+    at_pin = Placement(np.array([0.1, 0.0, 0.0]))
+    joints = (
+        Joint("main", "revolute", "world", "crank"),
+        Joint("pin", "revolute", "crank", "rod", placement=at_pin, actuated=False),
+        Joint("slide", "prismatic", "world", "slider", axis=np.array([1.0, 0.0, 0.0]), actuated=False),
+    )
+    closure = Closure("wrist", "revolute", Attachment("rod", interface="tip"), Attachment("slider"))
+    return Mechanism("crank", links, joints, closures=(closure,))
+
+
+def test_a_rod_in_a_loop_has_the_torque_and_the_reaction_of_exudyn() -> None:
+    """A closure on an interface, in space; to 0.1 % of the ranges, most of it the longer steps here."""
+    rod = make_bar("hexahedron20", 0.3, 0.02, (4, 1, 1), GLASS_FILLED, modes=4, stiffening=False, retardation=2e-5)
+    mechanism = make_slider_crank(rod)
+    motion = flexinv.Motion.point_to_point({"main": 0.0}, {"main": 1.5}, duration=0.2)
+    start = {"pin": 0.0, "slide": 0.4}
+    case = Case("turn", "", motion, 2e-4, 0.2, 5e-3, ("torque",), (), initial="static", start=start)
+    record = exudyn.run(mechanism, case, "exudyn-ge", {"error": False, "step": 5e-4})
+    solution = flexinv.solve(mechanism, case.motion, step=2e-4, initial="static", start=start)
+    rows = np.searchsorted(solution.time, record.time - 1e-9)
+    assert solution.loops is not None
+    mine = {"torque/main": solution.torque[:, 0], "reaction/wrist/fx": solution.loops.reaction["wrist"][:, 0]}
+    for name, values in mine.items():
+        assert np.abs(record.series[name].values - values[rows]).max() < 1e-3 * np.ptp(values), name
+    assert np.abs(solution.balance.meshes).max() < 1e-12 * np.ptp(solution.torque)
+    assert "exudyn-ge alone" in str(exudyn.unsupported(mechanism, case, "exudyn-ancf"))
+    assert "rigid bodies only; flexible here: rod" in str(exudyn.unsupported(mechanism, case, "exudyn-dae"))
 
 
 def test_what_no_floating_frame_has_is_said() -> None:

@@ -238,7 +238,7 @@ def test_refusals_name_what_they_refuse() -> None:
     flexible = replace(mechanism, links=(mechanism.links[0], bent, mechanism.links[2]))
     assert exudyn.unsupported(mechanism, case, "exudyn") is None
     assert exudyn.unsupported(mechanism, case, "exudyn-dae") is None
-    assert exudyn.unsupported(mechanism, case, "exudyn-ge") == "no link is a beam: see exudyn and exudyn-dae"
+    assert exudyn.unsupported(mechanism, case, "exudyn-ge") == "no link bends: see exudyn and exudyn-dae"
     assert exudyn.unsupported(flexible, case, "exudyn") == "exudyn has rigid bodies only; flexible here: link2"
     assert exudyn.unsupported(flexible, case, "exudyn-ancf") is None
     loose = tuple(replace(j, actuated=False) if j.name == "fork" else j for j in mechanism.joints)
