@@ -105,7 +105,7 @@ def _build_flexible_certificate(mechanism: Mechanism) -> Certificate:
 def _collect_part_values(
     mechanism: Mechanism, compute: Callable[[str, MeshedPart], dict[str, float]]
 ) -> dict[str, float]:
-    """What is computed of each meshed link by its name and part, in one dictionary."""
+    """Values of all meshed links, computed of each by its name and part."""
     found = [compute(link.name, link.part) for link in mechanism.meshed if link.part is not None]
     return {key: value for values in found for key, value in values.items()}
 
