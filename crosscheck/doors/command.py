@@ -54,6 +54,8 @@ class ProgramAdapter:
     settings : command (words), folder (in which it runs), refine, cases, version, abilities, blind (nothing of ours in reach)
     """
 
+    MESHES = True  # kits hold them
+
     def __init__(self, name: str, mechanism: str, settings: Mapping[str, Any]) -> None:
         """Keep name of the engine, name of the mechanism's folder, and settings."""
         self._name = name

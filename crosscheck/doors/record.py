@@ -41,6 +41,7 @@ def open_adapter(name: str, mechanism: str, settings: Mapping[str, Any]) -> Reco
 class RecordedAdapter:
     """The adapter of one folder of answers; it gives the same whatever mechanism it is asked for."""
 
+    MESHES = True  # kits hold them
     repeatable = False
 
     def __init__(self, folder: Path, there: bool) -> None:

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 from pydantic import ValidationError
 
+from crosscheck.kit.parts import read_part
 from crosscheck.kit.tables import (
     FORMAT,
     BeamData,
@@ -44,13 +45,13 @@ def lift_kit(path: Path) -> Description:
         raise make_input_error(f"{path}: {where}", first["msg"], "the case.json of a case kit", advice) from None
     features = tuple(list_force_features(said.springs, said.forces))
     try:
-        mechanism = _build_mechanism(said)
+        mechanism = _build_mechanism(said, path.parent)
     except InputError as error:
         raise InputError(f"{path}: {error}") from None
     return Description(f"{path.parent.name}/{path.name}", mechanism, "kit", features=features, file=path)
 
 
-def _build_mechanism(data: MechanismData) -> Mechanism:
+def _build_mechanism(data: MechanismData, folder: Path) -> Mechanism:
     return Mechanism(
         data.name,
         tuple(
@@ -59,6 +60,7 @@ def _build_mechanism(data: MechanismData) -> Mechanism:
                 tuple(map(_build_body, link.bodies)),
                 None if link.beam is None else _build_beam(link.beam),
                 np.array(link.tip),
+                part=None if link.part is None else read_part(link.part, folder),
             )
             for link in data.links
         ),
@@ -70,7 +72,8 @@ def _build_mechanism(data: MechanismData) -> Mechanism:
 
 
 def _build_body(data: BodyData) -> Body:
-    return Body(data.name, Inertia.build_unchecked(data.mass, np.array(data.com), np.array(data.inertia)), data.station)
+    inertia = Inertia.build_unchecked(data.mass, np.array(data.com), np.array(data.inertia))
+    return Body(data.name, inertia, data.station, data.interface)
 
 
 def _build_beam(data: BeamData) -> Beam:
@@ -124,11 +127,12 @@ def _build_joint(data: JointData) -> Joint:
         actuated=data.actuated,
         weight=data.weight,
         pitch=data.pitch,
+        interface=data.interface,
     )
 
 
 def _end(data: End) -> Attachment:
-    return Attachment(data.link, _build_placement(data.frame), data.station)
+    return Attachment(data.link, _build_placement(data.frame), data.station, data.interface)
 
 
 def _build_closure(data: ClosureData) -> Closure:

@@ -26,7 +26,7 @@ Compute what `case.json` asks for, and write it as files.  Everything is in SI u
   continuous: q is cos and sin of the angle, its velocity the rate of the angle. fixed: no coordinate.
 * **Bodies**: inertia about the centre of mass, along the axes of the link frame. Gravity is in the world frame.
 * **Beams**: geometrically exact Timoshenko beams along x of their root frame; the effort of a section is stiffness times
-  strain (stretch, shear y, shear z, twist, bending y, bending z) plus `damping` times the rate of strain.
+  strain (stretch, shear y, shear z, twist, bending y, bending z) plus `damping` times the rate of strain.{meshes}
 * **Effort** of a drive: what inverse dynamics of the bodies gives, + rotor_inertia qdd + damping qd + friction sign(qd)
   + stiffness (q - rest).
 * **Closures** tie the second frame to the first. Where redundant constraints or drives leave efforts open, the answer is that
@@ -48,9 +48,13 @@ A folder with
 * `meta.json` (if you like): `{{"tool": "...", "version": "...", "case": "{digest}", "wall_time": 0.1}}`. A program that cannot
   do this case writes `{{"skipped": "why"}}` there, and no series.
 """
+MESHES = """
+* **Meshed links** (`part`) are finite-element meshes, their matrices in an archive. The points of the interface `root` move
+  with the link frame, those of the others with (`average`: on average as) a frame of their own, to which joints, bodies and
+  closures attach by `interface`. Strains are small, turns of the link are not."""
 JUMPS = "\nAccelerations jump at {times} s: there it has the value after the jump."
-STATIC = " At time 0 all is at rest in equilibrium under gravity and all loads: beams hang through."
-UNDEFORMED = " At time 0 beams are undeformed, and move as their joints do."
+STATIC = " At time 0 all is at rest in equilibrium under gravity and all loads: beams and meshes hang through."
+UNDEFORMED = " At time 0 beams and meshes are undeformed, and move as their joints do."
 REFINED = (
     "\nThis is run {refinement} of a refinement: take your steps and elements {refinement} times as fine as in run 1."
 )
@@ -59,7 +63,8 @@ REFINED = (
 def render_readme(file: CaseFile, files: dict[str, str], spacing: float) -> str:
     """Return README.md of a kit; files : what lies beside case.json, with its content; spacing : of motion.csv [s]."""
     case = file.case
-    beams = any(link.beam is not None for link in file.mechanism.links)
+    meshed = any(link.part is not None for link in file.mechanism.links)
+    bends = meshed or any(link.beam is not None for link in file.mechanism.links)
     static = STATIC if case.initial == "static" else UNDEFORMED
     return PAGE.format(
         mechanism=file.mechanism.name,
@@ -72,7 +77,8 @@ def render_readme(file: CaseFile, files: dict[str, str], spacing: float) -> str:
         sample=case.sample,
         end=case.end,
         samples=case.samples,
-        initial=static if beams else "",
+        initial=static if bends else "",
+        meshes=MESHES if meshed else "",
         refined=REFINED.format(refinement=case.refinement) if case.refinement > 1 else "",
         asked="\n".join(f"  * {one.quantity}: {one.meaning}" for one in case.asked),
         digest=file.digest,

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from crosscheck.engines.base import sample_times
+from crosscheck.kit.parts import convert_part, make_archive_name
 from crosscheck.kit.tables import (
     FORMAT,
     Asked,
@@ -37,7 +38,6 @@ from crosscheck.kit.tables import (
 )
 from crosscheck.measures.record import XYZ, list_effort_units
 from crosscheck.measures.series_csv import list_all_series
-from flexinv.errors import InputError
 from flexinv.files.load_cases import Case
 from flexinv.model.attachments import GasLaw, SpringLaw
 from flexinv.model.joint_kinds import KINDS
@@ -88,7 +88,7 @@ def convert_mechanism(mechanism: Mechanism) -> MechanismData:
         title=mechanism.title,
         source=mechanism.source,
         gravity=_list_numbers(mechanism.gravity),
-        links=[_convert_link(link) for link in mechanism.links],
+        links=[_convert_link(number, link) for number, link in enumerate(mechanism.links)],
         joints=[_convert_joint(joint) for joint in mechanism.joints],
         closures=[_convert_closure(closure) for closure in mechanism.closures],
         springs=[
@@ -190,19 +190,25 @@ def list_quantity_series(mechanism: Mechanism, case: Case, quantity: str) -> dic
     return {n: u for n, u in list_all_series(mechanism).items() if n.split("/", 1)[0] == quantity}
 
 
-def _convert_link(link: Link) -> LinkData:
-    if link.part is not None:
-        raise InputError(f"link {link.name!r} is a mesh, which no case kit carries yet: leave the kit out")
-    beam = None if link.beam is None else _convert_beam(link.beam)
+def _convert_link(number: int, link: Link) -> LinkData:
     return LinkData(
-        name=link.name, bodies=[_convert_body(b) for b in link.bodies], beam=beam, tip=_list_numbers(link.tip)
+        name=link.name,
+        bodies=[_convert_body(b) for b in link.bodies],
+        beam=None if link.beam is None else _convert_beam(link.beam),
+        part=None if link.part is None else convert_part(link.part, make_archive_name(number)),
+        tip=_list_numbers(link.tip),
     )
 
 
 def _convert_body(body: Body) -> BodyData:
     i = body.inertia
     return BodyData(
-        name=body.name, station=body.station, mass=float(i.mass), com=_list_numbers(i.com), inertia=i.tensor.tolist()
+        name=body.name,
+        station=body.station,
+        interface=body.interface,
+        mass=float(i.mass),
+        com=_list_numbers(i.com),
+        inertia=i.tensor.tolist(),
     )
 
 
@@ -264,6 +270,7 @@ def _convert_joint(joint: Joint) -> JointData:
         weight=joint.weight,
         frame=_convert_frame(joint.placement),
         station=joint.station,
+        interface=joint.interface,
         axis=_list_numbers(joint.axis),
         second_axis=_list_numbers(joint.second_axis),
         pitch=joint.pitch,
@@ -289,7 +296,7 @@ def _convert_closure(closure: Closure) -> ClosureData:
 
 
 def _end(at: Attachment) -> End:
-    return End(link=at.link, station=at.station, frame=_convert_frame(at.placement))
+    return End(link=at.link, station=at.station, interface=at.interface, frame=_convert_frame(at.placement))
 
 
 def _convert_frame(placement: Placement) -> Frame:

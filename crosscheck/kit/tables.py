@@ -22,6 +22,7 @@ ClosureKind = Literal[
     "fixed", "revolute", "prismatic", "cylindrical", "universal", "spherical", "point-on-line", "coupling"
 ]
 Impact = Literal["error", "plastic"]
+Tie = Literal["rigid", "average"]
 LawData = dict[str, Any]  # of one of two forms, which the schema says in words
 
 
@@ -43,13 +44,24 @@ class Frame(Data):
     rotation: Matrix = describe_key("rotation matrix by rows; its columns are the axes of the frame [-]")
 
 
-class BodyData(Data):
+class Sparing(Data):
+    """A JSON object whose keys for meshed links are only there where there are any: others read as they always did."""
+
+    @model_serializer(mode="wrap")
+    def _drop_empty_keys(self, convert: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        """Return the keys of the table without those of meshed links that say nothing."""
+        plain: dict[str, Any] = convert(self)
+        return {key: value for key, value in plain.items() if value or key not in ("interface", "part")}
+
+
+class BodyData(Sparing):
     """A rigid body that a link carries."""
 
     name: str
     station: float | None = describe_key(
         "on a beam the fraction 0..1 of its length, in whose section frame it is stated; else null"
     )
+    interface: str = describe_key("on a meshed link the interface in whose frame it is stated", default="")
     mass: float = describe_key("[kg]")
     com: Vector = describe_key("centre of mass in the link frame (or section frame) [m]")
     inertia: Matrix = describe_key("about the centre of mass, along the axes of the same frame [kg m^2]")
@@ -109,16 +121,53 @@ class BeamData(Data):
     order: int = describe_key("a hint: polynomial order of each of them [-]")
 
 
-class LinkData(Data):
+class InterfaceData(Data):
+    """A set of points of a mesh that is tied to a frame, whose axes are those of the link."""
+
+    name: str
+    origin: Vector = describe_key("of its frame in the link frame [m]")
+    tie: Tie = describe_key(
+        "rigid (RBE2): its points follow the frame; average (RBE3): the frame moves as they do on average"
+    )
+
+
+class CellsData(Data):
+    """Cells of one kind and material."""
+
+    kind: str = describe_key("tetra, tetra10, hexahedron, hexahedron20, hexahedron27, wedge; points in VTK's order")
+    stiffness: SixBySix = describe_key("stress by strain, xx, yy, zz, yz, xz, xy, shears as angles [Pa]")
+    density: float = describe_key("[kg/m^3]")
+    name: str = describe_key("of the set")
+
+
+class PartData(Data):
+    """The finite-element mesh of a link: its root interface moves with the link frame, all the rest deforms a little."""
+
+    arrays: str = describe_key("archive of its arrays, from the folder of this file")
+    digest: str = describe_key("of these arrays")
+    interfaces: list[InterfaceData]
+    root: str = describe_key("the interface that moves with the link frame")
+    tip: str = describe_key("the interface whose origin is series tip/LINK")
+    cells: list[CellsData] = describe_key("empty where the matrices are all that is known")
+    modes: int = describe_key("a hint: vibration modes of the reference beside six static shapes an interface [-]")
+    frequency: float = describe_key("a hint: in place of a number, all modes up to this one [Hz]; 0: none")
+    retardation: float = describe_key("damping: stiffness matrix times this [s]")
+    drag: float = describe_key("damping: mass matrix times this [1/s], of the deformation alone")
+    stiffening: bool = describe_key("true: loads along the part stiffen it against bending (geometric stiffness)")
+    lumped: bool = describe_key("true: the mass of linear cells is in their points alone")
+
+
+class LinkData(Sparing):
     """A link; its frame is the frame of the joint that carries it, moved by the joint."""
 
     name: str
     bodies: list[BodyData]
-    beam: BeamData | None = describe_key("null: a rigid link")
+    beam: BeamData | None = describe_key("null: a rigid link, or a mesh")
+    part: PartData | None = describe_key("the mesh of a link of any shape", default=None)
     tip: Vector = describe_key("point of a rigid link whose motion is series tip/LINK [m]; a beam reports its end")
 
 
-class JointData(Data):
+class JointData(Sparing):
     """A joint: parent and child, where its frame is on the parent, and what its drive carries."""
 
     name: str
@@ -129,6 +178,9 @@ class JointData(Data):
         "joint frame in the frame of the parent link (on a beam: of its section at the station)"
     )
     station: float | None = describe_key("on a beam parent the fraction 0..1 of its length; else null")
+    interface: str = describe_key(
+        "on a meshed parent the interface in whose frame the joint frame is stated", default=""
+    )
     axis: Vector = describe_key("in the joint frame [-]")
     second_axis: Vector = describe_key("of a universal joint, which turns with the first axis [-]")
     pitch: float = describe_key(
@@ -150,11 +202,12 @@ class JointData(Data):
     v: list[str] = describe_key("names of its velocities, which efforts belong to")
 
 
-class End(Data):
+class End(Sparing):
     """A frame on a link or on the world."""
 
     link: str
     station: float | None = describe_key("on a beam the fraction 0..1 of its length; else null")
+    interface: str = describe_key("on a meshed link the interface in whose frame this one is stated", default="")
     frame: Frame
 
 

@@ -17,6 +17,7 @@ from crosscheck.engines.shared.probe_states import configurations
 from crosscheck.engines.shared.urdf_text import write_urdf
 from crosscheck.kit import tree
 from crosscheck.kit.page import render_readme
+from crosscheck.kit.parts import write_parts
 from crosscheck.kit.resolved import build_case_file
 from crosscheck.kit.schemas import KIT, read_schema
 from crosscheck.kit.tables import CaseData, CaseFile, CertificateFile
@@ -52,6 +53,7 @@ def write(
     files = {"motion.csv": MOTION}
     _write_json(folder / "case.json", file.model_dump(mode="json"))
     write_table(folder / "motion.csv", *build_motion_table(mechanism, case, said, spacing))
+    files |= write_parts(mechanism, folder)
     if mechanism.is_rigid:
         files |= {"probe.csv": PROBE, "tree.csv": TREE}
         header = [f"q/{c.name} [{c.unit}]" for c in said.coordinates]

@@ -73,6 +73,16 @@ class Reduction:
         """(shapes,) frequencies held at the root, all other interfaces free [Hz]."""
         return np.asarray(np.sqrt(self.modal_stiffness / self.modal_mass) / (2.0 * np.pi))
 
+    def compute_free_frequencies(self) -> Array:
+        """Return the frequencies of the part held nowhere, (shapes,) [Hz]: of its shapes, rigid motions beside them."""
+        rigid = build_rigid_motions(self.points, np.zeros(3)).reshape(len(self.points), 3, 6)
+        both = np.concatenate([rigid, self.shapes], axis=2)
+        pushed = np.asarray(self.mass @ both.reshape(len(both), -1)).reshape(both.shape)
+        mass = np.tensordot(both, pushed, axes=([0, 1], [0, 1]))  # (column, column)
+        stiffness = np.diag(np.concatenate([np.zeros(6), self.modal_stiffness]))
+        squared = scipy.linalg.eigh(stiffness, mass, eigvals_only=True)[6:]
+        return np.asarray(np.sqrt(squared) / (2.0 * np.pi))
+
 
 class _Held(NamedTuple):
     """A part with its interfaces held: numbers of free rows, factor of [K A^T; A 0], matrices of the free rows, and the ties.

@@ -6,7 +6,6 @@ from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
-import scipy  # its parts are loaded when they are asked for
 
 from crosscheck.engines.shared.probe_states import Array, collect_joint_bodies, configurations, move_inertia_to_origin
 from crosscheck.measures.certificate import COMPARED_MODES, INTERFACE_AXES, TIMES_MODES, AttachmentData, Certificate
@@ -19,7 +18,6 @@ from flexinv.kinematics.mesh import Mesh, build
 from flexinv.kinematics.nodal_motion import NodalMotion, compute_rigid_motion
 from flexinv.model.mechanism import WORLD, Beam, Body, Mechanism, Placement, Section
 from flexinv.model.part import MeshedPart
-from flexinv.parts.part_matrices import build_rigid_motions
 from flexinv.parts.reductions import find_reduction
 from flexinv.rigid.joint_torques import joint_torques
 
@@ -129,15 +127,9 @@ def _compute_part_frequencies(name: str, part: MeshedPart) -> dict[str, float]:
         reduced = find_reduction(replace(part, modes=TIMES_MODES * part.modes))
     except InputError:  # so many modes it does not have
         return {}
-    rigid = build_rigid_motions(reduced.points, np.zeros(3)).reshape(len(reduced.points), 3, 6)
-    both = np.concatenate([rigid, reduced.shapes], axis=2)
-    pushed = (reduced.mass @ both.reshape(len(both), -1)).reshape(both.shape)
-    mass = np.tensordot(both, pushed, axes=([0, 1], [0, 1]))  # (column, column)
-    stiffness = np.diag(np.concatenate([np.zeros(6), reduced.modal_stiffness]))
-    free = np.sqrt(scipy.linalg.eigh(stiffness, mass, eigvals_only=True)[6:]) / (2 * np.pi)
     return {
         f"{name}: {way} {k + 1}": float(frequency)
-        for way, frequencies in (("held", reduced.frequency), ("free", free))
+        for way, frequencies in (("held", reduced.frequency), ("free", reduced.compute_free_frequencies()))
         for k, frequency in enumerate(frequencies[:COMPARED_MODES])
     }
 

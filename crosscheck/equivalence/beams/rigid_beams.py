@@ -1,4 +1,4 @@
-"""Beams held in their stress-free shape: a mechanism of rigid links with the same joints, masses and frames.
+"""Beams and meshes held in their stress-free shape: a mechanism of rigid links with the same joints, masses and frames.
 
 section at s    X(s) = X_root exp(s (e_1, kappa))  in the link frame
 body            rho A(s) ds at X(s), with rho I(s) ds along its axes, summed by Gauss points between the section's stations
@@ -15,7 +15,8 @@ import numpy as np
 
 from crosscheck.lifting.rigid import apply_placement, join_bodies, move_inertia
 from flexinv.kinematics.mesh import compute_section_frame
-from flexinv.model.mechanism import WORLD, Attachment, Beam, Body, Inertia, Joint, Link, Mechanism, Placement
+from flexinv.model.mechanism import Array, Attachment, Beam, Body, Inertia, Joint, Link, Mechanism, Placement
+from flexinv.parts.reductions import find_reduction
 
 POINTS = 8  # of Gauss on each half of a stretch: exact for straight beams, to rounding for arcs of a turn
 
@@ -24,14 +25,20 @@ def make_rigid_mechanism(mechanism: Mechanism) -> Mechanism:
     """Return the rigid mechanism of a flexible one [m, kg]; a rigid one is returned itself."""
     if mechanism.is_rigid:
         return mechanism
-    beams = {link.name: link.beam for link in mechanism.beams}
+    flexible = {link.name: link for link in mechanism.flexible}
     return replace(
         mechanism,
-        links=tuple(_make_rigid_link(link, beams.get(link.name)) for link in mechanism.links),
-        joints=tuple(_make_rigid_joint(joint, beams.get(joint.parent)) for joint in mechanism.joints),
+        links=tuple(_make_rigid_link(link) for link in mechanism.links),
+        joints=tuple(_make_rigid_joint(joint, flexible.get(joint.parent)) for joint in mechanism.joints),
         closures=tuple(
-            replace(one, first=_end(one.first, beams), second=_end(one.second, beams)) for one in mechanism.closures
+            replace(one, first=_end(one.first, flexible), second=_end(one.second, flexible))
+            for one in mechanism.closures
         ),
+        springs=tuple(
+            replace(one, first=_end(one.first, flexible), second=_end(one.second, flexible))
+            for one in mechanism.springs
+        ),
+        forces=tuple(replace(one, at=_end(one.at, flexible)) for one in mechanism.forces),
         modal_damping=None,
     )
 
@@ -43,23 +50,42 @@ def evaluate_section_frame(beam: Beam, station: float | None) -> Placement:
     )
 
 
-def _make_rigid_link(link: Link, beam: Beam | None) -> Link:
-    if beam is None:
+def _find_seat(link: Link, station: float | None, interface: str) -> Placement | None:
+    """The frame of a section or an interface in the link frame; None where the link frame itself carries."""
+    if link.part is not None and interface:
+        return Placement(link.part.interface_of[interface].origin)
+    if link.beam is not None and station is not None:
+        return evaluate_section_frame(link.beam, station)
+    return None
+
+
+def _make_rigid_link(link: Link) -> Link:
+    if link.is_rigid:
         return link
-    bodies = [
-        Body(
-            body.name,
-            body.inertia
-            if body.station is None
-            else move_inertia(evaluate_section_frame(beam, body.station), body.inertia),
-        )
-        for body in link.bodies
-    ]
-    return Link(
-        link.name,
-        (Body(link.name, join_bodies(_list_slice_inertias(beam))), *bodies),
-        tip=evaluate_section_frame(beam, None).position,
-    )
+    bodies = []
+    for body in link.bodies:
+        seat = _find_seat(link, body.station, body.interface)
+        bodies.append(Body(body.name, body.inertia if seat is None else move_inertia(seat, body.inertia)))
+    own, tip = _compute_beam_inertia(link.beam) if link.beam is not None else _compute_part_inertia(link)
+    return Link(link.name, (Body(link.name, own), *bodies), tip=tip)
+
+
+def _compute_beam_inertia(beam: Beam) -> tuple[Inertia, Array]:
+    """Inertia and end of a beam in the link frame."""
+    return join_bodies(_list_slice_inertias(beam)), evaluate_section_frame(beam, None).position
+
+
+def _compute_part_inertia(link: Link) -> tuple[Inertia, Array]:
+    """Inertia and tip of a mesh in the link frame."""
+    assert link.part is not None
+    reduced = find_reduction(link.part)
+    weights = np.asarray(reduced.mass.sum(axis=0)).ravel()
+    mass = float(weights.sum())
+    centre = weights @ reduced.points / mass
+    arms = reduced.points - centre
+    second = arms.T @ (reduced.mass @ arms)
+    tensor = np.trace(second) * np.eye(3) - second
+    return Inertia(mass, centre, (tensor + tensor.T) / 2), link.part.interface_of[link.part.tip].origin
 
 
 def _list_slice_inertias(beam: Beam) -> Iterator[Inertia]:
@@ -74,16 +100,14 @@ def _list_slice_inertias(beam: Beam) -> Iterator[Inertia]:
             yield move_inertia(evaluate_section_frame(beam, float(at)), slice_inertia)
 
 
-def _make_rigid_joint(joint: Joint, beam: Beam | None) -> Joint:
-    if beam is None or joint.parent == WORLD:
+def _make_rigid_joint(joint: Joint, parent: Link | None) -> Joint:
+    seat = None if parent is None else _find_seat(parent, joint.station, joint.interface)
+    if seat is None:
         return joint
-    return replace(
-        joint, station=None, placement=apply_placement(evaluate_section_frame(beam, joint.station), joint.placement)
-    )
+    return replace(joint, station=None, interface="", placement=apply_placement(seat, joint.placement))
 
 
-def _end(end: Attachment, beams: Mapping[str, Beam | None]) -> Attachment:
-    beam = beams.get(end.link)
-    if beam is None or end.station is None:
-        return end
-    return Attachment(end.link, apply_placement(evaluate_section_frame(beam, end.station), end.placement))
+def _end(end: Attachment, flexible: Mapping[str, Link]) -> Attachment:
+    link = flexible.get(end.link)
+    seat = None if link is None else _find_seat(link, end.station, end.interface)
+    return end if seat is None else Attachment(end.link, apply_placement(seat, end.placement))

@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from crosscheck.equivalence.alignment.member_alignment import SAME
+from crosscheck.equivalence.beams.meshes import list_mesh_differences
 from crosscheck.equivalence.beams.sampled import SampledBeam, collect_stations, sample_beam
 from crosscheck.equivalence.difference import Difference
 from crosscheck.equivalence.hints import describe_factor
@@ -75,13 +76,15 @@ class MatchedBeams:
         }
 
     def list_lone_beams(self) -> Iterator[Difference]:
-        """Yield the links that bend in one of both only; the other holds their shape; and beams of other coupled sections."""
+        """Yield links that bend in one of both only (the other holds their shape), other meshes and other coupled sections."""
         for first, second in self.links.items():
-            bends = [self.first.link_of[first].beam is not None, self.second.link_of[second].beam is not None]
-            if bends[0] != bends[1]:
-                values = ("beam", "rigid") if bends[0] else ("rigid", "beam")
-                cause = f"link that bends in {'A' if bends[0] else 'B'} only"
-                yield Difference("beam", cause, f"link {first}", 1.0, "-", *values, structural=True)
+            links = self.first.link_of[first], self.second.link_of[second]
+            mine, other = map(_describe_kind, links)
+            if mine != other:
+                cause = _describe_lone_link(mine, other)
+                yield Difference("beam", cause, f"link {first}", 1.0, "-", mine, other, structural=True)
+            elif links[0].part is not None and links[1].part is not None:
+                yield from list_mesh_differences(first, links[0].part, links[1].part)
         for first, _, a, b in self.both:
             if (a.section.is_coupled or b.section.is_coupled) and not _is_same_coupled_beam(a, b):
                 one, two = ("coupled" if beam.section.is_coupled else "not coupled" for beam in (a, b))
@@ -160,6 +163,16 @@ class MatchedBeams:
         hints = describe_factor(two.ratio, one.ratio) if one.mode == two.mode else ()
         difference = Difference("beam", "modal damping", "all beams", size, "-", *shown, hints=hints)
         yield BeamDifference(difference, lambda mechanism: replace(mechanism, modal_damping=_drop_damping_time(two)))
+
+
+def _describe_lone_link(mine: str, other: str) -> str:
+    if "rigid" in (mine, other):
+        return f"link that bends in {'A' if other == 'rigid' else 'B'} only"
+    return "beam in one, mesh in the other"
+
+
+def _describe_kind(link: Link) -> str:
+    return "mesh" if link.part is not None else "rigid" if link.is_rigid else "beam"
 
 
 def _is_same_coupled_beam(one: Beam, two: Beam) -> bool:
