@@ -7,9 +7,8 @@ order, as is what one of the motion does to joints; rows of samples and of moves
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -17,16 +16,14 @@ from flexinv.analysis.loops import make_closed_task
 from flexinv.analysis.solution import Solution
 from flexinv.analysis.solve import solve
 from flexinv.analysis.task import Start, build_joint_histories, check_settings, make_prescribed_task
-from flexinv.analysis.trajectory import build_planar_march
 from flexinv.constraints.loop_starts import build_joint_mask
 from flexinv.dynamics.generalized_alpha import EARLY, EXACT, SUBSTEPS, Scheme, build_start_scheme, list_early_times
 from flexinv.errors import ConvergenceError, InputError
 from flexinv.kinematics.nodal_motion import NodalMotion
-from flexinv.linearized.residual_vibration import ResidualVibration, compute_amplitudes
-from flexinv.model.by_value import ByValue
 from flexinv.model.joint_kinds import KINDS
 from flexinv.model.mechanism import Mechanism
 from flexinv.model.motion import Motion, resolve_start_coordinates
+from flexinv.planar.detection import NotPlanar, find_plane
 from flexinv.sensitivity.closed_states import add_spring_forces, build_closed_states, check_efforts
 from flexinv.sensitivity.march_start import (
     MarchStart,
@@ -49,6 +46,7 @@ from flexinv.sensitivity.march_states import (
     make_histories,
     make_no_record,
     make_tangent_scratch,
+    take_plane_freedoms,
     sample_forces,
 )
 from flexinv.sensitivity.parameters import (
@@ -64,6 +62,7 @@ from flexinv.sensitivity.parameters import (
     resolve_parameters,
 )
 from flexinv.sensitivity.rigid_loops import RigidLoops
+from flexinv.sensitivity.sensitivities import Sensitivities
 from flexinv.sensitivity.tangent_kernel import integrate_tangents
 from flexinv.sensitivity.tangent_records import (
     ForceRecord,
@@ -75,77 +74,6 @@ from flexinv.sensitivity.tangent_records import (
 )
 from flexinv.typing import Array, Mask, Triple
 from flexinv.validation import check_kind
-
-if TYPE_CHECKING:
-    import pandas as pd
-
-
-@dataclass(frozen=True, eq=False)
-class ResidualSlopes(ByValue):
-    """Derivatives of a residual vibration by parameters.
-
-    vibration : where they are taken; cosine, sine : (modes, parameters) of a_i, b_i [m kg^0.5] per unit
-    energy : (parameters,) [J] per unit
-    """
-
-    vibration: ResidualVibration
-    cosine: Array
-    sine: Array
-    energy: Array
-
-
-@dataclass(frozen=True, eq=False, repr=False)
-class Sensitivities(ByValue):
-    """Derivatives by parameters along a solution, in units of what is differentiated over the unit of each parameter.
-
-    solution : where they are taken; parameters : names; values : (parameters,) where they stand
-    torque : (samples, actuated, parameters) [N m] or [N] per unit, columns as ``solution.torque_names``
-    tip : link -> (samples, 3, parameters) [m] per unit; q : (samples, nv, parameters) [rad], [m] per unit, of all joints
-    end : of the motion of all nodes in the last sample, with an axis of parameters in place of samples, where
-    ends_alike : (parameters,) says that a parameter leaves the mechanism and its joints at the end as they are
-    """
-
-    solution: Solution
-    parameters: tuple[str, ...]
-    values: Array
-    torque: Array
-    tip: dict[str, Array]
-    q: Array
-    end: NodalMotion
-    ends_alike: Mask
-
-    def differentiate_residual_vibration(self, free: Collection[str] | None = None) -> ResidualSlopes:
-        """Return the derivatives of the vibration after the last sample by parameters of the motion [m kg^0.5], [J] per unit.
-
-        free : names of joints that go on moving, as of ``Solution.find_residual_vibration``
-        Raises InputError for parameters that change the mechanism or where and when joints come to rest, and as
-        ``find_residual_vibration``.
-        """
-        for name, ends in zip(self.parameters, self.ends_alike, strict=True):
-            if not ends:
-                raise InputError(
-                    f"residual vibration by {name!r}: it changes how joints are at {self.solution.time[-1]:g} s, or the "
-                    "mechanism, and with that the modes; expected rows of the motion between its ends, or "
-                    "'motion.duration' with an end behind the motion's own"
-                )
-        vibration = self.solution.find_residual_vibration(free)
-        cosine, sine = compute_amplitudes(vibration.modes, self.end)
-        squared = vibration.modes.squared.real
-        weighted = squared * vibration.cosine, squared * vibration.sine
-        return ResidualSlopes(vibration, cosine.T, sine.T, cosine @ weighted[0] + sine @ weighted[1])
-
-    def frame(self) -> pd.DataFrame:
-        """Return the derivatives of the torques [N m], [N] per unit over time [s], a column for each drive and parameter."""
-        import pandas
-
-        columns = pandas.MultiIndex.from_product([self.solution.torque_names, self.parameters], names=["torque", "by"])
-        table = self.torque.reshape(len(self.torque), -1)
-        return pandas.DataFrame(table, index=pandas.Index(self.solution.time, name="time [s]"), columns=columns)
-
-    def __repr__(self) -> str:
-        """Return samples, torques and parameters in a line."""
-        drives = ", ".join(self.solution.torque_names)
-        return f"Sensitivities({len(self.torque)} samples; torques of {drives} by {', '.join(self.parameters)})"
 
 
 def differentiate(
@@ -241,6 +169,10 @@ class _Differentiation:
         self.freedoms = self.system.make_freedoms(self.passive)
         self.variations = tuple(build_variation(parameter, mechanism, motion) for parameter in parameters)
         self.changing = [k for k, one in enumerate(self.variations) if one.changes_mechanism]
+        self.beside = {
+            k: [build_varied_system(self.system, one, prescribed) for one, _ in self.variations[k].setups]
+            for k in self.changing
+        }
         set_up = solution.settings
         self.settings = check_settings(
             float(set_up["step"]), float(set_up["spectral_radius"]), EXACT, str(set_up["initial"])
@@ -338,8 +270,11 @@ class _Differentiation:
             self._check_efforts(closed.efforts, leg.time)
         inputs = self._compute_inputs(leg, states, shown)
         turns = build_turns(system, states)
-        flat = build_planar_march(self.solution.mesh, self.passive) is not None
-        task = TangentTask(states, shown, turns, inputs, self.freedoms, list_tip_nodes(system), flat)
+        flat = not isinstance(find_plane(self.solution.mesh), NotPlanar)
+        freedoms = take_plane_freedoms(
+            system, self.freedoms, (one.mesh for part in self.beside.values() for one in part)
+        )
+        task = TangentTask(states, shown, turns, inputs, freedoms, list_tip_nodes(system), flat)
         self._integrate_tangents(system, task, leg.scheme, tangents, out)
         return states
 
@@ -374,24 +309,13 @@ class _Differentiation:
         shifted = np.zeros((len(leg.time), tips, 3, count))
         for column, k in enumerate(self.changing):
             variation = self.variations[k]
-            found = [self._sample_varied(mechanism, leg, (states, shown)) for mechanism, _ in variation.setups]
+            found = [_sample_varied(varied, leg, (states, shown)) for varied in self.beside[k]]
             for which in (0, 1):
                 pushed[which, :, :, column] = variation.join_results(one[which].residual for one in found)
                 opened[which, :, :, column] = variation.join_results(one[which].closing[2 * which] for one in found)
             shifted[..., column] = variation.join_results(one[0].tip for one in found)
         changing = np.array(self.changing, dtype=np.int64)
         return ParameterInputs(self._compute_given(leg.time), pushed, shifted, opened, changing)
-
-    def _sample_varied(
-        self, mechanism: Mechanism, leg: _Leg, states: tuple[MarchStates, MarchStates]
-    ) -> list[ForceRecord]:
-        """Forces of another mechanism at the states of the march, and at those that are shown where these are others."""
-        varied = build_varied_system(self.system, mechanism, self.prescribed)
-        moved = build_march_states(varied, leg.nodes, leg.joints, leg.time)
-        kept = [moved._replace(du=one.du, multiplier=one.multiplier) for one in states]
-        if states[0] is states[1]:
-            return 2 * [sample_forces(varied, kept[0])]
-        return [sample_forces(varied, one) for one in kept]
 
     def _compute_given(self, time: Array) -> Array:
         """Derivatives (3, samples, joints, parameters) of the joints with a motion, their rates and accelerations."""
@@ -498,3 +422,12 @@ class _Differentiation:
             )
             out[:, :, k] = direction * friction
         return out
+
+
+def _sample_varied(varied: FreeSystem, leg: _Leg, states: tuple[MarchStates, MarchStates]) -> list[ForceRecord]:
+    """Forces of another mechanism at the states of the march, and at those that are shown where these are others."""
+    moved = build_march_states(varied, leg.nodes, leg.joints, leg.time)
+    kept = [moved._replace(du=one.du, multiplier=one.multiplier) for one in states]
+    if states[0] is states[1]:
+        return 2 * [sample_forces(varied, kept[0])]
+    return [sample_forces(varied, one) for one in kept]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Collection, Iterable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -21,6 +21,7 @@ from flexinv.kinematics.tree import Joints
 from flexinv.linearized.modal_damping import apply_stated_ratio
 from flexinv.model.joint_kinds import KINDS
 from flexinv.model.mechanism import Mechanism
+from flexinv.planar.detection import NotPlanar, find_plane
 from flexinv.sensitivity.border_tangents import BorderScratch
 from flexinv.sensitivity.tangent_kernel import integrate_tangents
 from flexinv.sensitivity.tangent_records import (
@@ -37,6 +38,7 @@ from flexinv.sensitivity.tangent_records import (
 )
 from flexinv.typing import Array, Indices, Triple
 
+ALIGNED = 1e-12  # of an axis: components below it are rounding
 END_CHANGE = (
     1e-4  # [m] or [rad] of the largest pose, or of the parameter's unit: its square is left out, four digits are lost
 )
@@ -85,6 +87,30 @@ class FreeSystem:
         order = np.full(self.size, -1, dtype=np.int64)
         order[free] = np.arange(len(free))
         return MarchedFreedoms(prescribed, free, order)
+
+
+def take_plane_freedoms(system: FreeSystem, freedoms: MarchedFreedoms, meshes: Iterable[Mesh]) -> MarchedFreedoms:
+    """Return the freedoms without those out of the plane [-] in which a mechanism and those beside it, ``meshes``, move.
+
+    There is none where mirrors at the plane leave all of them unchanged.  Where the plane is none of two axes of the world, or a
+    section's axes are not along its own, all freedoms stay.
+    """
+    plane = find_plane(system.mesh)
+    others = [find_plane(mesh) for mesh in meshes]
+    if isinstance(plane, NotPlanar):
+        return freedoms
+    for other in others:
+        if isinstance(other, NotPlanar) or abs(other.axes[:, 2] @ plane.axes[:, 2]) < 1.0 - ALIGNED:
+            return freedoms
+    across = np.zeros(system.size)
+    across[system.first[:, None] + np.arange(3)] = np.abs(plane.axes[:, 2])
+    across[system.first[:, None] + np.arange(3, 6)] = 1.0 - np.abs(plane.frames[system.sections, 2])
+    if (np.minimum(across, 1.0 - across) > ALIGNED).any():
+        return freedoms
+    free = freedoms.marched[across[freedoms.marched] < 0.5]
+    order = np.full(system.size, -1, dtype=np.int64)
+    order[free] = np.arange(len(free))
+    return MarchedFreedoms(freedoms.prescribed, free, order)
 
 
 def build_free_system(mechanism: Mechanism, prescribed: Collection[str]) -> FreeSystem:

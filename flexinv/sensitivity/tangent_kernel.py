@@ -329,7 +329,8 @@ def _add_moved(whole, r, j, moved, turns, freedoms):
         return
     inverse = turns.inverse[turns.number[j]]
     for b in range(3):
-        whole[r, freedoms.order[o + b]] += moved * inverse[j - o, b]
+        if freedoms.order[o + b] >= 0:  # what is out of a plane is not marched, and no turn in it has a part there
+            whole[r, freedoms.order[o + b]] += moved * inverse[j - o, b]
 
 
 @jit_inner
@@ -348,7 +349,8 @@ def _update_tangents(turns, freedoms, scheme, tangents, scratch):
                 inverse = turns.inverse[turns.number[i]]
                 d = 0.0
                 for b in range(3):
-                    d += inverse[i - o, b] * scratch.system[freedoms.order[o + b], size + p]
+                    if freedoms.order[o + b] >= 0:
+                        d += inverse[i - o, b] * scratch.system[freedoms.order[o + b], size + p]
             tangents.pose[i, p] += y
             tangents.rate[i, p] += scheme.cv * d
             tangents.acceleration[i, p] += scheme.ca * d

@@ -191,6 +191,38 @@ def test_a_loop_that_is_off_by_a_thousandth_would_be_seen(root):
     assert np.abs(found - present).max() / scale > ROUNDED + scatter
 
 
+def test_the_vibration_that_a_loop_is_left_with_has_exact_slopes(root):
+    mechanism, _, start, _, _ = _load(root, *BENDING)
+    time = np.linspace(0.0, 0.3, 8)
+    part = time / 0.3
+    way = part**3 * (10.0 - 15.0 * part + 6.0 * part**2)
+    motion = flexinv.Motion.from_samples(time, {"A": 0.35 + 1.7 * way}, rest=True)
+    end = {"step": 1.5e-3, "end": 0.303, "initial": "static", "start": start}
+    found = flexinv.differentiate(mechanism, motion, "motion.A[3]", **end).differentiate_residual_vibration()
+    (parameter,) = resolve_parameters("motion.A[3]", mechanism, motion)
+
+    def leave(change):
+        moved = parameter.build_setup(mechanism, motion, parameter.value + change)[1]
+        return flexinv.solve(mechanism, moved, **end).find_residual_vibration().energy
+
+    change = 1e-3
+    difference = (8 * (leave(change) - leave(-change)) - (leave(2 * change) - leave(-2 * change))) / (12 * change)
+    assert found.energy[0] == pytest.approx(
+        difference, rel=1e-6
+    )  # of fourth order in 1e-3; END_CHANGE leaves as much out
+
+
+def test_what_goes_on_swinging_in_a_loop_is_its_beam(root):
+    """The pins of the coupler are held by the crank: its middle is what swings."""
+    mechanism, motion, start, step, _ = _load(root, *BENDING)
+    left = flexinv.solve(mechanism, motion, step=step, end=0.303, start=start).find_residual_vibration()
+    middle = mechanism.link_of["coupler"].beam.length
+    shape = np.linalg.norm(left.modes.displacement[0].real, axis=1).max()
+    swing = shape * np.hypot(left.cosine[0], left.sine[0])
+    assert left.reach["coupler"] == pytest.approx(swing, rel=0.2)  # the first mode has most of it
+    assert 10.0 * left.reach["rocker"] < left.reach["coupler"] < middle
+
+
 def test_coordinates_of_joints_without_a_drive_follow_the_loop(root):
     mechanism, motion, start, step, _ = _load(root, *FOUR_BAR)
     found = flexinv.differentiate(mechanism, motion, "motion.A[1]", step=step, start=start)
