@@ -4,12 +4,12 @@
     python campaigns/optimal_motions.py --only spatial_arm
     python campaigns/optimal_motions.py --random 30    # random trees as well
 
-Of each machine: the given motion, the same shaped for its slowest mode (ZV, ZVD, EI), and the shortest motion with the torques of
-the given one and a hundredth of its vibration; how short it would be if it might swing as it liked; and one that is good for all
-payloads within a fifth, with a twentieth of the vibration.  Exudyn then makes the motion that was found with a model of its own:
-its torques, and how far its tip goes from the rest place afterwards, or of a loop, whose pins hold the tips, how far its beam goes
-on bending beside the given motion.  The command ends with 1 where torques differ by more than both bars, or more of the vibration is
-left.
+Of each machine: the given motion, the same shaped for its slowest mode (ZV, ZVD, EI), and the shortest motion with the torques
+of the given one and a hundredth of its vibration; how short it would be if it might swing as it liked; and one that is good for
+all payloads within a fifth, with a twentieth of the vibration.  Exudyn then makes the motion that was found with a model of its
+own: its torques, and how far its tip goes from the rest place afterwards, or of a loop, whose pins hold the tips, how far its
+beam goes on bending beside the given motion.  The command ends with 1 where torques differ by more than both bars, or more of the
+vibration is left.
 """
 
 from __future__ import annotations
@@ -293,6 +293,7 @@ def try_payloads(arm: Arm, reach: float, rows: dict[str, tuple[Motion, flexinv.S
     largest = dict(zip(given[0].torque_names, peaks.tolist(), strict=True))
     limits = flexinv.MotionLimits(torque=largest, residual=ROBUST * reach)
     found = flexinv.optimize_motion(loaded, arm.move, limits, knots=arm.knots, start=arm.start)
+    click.echo(f"for all payloads: {found.reason}")
     for one, word in zip(loaded, ("lighter", "as it is", "heavier"), strict=True):
         rows[f"robust, {word}"] = found.motion, solve_motion(arm, one, found.motion)
 

@@ -36,11 +36,15 @@ def add_spring_forces(system: FreeSystem, states: MarchStates) -> MarchStates:
 
 @dataclass(frozen=True)
 class ClosedStates:
-    """States of the march, and those of index 1 that are shown; efforts (samples, others) of what is not marched [N m], [N]."""
+    """States of the march, and those of index 1 that are shown; efforts (samples, others) of what is not marched [N m], [N].
+
+    massive : whether every motion has inertia, and nothing is out of balance
+    """
 
     march: MarchStates
     shown: MarchStates
     efforts: Array
+    massive: bool
 
 
 def build_closed_states(
@@ -55,7 +59,8 @@ def build_closed_states(
     du = shown.du.copy()
     du[:, marched] = compute_march_accelerations(shown.u[:, marched], pseudo[marched], scheme)
     first = sample_forces(system, shown)
-    balanced = marched[~find_massless(system, shown, marched)]
+    massless = find_massless(system, shown, marched)
+    balanced = marched[~massless]
     states = shown._replace(du=du)
     second = sample_forces(system, states)
     multipliers = find_multipliers(system, first, first.residual, balanced)
@@ -65,6 +70,7 @@ def build_closed_states(
         states._replace(multiplier=find_multipliers(system, second, second.residual, marched)),
         shown._replace(multiplier=multipliers),
         first.residual[:, others] - forces,
+        not massless.any(),
     )
 
 

@@ -46,8 +46,8 @@ from flexinv.sensitivity.march_states import (
     make_histories,
     make_no_record,
     make_tangent_scratch,
-    take_plane_freedoms,
     sample_forces,
+    take_plane_freedoms,
 )
 from flexinv.sensitivity.parameters import (
     Parameter,
@@ -74,6 +74,9 @@ from flexinv.sensitivity.tangent_records import (
 )
 from flexinv.typing import Array, Mask, Triple
 from flexinv.validation import check_kind
+
+FINER = 0.2  # of the change of a number, where the start of a loop depends on it in a curve
+CURVED = 3e-9  # of a start's derivative: what two changes leave of it by rounding alone
 
 
 def differentiate(
@@ -168,6 +171,7 @@ class _Differentiation:
         self.system = build_free_system(mechanism, prescribed)
         self.freedoms = self.system.make_freedoms(self.passive)
         self.variations = tuple(build_variation(parameter, mechanism, motion) for parameter in parameters)
+        self.starts_in_balance = False  # known of loops: else the first efforts are differences of starts
         self.changing = [k for k, one in enumerate(self.variations) if one.changes_mechanism]
         self.beside = {
             k: [build_varied_system(self.system, one, prescribed) for one, _ in self.variations[k].setups]
@@ -199,7 +203,8 @@ class _Differentiation:
         states = self._integrate_leg(leg, tangents, late)
         end = compute_end_slopes(self.system, states, tangents, (solution.q[-1], solution.qd[-1], solution.qdd[-1]))
         effort = self._compute_friction(self.solution.qd[:, self.given], self.given) + out.effort
-        effort[0] = np.where(np.isnan(first[self.given]), effort[0], first[self.given])
+        if not self.starts_in_balance:
+            effort[0] = np.where(np.isnan(first[self.given]), effort[0], first[self.given])
         return self._assemble(out, self._fill_efforts(effort), end)
 
     def _fill_rigid_loops(self, out: TangentHistories) -> tuple[Array, NodalMotion]:
@@ -265,6 +270,7 @@ class _Differentiation:
         states = shown = add_spring_forces(system, shown)
         if self.mechanism.closures:
             closed = build_closed_states(system, shown, self.freedoms, leg.pseudo, leg.scheme)
+            self.starts_in_balance = closed.massive
             states = closed.march
             shown = closed.shown
             self._check_efforts(closed.efforts, leg.time)
@@ -369,17 +375,28 @@ class _Differentiation:
         efforts = np.full((self.mechanism.nv, len(self.parameters)), np.nan)
         out = StepTangents(*np.zeros((5, self.system.size, len(self.parameters))))
         for k, variation in self._list_start_variations():
-            starts = [self._begin(setup) for setup in variation.setups]
-            if any(start.sudden != base.sudden for start in starts):
-                raise InputError(
-                    f"differentiate: by {self.parameters[k].name!r}: a small change makes the start of the march sudden, so that "
-                    "its first steps are others; write another step, or initial = 'static'"
-                )
-            found = variation.join_results(compute_start_offsets(start, base, self.system) for start in starts)
+            found, effort = self._compute_start_slopes(base, k, variation)
+            if self.mechanism.closures:  # near singular positions a start depends on a number in a narrow curve
+                finer = build_differences(self.parameters[k], self.mechanism, self.motion, FINER)
+                other, other_effort = self._compute_start_slopes(base, k, finer)
+                if np.abs(other[0] - found[0]).max() > CURVED * np.abs(other[0]).max():
+                    found = other
+                    effort = other_effort
             for part, value in zip(out, found, strict=False):
                 part[:, k] = value
-            efforts[self.given, k] = variation.join_results(start.effort[self.given] for start in starts)
+            efforts[self.given, k] = effort
         return out, efforts
+
+    def _compute_start_slopes(self, base: MarchStart, k: int, variation: ParameterVariation) -> tuple[Array, Array]:
+        """Derivatives (4, unknowns) of a start by parameter k, and of the efforts there of joints with a motion."""
+        starts = [self._begin(setup) for setup in variation.setups]
+        if any(start.sudden != base.sudden for start in starts):
+            raise InputError(
+                f"differentiate: by {self.parameters[k].name!r}: a small change makes the start of the march sudden, so that "
+                "its first steps are others; write another step, or initial = 'static'"
+            )
+        found = variation.join_results(compute_start_offsets(start, base, self.system) for start in starts)
+        return found, variation.join_results(start.effort[self.given] for start in starts)
 
     def _list_start_variations(self) -> Iterator[tuple[int, ParameterVariation]]:
         """Yield the numbers of the parameters on which the start depends, with setups beside the present one."""
