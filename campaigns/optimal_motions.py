@@ -106,7 +106,7 @@ def _replace_body(mechanism: Mechanism, link: str, body: flexinv.Body, part: flo
 ARMS = (
     Arm("flex_one_link", {"hub": np.pi}, 0.2, 8),
     Arm("flex_two_link", {"joint1": 0.5, "joint2": 1.0}, 0.2, 10),
-    Arm("spatial_arm", {"yaw": 0.6, "pitch": 0.5}, 0.3, 10, payload=("forearm", "tool")),
+    Arm("spatial_arm", {"yaw": 0.6, "pitch": 0.5}, 0.3, 10),
     Arm(
         "four_bar_flexible", {"A": np.radians(140.0)}, 0.2, 10, begin={"A": np.radians(20.0)},
         start={"B": np.radians(46.0), "D": np.radians(103.0)}, bending="coupler",
