@@ -1,11 +1,12 @@
 """Derivatives of random mechanisms against differences of `solve`, with the error bars of these.
 
-    python campaigns/derivatives.py                     # 200 mechanisms, three parameters each
-    python campaigns/derivatives.py --count 5 --seed 7
-    python campaigns/derivatives.py --only 17
+    python campaigns/derivatives.py                     # 200 trees and 100 loops, three parameters each
+    python campaigns/derivatives.py --count 5 --loops 5 --seed 7
+    python campaigns/derivatives.py --only 17 --loops 0
 
-Trees of rigid links and beams, in any position, with dampers, rotors, springs in joints, given forces and passive joints.  Of
-each the derivatives of all torques and tips by numbers drawn by lot, of the motion and of the mechanism, are held against
+Trees of rigid links and beams, in any position, with dampers, rotors, springs in joints, given forces and passive joints; closed
+loops of such links in a plane and in space, with springs between points and, where all links are rigid, redundant drives.
+Of each the derivatives of all torques and tips by numbers drawn by lot, of the motion and of the mechanism, are held against
 differences of fourth and sixth order with several changes; their bar is what two of them differ by, and rounding.
 The command ends with 1 where a derivative is off by more than its bar and TOLERANCE of the largest entry.
 """
@@ -20,30 +21,39 @@ from pathlib import Path
 
 import click
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 if __name__ == "__main__":
     sys.path[:0] = [str(Path(__file__).resolve().parents[1])]
 
-from spectra_machines import drawn
+from spectra_machines import draw_beam, draw_rigid_link, draw_springs, drawn
 
 import flexinv
 from flexinv.errors import FlexinvError, InputError
+from flexinv.kinematics.mesh import build
+from flexinv.kinematics.nodal_motion import compute_rigid_motion
 from flexinv.model.joint_kinds import KINDS
-from flexinv.model.mechanism import Mechanism
+from flexinv.model.mechanism import WORLD, Attachment, Closure, Joint, Link, Mechanism, Placement
 from flexinv.sensitivity.parameters import CENTRAL, FORWARD, Parameter, resolve_parameters
 from flexinv.typing import Array
 
 SEED = 41
 COUNT = 200
+LOOPS = 100
 PARAMETERS = 3
 STEP = 2e-3  # of the march [s]
 DURATION = 0.1  # of the moves [s]
 BARS = 2.0  # of the differences: the smallest of several is small by chance, too
 TOLERANCE = 1e-7  # of the largest entry: Newton's last increment and the rounding of K, C and M
+BLUNT = 1e-2  # a bar of differences that say nothing
 ROUNDING = 1e-13  # of a torque, that Newton leaves
 CHANGES = (1e-2, 3e-3, 1e-3, 3e-4, 1e-4)  # of a number, or in its own unit where it is zero
 MOST_DRAWS = 50
 PASSIVE = 0.25  # of the joints that have a spring
+FLAT = 0.6  # of the loops are in a plane
+BENT = 0.4  # of their links are beams
+SPRUNG = 0.4  # of them have springs between points, some without one
+REDUNDANT = 0.5  # of the rigid ones have two drives
 
 
 @dataclass(frozen=True)
@@ -55,11 +65,14 @@ class Outcome:
     off: float
     bar: float
     words: str = ""
+    kind: str = "tree"
 
     @property
     def is_wrong(self) -> bool:
-        """True where it is off by more than the differences can be."""
-        return bool(self.words) or not self.off <= BARS * self.bar + TOLERANCE
+        """True where it is off by more than the differences can be, and these say something."""
+        if self.words or np.isnan(self.off) or np.isnan(self.bar):
+            return True
+        return self.bar < BLUNT and self.off > BARS * self.bar + TOLERANCE
 
 
 def draw_tree(seed: int, number: int) -> Mechanism:
@@ -78,8 +91,73 @@ def draw_tree(seed: int, number: int) -> Mechanism:
     return replace(machine, joints=tuple(joints), closures=(), springs=())
 
 
+def draw_loop(seed: int, number: int) -> Mechanism:
+    """Return a chain that is closed where its joints are at zero [m, kg, rad]: in a plane by a pin, in space by a ball.
+
+    The first joint has a drive; where all links are rigid, the second one has one, too, now and then.
+    """
+    dice = np.random.default_rng([SEED, seed, number, 2])
+    flat = bool(dice.random() < FLAT)
+    count = 3 if flat else 4
+    links: list[Link] = []
+    joints: list[Joint] = []
+    for k in range(count):
+        turn = Rotation.from_euler("z", dice.uniform(0.6, 1.5) * dice.choice([-1.0, 1.0]))
+        axis = np.array([0.0, 0.0, 1.0])
+        if not flat:
+            turn = Rotation.from_rotvec(dice.normal(size=3))
+            axis = dice.normal(size=3)
+            axis /= np.linalg.norm(axis)
+        parent = links[-1] if links else None
+        bent = parent is not None and parent.beam is not None
+        place = np.zeros(3) if parent is None or bent else parent.tip
+        own = {"damping": float(dice.choice([0.0, 0.1])), "rotor_inertia": float(dice.choice([0.0, 0.02]))}
+        at = Placement(place, turn.as_matrix())
+        carrier = WORLD if parent is None else parent.name
+        station = 1.0 if bent else None
+        joints.append(Joint(f"joint {k}", "revolute", carrier, f"link {k}", at, station, axis, actuated=k == 0, **own))
+        links.append(_draw_link(dice, k, flat))
+    mechanism = Mechanism(
+        "drawn loop", tuple(links), tuple(joints), dice.uniform(-10.0, 10.0, 3) * [1.0, 1.0, not flat]
+    )
+    mechanism = replace(mechanism, closures=(_close_chain(mechanism, "revolute" if flat else "spherical"),))
+    if dice.random() < SPRUNG:
+        mechanism = replace(mechanism, springs=tuple(draw_springs(dice, mechanism, False)))
+    if mechanism.is_rigid and dice.random() < REDUNDANT:
+        driven = replace(joints[1], actuated=True, weight=float(dice.uniform(0.5, 2.0)))
+        mechanism = replace(mechanism, joints=(joints[0], driven, *joints[2:]))
+    return mechanism
+
+
+def _draw_link(dice: np.random.Generator, k: int, flat: bool) -> Link:
+    """A beam or a rigid link of a loop; in a plane both ends lie in it."""
+    if dice.random() < BENT:
+        link = draw_beam(dice, k, "all")
+        return replace(link, beam=replace(link.beam, curvature=np.zeros(3))) if flat and link.beam is not None else link
+    link = draw_rigid_link(dice, k, "all")
+    return replace(link, tip=np.array([dice.uniform(0.3, 0.6), 0.0, 0.0])) if flat else link
+
+
+def _close_chain(mechanism: Mechanism, kind: str) -> Closure:
+    """The closure that ties the end of the last link to the world where it stands."""
+    mesh = build(mechanism)
+    rest = np.zeros((1, mechanism.nv))
+    motion = compute_rigid_motion(mesh, mechanism.neutral[None], rest, rest)
+    link = mechanism.links[-1]
+    node = mesh.tip_node.get(link.name, mesh.joint_node[mechanism.joints[-1].name])
+    arm = np.zeros(3) if link.beam is not None else link.tip
+    turn = motion.rotation[0, node]
+    there = Placement(motion.x[0, node] + turn @ arm, turn)
+    end = Attachment(link.name, Placement(arm), None if link.beam is None else 1.0)
+    return Closure("loop", kind, Attachment(WORLD, there), end)
+
+
 def draw_motion(dice: np.random.Generator, mechanism: Mechanism) -> flexinv.Motion:
-    """Return a smooth move of all joints with a drive [rad], [m]."""
+    """Return a smooth move of all joints with a drive [rad], [m], of a loop of the first one."""
+    if mechanism.closures:
+        return flexinv.Motion.point_to_point(
+            {"joint 0": 0.0}, {"joint 0": float(dice.uniform(-0.3, 0.3))}, duration=DURATION, law="nonic"
+        )
     start: dict[str, Array] = {}
     end: dict[str, Array] = {}
     for joint in mechanism.joints:
@@ -108,6 +186,11 @@ def list_names(mechanism: Mechanism, motion: flexinv.Motion) -> list[str]:
             names += [f"{section}.stiffness[0,{k}]" for k in (3, 4, 5)]
             names += [f"{section}.mass_per_length[0]", f"{section}.rotary_inertia[0,0]"]
             names += [f"{section}.damping[0,4]"] * (link.beam.section.damping is not None)
+    for closure in mechanism.closures:
+        names += [f"closures.{closure.name}.second.placement.position[{k}]" for k in range(3)]
+    for spring in mechanism.springs:
+        where = f"springs.{spring.name}"
+        names += [f"{where}.{field}" for field in ("stiffness", "rest", "damping", "first.placement.position[1]")]
     return names
 
 
@@ -148,10 +231,10 @@ def compute_differences(
     return best, bar, scale
 
 
-def try_mechanism(seed: int, number: int) -> Iterator[Outcome]:
-    """Yield the outcomes of the numbers that are drawn of one mechanism."""
+def try_mechanism(seed: int, number: int, closed: bool = False) -> Iterator[Outcome]:
+    """Yield the outcomes of the numbers that are drawn of one mechanism, a loop where it is ``closed``."""
     dice = np.random.default_rng([SEED, seed, number, 1])
-    mechanism = draw_tree(seed, number)
+    mechanism = draw_loop(seed, number) if closed else draw_tree(seed, number)
     motion = draw_motion(dice, mechanism)
     names = list_names(mechanism, motion)
     for by in dice.choice(names, min(PARAMETERS, len(names)), replace=False).tolist():
@@ -173,28 +256,40 @@ def judge_derivative(number: int, mechanism: Mechanism, motion: flexinv.Motion, 
 
 @click.command(help=__doc__)
 @click.option("--count", default=COUNT, show_default=True, help="Mechanisms.")
+@click.option("--loops", default=LOOPS, show_default=True, help="Closed loops.")
 @click.option("--seed", default=SEED, show_default=True, help="Of the lot.")
-@click.option("--only", type=int, help="The mechanism of that number alone.")
-def main(count: int, seed: int, only: int | None) -> None:
+@click.option("--only", type=int, help="The mechanism of that number alone, of the loops where there are no trees.")
+def main(count: int, loops: int, seed: int, only: int | None) -> None:
     """Run the campaign and end with 1 where a derivative is wrong."""
     warnings.simplefilter("ignore")
-    numbers = range(count) if only is None else [only]
+    outcomes = [*list_outcomes(seed, count, only, False), *list_outcomes(seed, loops, only, True)]
+    sys.exit(report_outcomes(outcomes))
+
+
+def list_outcomes(seed: int, count: int, only: int | None, closed: bool) -> list[Outcome]:
+    """Return the outcomes of so many trees or, where they are ``closed``, loops; print those that fail."""
     outcomes: list[Outcome] = []
-    for number in numbers:
+    for number in range(count) if only is None or not count else [only]:
         try:
-            outcomes.extend(try_mechanism(seed, number))
+            found = list(try_mechanism(seed, number, True) if closed else try_mechanism(seed, number))
+            outcomes += [replace(one, kind="loop") if closed else one for one in found]
         except FlexinvError as error:
-            click.echo(f"{number}: {error}", err=True)
+            click.echo(f"{'loop' if closed else 'tree'} {number}: {error}", err=True)
+    return outcomes
+
+
+def report_outcomes(outcomes: list[Outcome]) -> bool:
+    """Print what is wrong and the count of all; return whether something is."""
     wrong = [one for one in outcomes if one.is_wrong]
     for one in wrong:
-        click.echo(f"mechanism {one.number}, by {one.by}: off by {one.off:.1e}, bar {one.bar:.1e} {one.words}")
+        click.echo(f"{one.kind} {one.number}, by {one.by}: off by {one.off:.1e}, bar {one.bar:.1e} {one.words}")
     sharp = [one for one in outcomes if one.bar < TOLERANCE]
     worst = max((one.off for one in sharp), default=float("nan"))
     click.echo(
-        f"{len(outcomes)} derivatives of {len({one.number for one in outcomes})} mechanisms: {len(wrong)} wrong; of "
+        f"{len(outcomes)} derivatives of {len({(one.kind, one.number) for one in outcomes})} mechanisms: {len(wrong)} wrong; of "
         f"{len(sharp)} with a bar below {TOLERANCE:g} the largest is off by {worst:.1e} of the largest entry"
     )
-    sys.exit(bool(wrong))
+    return bool(wrong)
 
 
 if __name__ == "__main__":

@@ -4,10 +4,12 @@
     python campaigns/optimal_motions.py --only spatial_arm
     python campaigns/optimal_motions.py --random 30    # random trees as well
 
-Of each arm: the given motion, the same shaped for its slowest mode (ZV, ZVD, EI), and the shortest motion with the torques of the
-given one and a hundredth of its vibration.  Exudyn then makes the motion that was found with a model of its own: its torques, and
-how far its tip goes from the rest place afterwards.  The command ends with 1 where torques differ by more than both bars, or more
-of the vibration is left.
+Of each machine: the given motion, the same shaped for its slowest mode (ZV, ZVD, EI), and the shortest motion with the torques
+of the given one and a hundredth of its vibration; how short it would be if it might swing as it liked; and one that is good for
+all payloads within a fifth, with a twentieth of the vibration.  Exudyn then makes the motion that was found with a model of its
+own: its torques, and how far its tip goes from the rest place afterwards, or of a loop, whose pins hold the tips, how far its
+beam goes on bending beside the given motion.  The command ends with 1 where torques differ by more than both bars, or more of the
+vibration is left.
 """
 
 from __future__ import annotations
@@ -16,7 +18,7 @@ import sys
 import time
 import warnings
 from collections import Counter
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import click
@@ -37,6 +39,11 @@ from flexinv.typing import Array
 
 ROOT = Path(__file__).resolve().parents[1]
 ENGINE = "exudyn-ge"
+PAYLOAD = 0.2  # by which a payload may be lighter or heavier
+QUIET = 0.01  # of the given motion's vibration
+ROBUST = 0.05  # of the given motion's vibration, with any payload
+LOUD = 100.0  # of the given motion's vibration: no limit
+BOUND_KNOTS = 16
 AFTER = 0.1  # [s] after the end, in which Exudyn's tip is looked at
 STEPS = 400  # of a motion, and as many samples
 # Of the largest torque, beside the bars of both: of a beam's formulation and of how a start is found.
@@ -52,12 +59,21 @@ FINER_RESIDUAL = 0.1
 
 @dataclass(frozen=True)
 class Arm:
-    """An arm of models/ and the ends of its joints [rad]; duration [s] of the given move."""
+    """A machine of models/ and the ends of its joints [rad]; duration [s] of the given move.
+
+    begin : where the joints begin [rad], at zero by default; start : guess of the other joints of a loop [rad]
+    bending : beam whose bending is looked at in place of the tip
+    payload : link and body that weigh a fifth more and less; none of a machine without
+    """
 
     name: str
     ends: dict[str, float]
     duration: float
     knots: int
+    begin: dict[str, float] = field(default_factory=dict)
+    start: dict[str, float] = field(default_factory=dict)
+    bending: str = ""
+    payload: tuple[str, str] = ("", "")
 
     def load(self) -> Mechanism:
         """Return the mechanism."""
@@ -66,20 +82,44 @@ class Arm:
     @property
     def move(self) -> Motion:
         """The given motion."""
-        return Motion.point_to_point(dict.fromkeys(self.ends, 0.0), self.ends, duration=self.duration)
+        begin = dict.fromkeys(self.ends, 0.0) | self.begin
+        return Motion.point_to_point(begin, self.ends, duration=self.duration)
+
+    def list_loaded(self) -> list[Mechanism]:
+        """Return the machine with a fifth less of its payload, as it is, and with a fifth more [kg]."""
+        mechanism = self.load()
+        link, name = self.payload
+        if not link:
+            return []
+        body = next(one for one in mechanism.link_of[link].bodies if one.name == name)
+        return [_replace_body(mechanism, link, body, part) for part in (1.0 - PAYLOAD, 1.0, 1.0 + PAYLOAD)]
+
+
+def _replace_body(mechanism: Mechanism, link: str, body: flexinv.Body, part: float) -> Mechanism:
+    """The mechanism with a body of a link that weighs a part of what it did."""
+    inertia = flexinv.Inertia(part * body.inertia.mass, body.inertia.com, part * body.inertia.tensor)
+    bodies = tuple(replace(one, inertia=inertia) if one is body else one for one in mechanism.link_of[link].bodies)
+    links = tuple(replace(one, bodies=bodies) if one.name == link else one for one in mechanism.links)
+    return replace(mechanism, links=links)
 
 
 ARMS = (
     Arm("flex_one_link", {"hub": np.pi}, 0.2, 8),
     Arm("flex_two_link", {"joint1": 0.5, "joint2": 1.0}, 0.2, 10),
     Arm("spatial_arm", {"yaw": 0.6, "pitch": 0.5}, 0.3, 10),
-)
+    Arm(
+        "four_bar_flexible", {"A": np.radians(140.0)}, 0.2, 10, begin={"A": np.radians(20.0)},
+        start={"B": np.radians(46.0), "D": np.radians(103.0)}, bending="coupler",
+    ),
+    Arm("quanser_2dsfl", {"shoulder": 0.5, "elbow": 0.8}, 0.8, 10, payload=("link2", "end")),
+)  # fmt: skip
 
 
-def solve_motion(mechanism: Mechanism, motion: Motion, error: bool = False) -> flexinv.Solution:
+def solve_motion(arm: Arm, mechanism: Mechanism, motion: Motion, error: bool = False) -> flexinv.Solution:
     """Return the solution of a motion until shortly after its end."""
     step = motion.duration / STEPS
-    return flexinv.solve(mechanism, motion, step=step, end=(STEPS + 2) * step, initial="static", error=error)
+    end = (STEPS + 2) * step
+    return flexinv.solve(mechanism, motion, step=step, end=end, initial="static", error=error, start=arm.start)
 
 
 def find_reach(solution: flexinv.Solution) -> float:
@@ -89,30 +129,37 @@ def find_reach(solution: flexinv.Solution) -> float:
 
 @dataclass(frozen=True)
 class Replay:
-    """A motion in Exudyn: torques with error bars (samples, drives) [N m], and how far the tip goes from rest afterwards [m]."""
+    """A motion in Exudyn: torques with error bars (samples, drives) [N m], and how far the tip goes from rest afterwards [m].
+
+    Of a loop half the range in which the end of a beam goes on moving, seen from the section at its other end [m].
+    """
 
     torque: Array
     error: Array
     left: float
 
 
-def replay(mechanism: Mechanism, motion: Motion, case: flexinv.Case) -> Replay:
+def replay(arm: Arm, mechanism: Mechanism, motion: Motion, case: flexinv.Case) -> Replay:
     """Return what Exudyn gives for a motion, with a mesh and steps of its own and the bars of refined ones."""
     step = motion.duration / STEPS
     later = int(np.ceil(AFTER / step))
     asked = replace(
-        case, motion=motion, step=step, sample=step, end=(STEPS + later) * step, quantities=("torque", "tip"),
-        initial="static", mesh=None, measured=None,
+        case, motion=motion, step=step, sample=step, end=(STEPS + later) * step, quantities=("torque", "tip", "deflection"),
+        initial="static", mesh=None, measured=None, start={name: np.array([angle]) for name, angle in arm.start.items()},
     )  # fmt: skip
     record = adapter(ENGINES[ENGINE]).run(mechanism, asked, ENGINE, {"error": True, "step": step})
     drives = [record.series[f"torque/{joint.name}"] for joint in mechanism.joints if joint.actuated]
     torque = np.stack([one.values for one in drives], axis=1)
     bars = [np.zeros(len(one.values)) if one.error is None else one.error for one in drives]
+    rows = slice(STEPS + 1)
+    if arm.bending:
+        bent = np.stack([record.series[f"deflection/{arm.bending}/{axis}"].values for axis in "xyz"], axis=1)[STEPS:]
+        return Replay(torque[rows], np.stack(bars, axis=1)[rows], 0.5 * float(np.ptp(bent, axis=0).max()))
     link = mechanism.joints[-1].child
     tip = np.stack([record.series[f"tip/{link}/{axis}"].values for axis in "xyz"], axis=1)
     rest = flexinv.statics(mechanism, [], motion.evaluate(mechanism, [motion.duration])[0][0]).tip[link][0]
     left = float(np.linalg.norm(tip[STEPS:] - rest, axis=1).max())
-    return Replay(torque[: STEPS + 1], np.stack(bars, axis=1)[: STEPS + 1], left)
+    return Replay(torque[rows], np.stack(bars, axis=1)[rows], left)
 
 
 @click.command()
@@ -194,17 +241,23 @@ def try_arm(arm: Arm) -> list[str]:
     mechanism = arm.load()
     case = next(iter(flexinv.load_cases(ROOT / "models" / arm.name, mechanism).values()))
     move = arm.move
-    given = solve_motion(mechanism, move)
+    given = solve_motion(arm, mechanism, move)
     rows = {"given": (move, given)}
     for kind in ("ZV", "ZVD", "EI"):
-        shaped = flexinv.make_shaped_motion(mechanism, move, kind).motion
-        rows[kind] = shaped, solve_motion(mechanism, shaped)
-    begin = time.process_time()
-    best = flexinv.optimize_motion(mechanism, move, knots=arm.knots)
-    seconds = time.process_time() - begin
-    rows["shortest"] = best.motion, solve_motion(mechanism, best.motion)
+        shaped = make_shaped(arm, mechanism, kind)
+        rows[kind] = shaped, solve_motion(arm, mechanism, shaped)
     peak = np.abs(given.torque).max(axis=0)
     reach = find_reach(given)
+    torque = dict(zip(given.torque_names, peak.tolist(), strict=True))
+    limits = flexinv.MotionLimits(torque=torque, residual=QUIET * reach)
+    begin = time.process_time()
+    best = flexinv.optimize_motion(mechanism, move, limits, knots=arm.knots, start=arm.start)
+    seconds = time.process_time() - begin
+    rows["shortest"] = best.motion, solve_motion(arm, mechanism, best.motion)
+    loose = flexinv.MotionLimits(torque=torque, residual=LOUD * reach)
+    swinging = flexinv.optimize_motion(mechanism, move, loose, knots=BOUND_KNOTS, start=arm.start)
+    rows["swinging"] = swinging.motion, solve_motion(arm, mechanism, swinging.motion)
+    try_payloads(arm, reach, rows)
     table = {
         name: (
             motion.duration,
@@ -216,9 +269,33 @@ def try_arm(arm: Arm) -> list[str]:
     columns = ["duration [s]", "torque, of given", "vibration, of given"]
     click.echo(f"{arm.name}: {best.reason}; {seconds:.1f} s of processor time")
     click.echo(pd.DataFrame.from_dict(table, orient="index", columns=columns).to_string(float_format="{:.4g}".format))
-    return judge_replay(
-        arm, replay(mechanism, best.motion, case), solve_motion(mechanism, best.motion, error=True), reach
-    )
+    seen = replay(arm, mechanism, best.motion, case)
+    if arm.bending:
+        reach = replay(arm, mechanism, move, case).left
+    return judge_replay(arm, seen, solve_motion(arm, mechanism, best.motion, error=True), reach)
+
+
+def make_shaped(arm: Arm, mechanism: Mechanism, kind: str) -> Motion:
+    """Return the given motion, shaped for the slowest mode at its end."""
+    if not mechanism.closures:
+        return flexinv.make_shaped_motion(mechanism, arm.move, kind).motion
+    last = solve_motion(arm, mechanism, arm.move).find_residual_vibration().modes
+    return arm.move.shaped(flexinv.make_shaper(kind, float(last.frequency[0]), float(last.ratio[0])))
+
+
+def try_payloads(arm: Arm, reach: float, rows: dict[str, tuple[Motion, flexinv.Solution]]) -> None:
+    """Add the shortest motion that is good for all payloads, each of which is a row; reach : of the given motion [m]."""
+    loaded = arm.list_loaded()
+    if not loaded:
+        return
+    given = [solve_motion(arm, one, arm.move) for one in loaded]
+    peaks = np.max([np.abs(one.torque).max(axis=0) for one in given], axis=0)
+    largest = dict(zip(given[0].torque_names, peaks.tolist(), strict=True))
+    limits = flexinv.MotionLimits(torque=largest, residual=ROBUST * reach)
+    found = flexinv.optimize_motion(loaded, arm.move, limits, knots=arm.knots, start=arm.start)
+    click.echo(f"for all payloads: {found.reason}")
+    for one, word in zip(loaded, ("lighter", "as it is", "heavier"), strict=True):
+        rows[f"robust, {word}"] = found.motion, solve_motion(arm, one, found.motion)
 
 
 def judge_replay(arm: Arm, seen: Replay, solution: flexinv.Solution, reach: float) -> list[str]:

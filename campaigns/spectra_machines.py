@@ -51,11 +51,11 @@ def drawn(seed: int, number: int) -> DrawnMachine:
     joints: list[Joint] = []
     for k in range(int(dice.integers(1 + turning, 5))):
         flexible = dice.random() < 0.5 and not (k == 0 and (turning or based))
-        link = _beam(dice, k, inertia) if flexible else _rigid(dice, k, inertia)
+        link = draw_beam(dice, k, inertia) if flexible else draw_rigid_link(dice, k, inertia)
         joints.append(_joint(dice, k, links, turning, based))
         links.append(link)
     mechanism = Mechanism("drawn", tuple(links), tuple(joints), _gravity(dice, turning))
-    mechanism = replace(mechanism, springs=tuple(_springs(dice, mechanism, turning)))
+    mechanism = replace(mechanism, springs=tuple(draw_springs(dice, mechanism, turning)))
     mechanism = replace(mechanism, forces=tuple(_forces(dice, mechanism, turning)))
     moving = [j.name for j in joints if j.nv and (j.kind == "free" or dice.random() < 0.6)]
     if not moving and mechanism.is_rigid:
@@ -113,13 +113,13 @@ def _inertia(dice: Dice, points: bool) -> Inertia:
     return Inertia(mass, com, tensor)
 
 
-def _rigid(dice: Dice, k: int, inertia: str) -> Link:
+def draw_rigid_link(dice: Dice, k: int, inertia: str) -> Link:
     count = 2 if inertia == "points" else 1
     bodies = tuple(Body(f"body {k} {i}", _inertia(dice, inertia == "points")) for i in range(count))
     return Link(f"link {k}", bodies, tip=dice.uniform(0.1, 0.4, 3))
 
 
-def _beam(dice: Dice, k: int, inertia: str) -> Link:
+def draw_beam(dice: Dice, k: int, inertia: str) -> Link:
     """A slender beam, stiff enough for the loads here, with a body at its tip now and then."""
     length = float(dice.uniform(0.4, 1.0))
     bending = dice.uniform(50.0, 500.0, 2)
@@ -180,7 +180,7 @@ def _end(dice: Dice, link: Link) -> Attachment:
     return Attachment(link.name, Placement(dice.uniform(-0.05, 0.05, 3)), 1.0)
 
 
-def _springs(dice: Dice, mechanism: Mechanism, turning: bool) -> list[Spring]:
+def draw_springs(dice: Dice, mechanism: Mechanism, turning: bool) -> list[Spring]:
     out = []
     for k in range(int(dice.choice([0, 0, 1, 2]))):
         first = mechanism.links[int(dice.integers(len(mechanism.links)))]

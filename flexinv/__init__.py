@@ -41,8 +41,9 @@ if TYPE_CHECKING:
     from flexinv.rigid.torque_regressor import BaseParameters, Regressor, base_parameters, torque_regressor
     from flexinv.sampled.torques import torques
     from flexinv.sampled.write_torques import TorqueSummary, write_torques
-    from flexinv.sensitivity.differentiate import Sensitivities, differentiate
+    from flexinv.sensitivity.differentiate import differentiate
     from flexinv.sensitivity.parameters import Parameter
+    from flexinv.sensitivity.sensitivities import Sensitivities
     from flexinv.tracking.follow import Following, follow
     from flexinv.tracking.frame_path import Path
 
@@ -69,7 +70,8 @@ _NAMES = {
     "rigid.torque_regressor": "BaseParameters Regressor base_parameters torque_regressor",
     "optimal_motion.motion_limits": "MotionLimits", "optimal_motion.optimize_motion": "optimize_motion",
     "optimal_motion.optimized_motion": "OptimizedMotion",
-    "sensitivity.differentiate": "Sensitivities differentiate", "sensitivity.parameters": "Parameter",
+    "sensitivity.differentiate": "differentiate", "sensitivity.parameters": "Parameter",
+    "sensitivity.sensitivities": "Sensitivities",
     "tracking.follow": "Following follow", "tracking.frame_path": "Path",
 }  # fmt: skip
 _HOME = {name: module for module, names in _NAMES.items() for name in names.split()}

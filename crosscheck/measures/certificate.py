@@ -24,6 +24,8 @@ CLOSED = 1e-9
 PROBED = 1e-3
 # Of one mesh in two bases by as many modes: eigenvalues and factors of both leave up to 1e-5 of a part in space.
 MESHED = 1e-4
+# Derivatives of a torque, of some engines by differences of sixth order, which leave 1e-12.
+SLOPES = 1e-9
 
 
 # Of meshed links: twice the modes of the mechanism's file, so that what is left of a basis is within the bars of flexinv's;
@@ -47,6 +49,8 @@ class Certificate:
     beam_masses, beam_moments : of every straight beam alone [kg], about its root along its axis [kg m]
     com : (configurations, 3) [m], of what moves; mass_matrix : (configurations, nv, nv), rotor inertia included
     gravity : (configurations, nv) [N m] or [N], effort that holds the tree still
+    torque_by_place, torque_by_rate : (configurations, nv, nv) derivatives of the efforts of the tree without springs, damping
+        and rotors [N m/rad], [N m s/rad], at the rates and accelerations of `probe_states.list_probe_rates`
     axes : by joint with one coordinate, (configurations, 3) [-], in the world
     order : names of the joints in the engine's own order
     stiffness : by "link: EI_z" and so on, of the whole beam, length over the compliance of its sections [N], [N m^2]
@@ -72,6 +76,8 @@ class Certificate:
     com: Any = None
     mass_matrix: Any = None
     gravity: Any = None
+    torque_by_place: Any = None
+    torque_by_rate: Any = None
     axes: Mapping[str, Any] = field(default_factory=dict)
     order: tuple[str, ...] = ()
     stiffness: Mapping[str, float] = field(default_factory=dict)
@@ -117,6 +123,13 @@ class RestDynamics(TypedDict):
     mass_matrix: Array
     gravity: Array
     axes: Mapping[str, Array]
+
+
+class TorqueSlopes(TypedDict, total=False):
+    """Parts of a certificate: derivatives of the tree's efforts by place and rate (see there)."""
+
+    torque_by_place: Array
+    torque_by_rate: Array
 
 
 class PassiveElements(TypedDict):
@@ -190,16 +203,19 @@ def is_certified(lines: tuple[Check, ...]) -> bool:
 
 
 def _list_number_lines(theirs: Certificate, ours: Certificate) -> Iterator[CheckLine]:
-    for what, unit, name in (
-        ("total mass", "kg", "mass"),
-        ("centre of mass", "m", "com"),
-        ("joint-space mass matrix", "kg m^2, kg", "mass_matrix"),
-        ("gravity torque", "N m, N", "gravity"),
+    for what, unit, name, limit in (
+        ("total mass", "kg", "mass", EXACT),
+        ("centre of mass", "m", "com", EXACT),
+        ("joint-space mass matrix", "kg m^2, kg", "mass_matrix", EXACT),
+        ("gravity torque", "N m, N", "gravity", EXACT),
+        ("torque by place", "N m/rad, N/m", "torque_by_place", SLOPES),
+        ("torque by rate", "N m s/rad, N s/m", "torque_by_rate", SLOPES),
     ):
         a = getattr(theirs, name)
         b = getattr(ours, name)
         if a is not None and b is not None:
-            yield _make_line(what, unit, np.asarray(a), np.asarray(b), EXACT)
+            line = _make_line(what, unit, np.asarray(a), np.asarray(b), limit)
+            yield _compare_with_inertia(line, ours) if name.startswith("torque") else line
     for what, unit, name, limit in (
         ("masses by joint", "kg", "masses", EXACT),
         ("first moments by joint", "kg m", "moments", EXACT),
@@ -239,6 +255,14 @@ def _make_line(what: str, unit: str, a: Array, b: Array, limit: float, words: st
     scale = float(np.abs(b).max(initial=0.0))
     good = error <= limit * (scale or 1.0)
     return {"what": what, "unit": unit, "holds": good, "error": error, "scale": scale, "limit": limit, "words": words}
+
+
+def _compare_with_inertia(line: CheckLine, ours: Certificate) -> CheckLine:
+    """A line of slopes, measured against the largest inertia at 1 rad/s^2 where they are less: many are zero but for rounding."""
+    if "error" in line and ours.mass_matrix is not None:
+        line["scale"] = max(line["scale"], float(np.abs(np.asarray(ours.mass_matrix)).max(initial=0.0)))
+        line["holds"] = line["error"] <= line["limit"] * (line["scale"] or 1.0)
+    return line
 
 
 def _make_worst_line(

@@ -95,6 +95,8 @@ class PlainCertificate(TypedDict, total=False):
     com: Rows | None
     mass_matrix: Sequence[Rows] | None
     gravity: Rows | None
+    torque_by_place: Sequence[Rows] | None
+    torque_by_rate: Sequence[Rows] | None
     axes: Mapping[str, Rows]
     order: Sequence[str]
     stiffness: Mapping[str, float]

@@ -71,7 +71,7 @@ def write_best_motion(
         del tables["torque"]
     limits = MotionLimits(**tables, residual=residual)
     weights = _parse_aims(aim)
-    found = optimize_motion(mechanism, case.motion, limits, weights, step, knots, progress=_write_progress)
+    found = optimize_motion(mechanism, case.motion, limits, weights, step, knots, _write_progress, case.start)
     if sys.stderr.isatty():
         click.echo(err=True)
     before = find_last_move(case.motion)

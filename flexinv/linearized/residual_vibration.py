@@ -21,6 +21,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from flexinv.constraints.loop_starts import find_closed_at
 from flexinv.errors import InputError
 from flexinv.kinematics.mesh import Mesh, list_tips
 from flexinv.kinematics.nodal_motion import NodalMotion
@@ -43,7 +44,8 @@ class ResidualVibration(ByValue):
     """Vibration after the end of a motion, about the rest position with the joints held at their last places.
 
     modes : of that position; cosine, sine : (modes,) a_i, b_i [m kg^0.5]; reach : link -> largest distance of its tip from its
-    rest place from then on [m]; missed : by how much the sum of modes misses the tips at the end, of their reach [-]: of the
+    rest place from then on [m], in loops, whose pins hold the tips, of any section of a beam
+    missed : by how much the sum of modes misses the tips at the end, of their reach [-]: of the
     order of the angles by which beams bend, and a measure of what is no small motion
     """
 
@@ -97,7 +99,9 @@ def compute_residual_vibration(
         raise InputError(
             f"residual vibration of '{name}': joint '{turning}' is free and has a rotor; expected rotors on joints with a drive"
         )
-    modes = compute_modes(mesh, q[-1], free, None)
+    # of a loop whose beams are bent: from where it closes undeformed the rest position is found again
+    begin = find_closed_at(mesh, q[-1]) if mesh.mechanism.closures else q[-1]
+    modes = compute_modes(mesh, begin, free, None)
     unstable = next((word for word in modes.stability if word != "stable"), None)
     if unstable is not None:
         raise InputError(
@@ -112,7 +116,27 @@ def compute_residual_vibration(
     rest = compute_rest_places(modes)
     missed = max(float(np.linalg.norm(tips[link][-1] - rest[link] - cosine @ shape)) for link, shape in shapes.items())
     largest = max(reach.values())
+    if mesh.mechanism.closures:
+        reach |= {
+            link.name: _find_largest_reach(modes.displacement[:, mesh.section_nodes[link.name]].real, cosine, sine)
+            for link in mesh.mechanism.beams
+        }
     return ResidualVibration(modes, cosine, sine, reach, missed / largest if largest else 0.0)
+
+
+def compute_reach_by_mode(vibration: ResidualVibration) -> Array:
+    """Return by how much each mode with an amplitude of 1 m kg^0.5 moves each link's tip (tips, modes) [m].
+
+    In loops there are rows of the sections of all beams as well.
+    """
+    modes = vibration.modes
+    mesh = modes.mesh
+    motions = np.concatenate([modes.displacement, modes.rotation], axis=-1).real
+    shapes = list(compute_tip_displacements(mesh, motions, modes.orientation).values())
+    if mesh.mechanism.closures:
+        nodes = [n for link in mesh.mechanism.beams for n in mesh.section_nodes[link.name]]
+        shapes += [modes.displacement[:, n].real for n in nodes]
+    return np.stack([np.linalg.norm(shape, axis=1) for shape in shapes])
 
 
 def compute_rest_places(modes: Modes) -> dict[str, Array]:
@@ -159,6 +183,17 @@ def _compute_projection(modes: Modes, velocity: Array, spin: Array) -> Array:
     turning = np.einsum("nij,snj->sni", mesh.inertia, spin)
     pushed = np.einsum("mni,sni->sm", modes.displacement.real, momentum)
     return np.asarray(pushed + np.einsum("mni,sni->sm", modes.rotation.real, turning))
+
+
+def _find_largest_reach(shapes: Array, cosine: Array, sine: Array) -> float:
+    """The largest of the distances [m] of some nodes with the shapes (modes, nodes, 3), which none passes by all its arrows."""
+    bounds = np.hypot(cosine, sine) @ np.linalg.norm(shapes, axis=2)
+    largest = 0.0
+    for n in np.argsort(bounds)[::-1]:
+        if bounds[n] <= largest:
+            break
+        largest = max(largest, _find_reach(shapes[:, n], cosine, sine))
+    return largest
 
 
 def _find_reach(shape: Array, cosine: Array, sine: Array) -> float:

@@ -13,14 +13,15 @@ from functools import cached_property
 import numpy as np
 import scipy  # its parts are loaded when they are asked for
 
+from flexinv.analysis.task import Start
 from flexinv.errors import InputError
-from flexinv.linearized.residual_vibration import ResidualVibration
-from flexinv.linearized.rest_position import compute_tip_displacements
+from flexinv.linearized.residual_vibration import ResidualVibration, compute_reach_by_mode
 from flexinv.model.joint_kinds import KINDS
 from flexinv.model.mechanism import Mechanism
 from flexinv.model.motion import Motion
 from flexinv.optimal_motion.motion_limits import MotionLimits
-from flexinv.sensitivity.differentiate import Sensitivities, differentiate
+from flexinv.sensitivity.differentiate import differentiate
+from flexinv.sensitivity.sensitivities import Sensitivities
 from flexinv.typing import Array, Triple
 
 USUAL_STEPS = 200  # of the motion, where none is stated
@@ -65,15 +66,17 @@ class MotionProblem:
     """Choice of a motion between given ends, and the limits it is held against.
 
     joints : that move; span : (joints,) by which a variable of 1 moves a row [rad], [m]; place : (rows,) times of the rows,
-    of the duration; steps : of a march
+    of the duration; steps : of a march; begin : coordinates of joints without a motion at the start [rad], [m]
     """
 
     def __init__(
-        self, mechanisms: Sequence[Mechanism], motion: Motion, limits: MotionLimits, knots: int, step: float | None
+        self, mechanisms: Sequence[Mechanism], motion: Motion, limits: MotionLimits, knots: int, step: float | None,
+        begin: Start = None,
     ) -> None:  # fmt: skip
         """Prepare the problem; raises InputError for joints of more than one coordinate and motions without rest."""
         self.mechanisms = tuple(mechanisms)
         self.limits = limits
+        self.begin = begin
         self.duration = find_last_move(motion)
         self.steps = USUAL_STEPS if step is None else max(int(np.ceil(self.duration / step - 1e-9)), FEWEST_STEPS)
         self.place = np.linspace(0.0, 1.0, knots + 2)
@@ -112,7 +115,13 @@ class MotionProblem:
         step = duration / self.steps
         found = [
             differentiate(
-                mechanism, motion, self.names, step=step, end=(self.steps + AFTER) * step, initial=EQUILIBRIUM
+                mechanism,
+                motion,
+                self.names,
+                step=step,
+                end=(self.steps + AFTER) * step,
+                initial=EQUILIBRIUM,
+                start=self.begin,
             )
             for mechanism in self.mechanisms
         ]
@@ -216,21 +225,23 @@ class MotionSizes:
 
 def collect_amplitudes(vibrations: Sequence[ResidualVibration]) -> Triple:
     """Return amplitudes of all modes, cosine and sine apart (amplitudes,) [m], their parts at each tip (tips, amplitudes) [-],
-    and how far one of 1 m kg^0.5 moves the tip that it moves most (amplitudes,) [m].
+    and how far one of 1 m kg^0.5 moves the tip that it moves most (amplitudes,) [m], with the sign of its mode.
+
+    A mode and its opposite are the same: each is taken with the sign that one direction gives it, as in motions near by.
     """
-    shapes = [np.tile(compute_tip_reach(one), 2) for one in vibrations]
+    shapes = [np.tile(compute_reach_by_mode(one), 2) for one in vibrations]
     most = np.concatenate([shape.max(axis=0) for shape in shapes])
-    amplitude = most * np.concatenate([part for one in vibrations for part in (one.cosine, one.sine)])
+    signed = most * np.concatenate([np.tile(_find_signs(one), 2) for one in vibrations])
+    amplitude = signed * np.concatenate([part for one in vibrations for part in (one.cosine, one.sine)])
     reach = np.asarray(scipy.linalg.block_diag(*shapes))
-    return amplitude, reach / np.maximum(most, np.finfo(float).tiny), most
+    return amplitude, reach / np.maximum(most, np.finfo(float).tiny), signed
 
 
-def compute_tip_reach(vibration: ResidualVibration) -> Array:
-    """Return by how much each mode with an amplitude of 1 m kg^0.5 moves each link's tip (tips, modes) [m]."""
-    modes = vibration.modes
-    motions = np.concatenate([modes.displacement, modes.rotation], axis=-1).real
-    shapes = compute_tip_displacements(modes.mesh, motions, modes.orientation)
-    return np.stack([np.linalg.norm(shape, axis=1) for shape in shapes.values()])
+def _find_signs(vibration: ResidualVibration) -> Array:
+    """Sign (modes,) of each mode's shape along a direction that no mode is normal to by its symmetry."""
+    shape = vibration.modes.displacement.real.reshape(len(vibration.cosine), -1)
+    along = shape @ np.cos(np.arange(1, shape.shape[1] + 1))
+    return np.where(along < 0.0, -1.0, 1.0)
 
 
 def find_last_move(motion: Motion) -> float:

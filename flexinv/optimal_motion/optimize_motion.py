@@ -16,6 +16,7 @@ import scipy  # its parts are loaded when they are asked for
 
 from flexinv.analysis.solution import Solution
 from flexinv.analysis.solve import solve
+from flexinv.analysis.task import Start
 from flexinv.errors import ConvergenceError, InputError
 from flexinv.model.mechanism import Mechanism
 from flexinv.model.motion import Motion
@@ -67,6 +68,7 @@ def optimize_motion(
     step: float | None = None,
     knots: int = 10,
     progress: Callable[[float, float], None] | None = None,
+    start: Start = None,
 ) -> OptimizedMotion:
     """Return the motion between the same ends that is best within limits, at rest at its end, its beams with it.
 
@@ -81,7 +83,8 @@ def optimize_motion(
         half of it, with error bars by a finer mesh
     knots : rows of every joint that are chosen; splines of fifth degree through them, smooth to the jerk, are the motion
     progress : called with the duration [s] and the largest use of a limit [-] of each motion that was found
-    Raises InputError for joints with more than one coordinate, closures, limits that cannot be kept in the given duration, and
+    start : coordinates of joints without a motion at the start [rad], [m], in a loop the guess from which it closes
+    Raises InputError for joints with more than one coordinate, what `differentiate` refuses, limits that cannot be kept, and
     nothing to vary; ConvergenceError where the given motion cannot be marched.
     """
     mechanisms = (
@@ -95,9 +98,6 @@ def optimize_motion(
                 f"mechanism: joints {', '.join(one.velocity_names)}; expected those of the first one, "
                 f"{', '.join(mechanisms[0].velocity_names)}"
             )
-        if one.closures or one.springs:
-            what = "closures" if one.closures else "springs between points"
-            raise InputError(f"optimize_motion: '{one.name}' has {what}; motions are found of trees without them")
     check_kind("motion", motion, Motion)
     held = MotionLimits() if limits is None else check_kind("limits", limits, MotionLimits)
     held.check_joints(mechanisms[0])
@@ -109,7 +109,7 @@ def optimize_motion(
         raise InputError(
             "limits: nothing keeps the motion from taking no time; write limits=MotionLimits(torque={'joint': 2.0})"
         )
-    search = _MotionSearch(MotionProblem(mechanisms, motion, held, count, step), motion, progress)
+    search = _MotionSearch(MotionProblem(mechanisms, motion, held, count, step, start), motion, progress)
     return search.run(weights)
 
 
@@ -234,7 +234,10 @@ class _MotionSearch:
         step = 0.5 * duration / self.problem.steps
         end = (2 * self.problem.steps + AFTER) * step
         mechanisms = self.problem.mechanisms
-        return tuple(solve(one, motion, step=step, end=end, error=error, initial=EQUILIBRIUM) for one in mechanisms)
+        begin = self.problem.begin
+        return tuple(
+            solve(one, motion, step=step, end=end, error=error, initial=EQUILIBRIUM, start=begin) for one in mechanisms
+        )
 
     def _find_best(
         self, weights: Mapping[str, float], variables: Array, duration: float

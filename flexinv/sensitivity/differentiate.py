@@ -7,37 +7,47 @@ order, as is what one of the motion does to joints; rows of samples and of moves
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
+from flexinv.analysis.loops import make_closed_task
 from flexinv.analysis.solution import Solution
 from flexinv.analysis.solve import solve
-from flexinv.analysis.task import Start, build_joint_histories, check_settings
+from flexinv.analysis.task import Start, build_joint_histories, check_settings, make_prescribed_task
 from flexinv.constraints.loop_starts import build_joint_mask
 from flexinv.dynamics.generalized_alpha import EARLY, EXACT, SUBSTEPS, Scheme, build_start_scheme, list_early_times
 from flexinv.errors import ConvergenceError, InputError
 from flexinv.kinematics.nodal_motion import NodalMotion
-from flexinv.linearized.residual_vibration import ResidualVibration, compute_amplitudes
-from flexinv.model.by_value import ByValue
 from flexinv.model.joint_kinds import KINDS
 from flexinv.model.mechanism import Mechanism
 from flexinv.model.motion import Motion, resolve_start_coordinates
-from flexinv.sensitivity.march_start import MarchStart, begin_march, compute_start_offsets, integrate_parts
+from flexinv.planar.detection import NotPlanar, find_plane
+from flexinv.sensitivity.closed_states import add_spring_forces, build_closed_states, check_efforts
+from flexinv.sensitivity.march_start import (
+    MarchStart,
+    begin_march,
+    close_start,
+    collect_accelerations,
+    compute_start_offsets,
+    integrate_parts,
+)
 from flexinv.sensitivity.march_states import (
+    FreeSystem,
     build_free_system,
     build_march_states,
     build_massive_solver,
     build_turns,
+    build_varied_system,
     compute_end_slopes,
-    compute_residuals,
     compute_scalar_coordinates,
     list_tip_nodes,
     make_histories,
     make_no_record,
     make_tangent_scratch,
+    sample_forces,
+    take_plane_freedoms,
 )
 from flexinv.sensitivity.parameters import (
     Parameter,
@@ -51,87 +61,22 @@ from flexinv.sensitivity.parameters import (
     evaluate_stretch,
     resolve_parameters,
 )
-from flexinv.sensitivity.tangent_kernel import (
+from flexinv.sensitivity.rigid_loops import RigidLoops
+from flexinv.sensitivity.sensitivities import Sensitivities
+from flexinv.sensitivity.tangent_kernel import integrate_tangents
+from flexinv.sensitivity.tangent_records import (
+    ForceRecord,
     MarchStates,
     ParameterInputs,
     StepTangents,
     TangentHistories,
     TangentTask,
-    integrate_tangents,
 )
 from flexinv.typing import Array, Mask, Triple
 from flexinv.validation import check_kind
 
-if TYPE_CHECKING:
-    import pandas as pd
-
-
-@dataclass(frozen=True, eq=False)
-class ResidualSlopes(ByValue):
-    """Derivatives of a residual vibration by parameters.
-
-    vibration : where they are taken; cosine, sine : (modes, parameters) of a_i, b_i [m kg^0.5] per unit
-    energy : (parameters,) [J] per unit
-    """
-
-    vibration: ResidualVibration
-    cosine: Array
-    sine: Array
-    energy: Array
-
-
-@dataclass(frozen=True, eq=False, repr=False)
-class Sensitivities(ByValue):
-    """Derivatives by parameters along a solution, in units of what is differentiated over the unit of each parameter.
-
-    solution : where they are taken; parameters : names; values : (parameters,) where they stand
-    torque : (samples, actuated, parameters) [N m] or [N] per unit, columns as ``solution.torque_names``
-    tip : link -> (samples, 3, parameters) [m] per unit; q : (samples, nv, parameters) [rad], [m] per unit, of all joints
-    end : of the motion of all nodes in the last sample, with an axis of parameters in place of samples, where
-    ends_alike : (parameters,) says that a parameter leaves the mechanism and its joints at the end as they are
-    """
-
-    solution: Solution
-    parameters: tuple[str, ...]
-    values: Array
-    torque: Array
-    tip: dict[str, Array]
-    q: Array
-    end: NodalMotion
-    ends_alike: Mask
-
-    def differentiate_residual_vibration(self, free: Collection[str] | None = None) -> ResidualSlopes:
-        """Return the derivatives of the vibration after the last sample by parameters of the motion [m kg^0.5], [J] per unit.
-
-        free : names of joints that go on moving, as of ``Solution.find_residual_vibration``
-        Raises InputError for parameters that change the mechanism or where and when joints come to rest, and as
-        ``find_residual_vibration``.
-        """
-        for name, ends in zip(self.parameters, self.ends_alike, strict=True):
-            if not ends:
-                raise InputError(
-                    f"residual vibration by {name!r}: it changes how joints are at {self.solution.time[-1]:g} s, or the "
-                    "mechanism, and with that the modes; expected rows of the motion between its ends, or "
-                    "'motion.duration' with an end behind the motion's own"
-                )
-        vibration = self.solution.find_residual_vibration(free)
-        cosine, sine = compute_amplitudes(vibration.modes, self.end)
-        squared = vibration.modes.squared.real
-        weighted = squared * vibration.cosine, squared * vibration.sine
-        return ResidualSlopes(vibration, cosine.T, sine.T, cosine @ weighted[0] + sine @ weighted[1])
-
-    def frame(self) -> pd.DataFrame:
-        """Return the derivatives of the torques [N m], [N] per unit over time [s], a column for each drive and parameter."""
-        import pandas
-
-        columns = pandas.MultiIndex.from_product([self.solution.torque_names, self.parameters], names=["torque", "by"])
-        table = self.torque.reshape(len(self.torque), -1)
-        return pandas.DataFrame(table, index=pandas.Index(self.solution.time, name="time [s]"), columns=columns)
-
-    def __repr__(self) -> str:
-        """Return samples, torques and parameters in a line."""
-        drives = ", ".join(self.solution.torque_names)
-        return f"Sensitivities({len(self.torque)} samples; torques of {drives} by {', '.join(self.parameters)})"
+FINER = 0.2  # of the change of a number, where the start of a loop depends on it in a curve
+CURVED = 3e-9  # of a start's derivative: what two changes leave of it by rounding alone
 
 
 def differentiate(
@@ -145,8 +90,8 @@ def differentiate(
         "gravity[2]" (`sensitivity.parameters`), or `Parameter` with a function of its own
     step, end, spectral_radius, initial, start, start_rate : as `solve` takes them; the steps stay where they are
     The tangents are those of the march itself: the same as differences of `solve` with a vanishing change.
-    Raises InputError as `solve`, for parameters that are none, closures, springs between points, joints without one number for
-    each coordinate, and accelerations that jump after the start; ConvergenceError as `solve`.
+    Raises InputError as `solve`, for parameters that are none, closures that act for a while, meshed links, joints without one
+    number for each coordinate, and accelerations that jump after the start; ConvergenceError as `solve`.
     """
     check_kind("mechanism", mechanism, Mechanism)
     check_kind("motion", motion, Motion)
@@ -162,11 +107,11 @@ def differentiate(
 
 def _check_mechanism(mechanism: Mechanism) -> None:
     """Raise InputError for what has no tangents yet."""
-    for what in ("closures", "springs"):
-        if getattr(mechanism, what):
+    for closure in mechanism.closures:
+        if closure.active or closure.capture:
             raise InputError(
-                f"differentiate: mechanism '{mechanism.name}' has {what}; derivatives are given of trees without springs between "
-                "points: take differences of flexinv.solve"
+                f"differentiate: closure '{closure.name}' of '{mechanism.name}' acts for a while; derivatives are given of "
+                "closures that act all the time: take differences of flexinv.solve"
             )
     if mechanism.meshed:
         names = ", ".join(link.name for link in mechanism.meshed)
@@ -192,6 +137,17 @@ def _check_jumps(motion: Motion, time: Array) -> None:
         )
 
 
+@dataclass(frozen=True)
+class _Leg:
+    """Part of a march with equal steps: motion of nodes and joints at times [s], scheme, and the first pseudo accelerations."""
+
+    nodes: NodalMotion
+    joints: Triple
+    time: Array
+    scheme: Scheme
+    pseudo: Array
+
+
 class _Differentiation:
     """Derivatives along one solution.
 
@@ -215,88 +171,157 @@ class _Differentiation:
         self.system = build_free_system(mechanism, prescribed)
         self.freedoms = self.system.make_freedoms(self.passive)
         self.variations = tuple(build_variation(parameter, mechanism, motion) for parameter in parameters)
+        self.starts_in_balance = False  # known of loops: else the first efforts are differences of starts
         self.changing = [k for k, one in enumerate(self.variations) if one.changes_mechanism]
+        self.beside = {
+            k: [build_varied_system(self.system, one, prescribed) for one, _ in self.variations[k].setups]
+            for k in self.changing
+        }
         set_up = solution.settings
         self.settings = check_settings(
             float(set_up["step"]), float(set_up["spectral_radius"]), EXACT, str(set_up["initial"])
         )
 
     def run_march(self) -> Sensitivities:
-        """Return the derivatives along the whole march."""
+        """Return the derivatives along the whole march, or of rigid loops at every sample."""
         solution = self.solution
         time = solution.time
+        out = self._make_histories(len(time))
+        if self.mechanism.is_rigid and self.mechanism.closures:
+            return self._assemble(out, *self._fill_rigid_loops(out))
         base = self._begin((self.mechanism, self.motion))
         tangents, first = self._make_start_tangents(base)
-        samples = len(time)
-        out = self._make_histories(samples)
         early = 0
+        pseudo = collect_accelerations(base, self.system)
         if base.sudden:
-            early = min(EARLY, samples - 1)
-            self._integrate_early_steps(base, early, tangents, out)
+            early = min(EARLY, len(time) - 1)
+            pseudo = self._integrate_early_steps(base, early, tangents, out)
         joints = solution.q[early:], solution.qd[early:], solution.qdd[early:]
         late = TangentHistories(*(part[early:] for part in out))
         nodes = solution.nodes.take_samples(slice(early, None))
-        states = self._integrate_leg(nodes, joints, time[early:], self.settings.scheme, tangents, late)
+        leg = _Leg(nodes, joints, time[early:], self.settings.scheme, pseudo)
+        states = self._integrate_leg(leg, tangents, late)
         end = compute_end_slopes(self.system, states, tangents, (solution.q[-1], solution.qd[-1], solution.qdd[-1]))
-        return self._assemble(out, first, end)
+        effort = self._compute_friction(self.solution.qd[:, self.given], self.given) + out.effort
+        if not self.starts_in_balance:
+            effort[0] = np.where(np.isnan(first[self.given]), effort[0], first[self.given])
+        return self._assemble(out, self._fill_efforts(effort), end)
 
-    def _make_histories(self, samples: int) -> TangentHistories:
-        """Room for the derivatives at so many samples."""
+    def _fill_rigid_loops(self, out: TangentHistories) -> tuple[Array, NodalMotion]:
+        """Fill tips and coordinates of rigid links in loops; return the efforts of all joints and the slopes of the end."""
+        solution = self.solution
+        names = (parameter.name for parameter in self.parameters)
+        loops = RigidLoops(self.mechanism, solution, list(zip(names, self.variations, strict=True)), self.given)
+        found = loops.solve_motion(self._compute_given(solution.time))
+        inputs = loops.compute_inputs(found, self._compute_friction(solution.qd, np.ones_like(self.given)))
+        system = loops.system
+        whole = self._make_histories(len(solution.time), system.size)
+        tangents = StepTangents(*np.zeros((5, system.size, len(self.parameters))))
+        freedoms = system.make_freedoms(())
+        task = TangentTask(
+            loops.states,
+            loops.states,
+            build_turns(system, loops.states),
+            inputs,
+            freedoms,
+            list_tip_nodes(system),
+            False,
+        )
+        self._integrate_tangents(system, task, self.settings.scheme, tangents, whole)
+        out.tip[:] = whole.tip
+        out.pose[:] = whole.pose
+        for part, last in zip(tangents, found[:, -1], strict=False):
+            part[system.unknown] = last
+        tangents.shown[:] = tangents.acceleration
+        joints = solution.q[-1], solution.qd[-1], solution.qdd[-1]
+        end = compute_end_slopes(system, loops.states, tangents, joints)
+        return loops.split_efforts(whole.effort, found), end
+
+    def _make_histories(self, samples: int, joints: int | None = None) -> TangentHistories:
+        """Room for the derivatives at so many samples, of the efforts of so many joints."""
         tips = len(list_tip_nodes(self.system).node)
-        joints = len(self.freedoms.prescribed)
+        joints = len(self.freedoms.prescribed) if joints is None else joints
         return make_histories(samples, self.system.size, joints, tips, len(self.parameters))
 
     def _integrate_early_steps(
         self, base: MarchStart, count: int, tangents: StepTangents, out: TangentHistories
-    ) -> None:
-        """March the tangents over the first steps, which are made in parts, and keep those at whole steps."""
+    ) -> Array:
+        """March the tangents over the first steps, which are made in parts, and keep those at whole steps.
+
+        Return the accelerations of the march there, from which the integrator goes on.
+        """
         time = self.solution.time
         times = np.concatenate([time[:1], list_early_times(time[: count + 1])])
         joints = self._evaluate_motion((self.mechanism, self.motion), times)
         nodes, joints = integrate_parts(base, joints, times, self.settings)
         parts = self._make_histories(len(times))
-        self._integrate_leg(nodes, joints, times, build_start_scheme(self.settings.scheme), tangents, parts)
+        scheme = build_start_scheme(self.settings.scheme)
+        leg = _Leg(nodes, joints, times, scheme, collect_accelerations(base, self.system))
+        states = self._integrate_leg(leg, tangents, parts)
         for history, part in zip(out, parts, strict=True):
             history[: count + 1] = part[::SUBSTEPS]
         tangents.pseudo[:] = tangents.acceleration
+        return np.asarray(states.du[-1])
 
-    def _integrate_leg(
-        self,
-        nodes: NodalMotion,
-        joints: Triple,
-        time: Array,
-        scheme: Scheme,
-        tangents: StepTangents,
-        out: TangentHistories,
-    ) -> MarchStates:
+    def _integrate_leg(self, leg: _Leg, tangents: StepTangents, out: TangentHistories) -> MarchStates:
         """March the tangents along states at equal steps, and return these.  Raises ConvergenceError."""
-        states = build_march_states(self.system, nodes, joints, time)
-        inputs = self._compute_inputs(nodes, joints, time)
-        turns = build_turns(self.system, states)
-        task = TangentTask(states, turns, inputs, self.freedoms, list_tip_nodes(self.system))
-        scratch = make_tangent_scratch(self.system, len(self.freedoms.marched), len(self.parameters))
-        solver = self.system.solver
+        system = self.system
+        shown = build_march_states(system, leg.nodes, leg.joints, leg.time)
+        states = shown = add_spring_forces(system, shown)
+        if self.mechanism.closures:
+            closed = build_closed_states(system, shown, self.freedoms, leg.pseudo, leg.scheme)
+            self.starts_in_balance = closed.massive
+            states = closed.march
+            shown = closed.shown
+            self._check_efforts(closed.efforts, leg.time)
+        inputs = self._compute_inputs(leg, states, shown)
+        turns = build_turns(system, states)
+        flat = not isinstance(find_plane(self.solution.mesh), NotPlanar)
+        freedoms = take_plane_freedoms(
+            system, self.freedoms, (one.mesh for part in self.beside.values() for one in part)
+        )
+        task = TangentTask(states, shown, turns, inputs, freedoms, list_tip_nodes(system), flat)
+        self._integrate_tangents(system, task, leg.scheme, tangents, out)
+        return states
+
+    def _integrate_tangents(
+        self, system: FreeSystem, task: TangentTask, scheme: Scheme, tangents: StepTangents, out: TangentHistories
+    ) -> None:
+        """March the tangents of a task.  Raises ConvergenceError."""
+        scratch = make_tangent_scratch(system, len(task.freedoms.marched), len(self.parameters))
+        solver = system.solver
         massive = build_massive_solver(solver)
         bad = integrate_tangents(solver.system, massive.system, task, scheme, tangents, scratch, out, make_no_record())
         if bad >= 0:
             raise ConvergenceError(
-                f"mechanism '{self.mechanism.name}', at t = {time[bad]:g} s: an element turns too much to be "
-                "linearised; use more elements"
+                f"mechanism '{self.mechanism.name}', at sample {bad}: an element turns too much to be linearised; use more "
+                "elements"
             )
-        return states
 
-    def _compute_inputs(self, nodes: NodalMotion, joints: Triple, time: Array) -> ParameterInputs:
-        """Compute what the parameters do from outside along given states: to joints with a motion, to the residual, to tips."""
+    def _check_efforts(self, efforts: Array, time: Array) -> None:
+        """Raise InputError where efforts from the multipliers are not those of the solution."""
+        solution = self.solution
+        rows = np.flatnonzero(np.isin(solution.time, time))
+        friction = np.sign(solution.qd) * self.mechanism.drive_table[2]
+        wanted = (solution.torque_all - friction)[rows][:, self.given]
+        check_efforts(self.mechanism.name, efforts[np.isin(time, solution.time)], wanted)
+
+    def _compute_inputs(self, leg: _Leg, states: MarchStates, shown: MarchStates) -> ParameterInputs:
+        """Compute what the parameters do from outside along given states: to joints with a motion, forces, tips and closures."""
         count = len(self.changing)
-        pushed = np.zeros((len(time), self.system.size, count))
-        shifted = np.zeros((len(time), len(list_tip_nodes(self.system).node), 3, count))
+        tips = len(list_tip_nodes(self.system).node)
+        pushed = np.zeros((2, len(leg.time), self.system.size, count))
+        opened = np.zeros((2, len(leg.time), self.system.rows, count))
+        shifted = np.zeros((len(leg.time), tips, 3, count))
         for column, k in enumerate(self.changing):
             variation = self.variations[k]
-            changed = (build_free_system(mechanism, self.prescribed) for mechanism, _ in variation.setups)
-            found = [compute_residuals(one, build_march_states(one, nodes, joints, time)) for one in changed]
-            pushed[:, :, column] = variation.join_results(residual for residual, _ in found)
-            shifted[..., column] = variation.join_results(place for _, place in found)
-        return ParameterInputs(self._compute_given(time), pushed, shifted, np.array(self.changing, dtype=np.int64))
+            found = [_sample_varied(varied, leg, (states, shown)) for varied in self.beside[k]]
+            for which in (0, 1):
+                pushed[which, :, :, column] = variation.join_results(one[which].residual for one in found)
+                opened[which, :, :, column] = variation.join_results(one[which].closing[2 * which] for one in found)
+            shifted[..., column] = variation.join_results(one[0].tip for one in found)
+        changing = np.array(self.changing, dtype=np.int64)
+        return ParameterInputs(self._compute_given(leg.time), pushed, shifted, opened, changing)
 
     def _compute_given(self, time: Array) -> Array:
         """Derivatives (3, samples, joints, parameters) of the joints with a motion, their rates and accelerations."""
@@ -332,7 +357,13 @@ class _Differentiation:
 
     def _begin(self, setup: VariedSetup) -> MarchStart:
         time = self.solution.time[:1]
-        q, qd, qdd = (part[0] for part in self._evaluate_motion(setup, time))
+        mechanism, motion = setup
+        joints = self._evaluate_motion(setup, time)
+        if mechanism.closures:
+            steps = self.solution.time
+            task = make_closed_task(make_prescribed_task(mechanism, motion, steps, self.settings, *self.started))
+            joints = close_start(task, task.after(time))
+        q, qd, qdd = (part[0] for part in joints)
         return begin_march(setup[0], self.passive, (q, qd, qdd), float(time[0]), self.settings)
 
     def _make_start_tangents(self, base: MarchStart) -> tuple[StepTangents, Array]:
@@ -342,19 +373,30 @@ class _Differentiation:
         Raises InputError where a small change of a parameter makes a start sudden, or not.
         """
         efforts = np.full((self.mechanism.nv, len(self.parameters)), np.nan)
-        out = StepTangents(*np.zeros((4, self.system.size, len(self.parameters))))
+        out = StepTangents(*np.zeros((5, self.system.size, len(self.parameters))))
         for k, variation in self._list_start_variations():
-            starts = [self._begin(setup) for setup in variation.setups]
-            if any(start.sudden != base.sudden for start in starts):
-                raise InputError(
-                    f"differentiate: by {self.parameters[k].name!r}: a small change makes the start of the march sudden, so that "
-                    "its first steps are others; write another step, or initial = 'static'"
-                )
-            found = variation.join_results(compute_start_offsets(start, base, self.system) for start in starts)
-            for part, value in zip(out, found, strict=True):
+            found, effort = self._compute_start_slopes(base, k, variation)
+            if self.mechanism.closures:  # near singular positions a start depends on a number in a narrow curve
+                finer = build_differences(self.parameters[k], self.mechanism, self.motion, FINER)
+                other, other_effort = self._compute_start_slopes(base, k, finer)
+                if np.abs(other[0] - found[0]).max() > CURVED * np.abs(other[0]).max():
+                    found = other
+                    effort = other_effort
+            for part, value in zip(out, found, strict=False):
                 part[:, k] = value
-            efforts[self.given, k] = variation.join_results(start.effort[self.given] for start in starts)
+            efforts[self.given, k] = effort
         return out, efforts
+
+    def _compute_start_slopes(self, base: MarchStart, k: int, variation: ParameterVariation) -> tuple[Array, Array]:
+        """Derivatives (4, unknowns) of a start by parameter k, and of the efforts there of joints with a motion."""
+        starts = [self._begin(setup) for setup in variation.setups]
+        if any(start.sudden != base.sudden for start in starts):
+            raise InputError(
+                f"differentiate: by {self.parameters[k].name!r}: a small change makes the start of the march sudden, so that "
+                "its first steps are others; write another step, or initial = 'static'"
+            )
+        found = variation.join_results(compute_start_offsets(start, base, self.system) for start in starts)
+        return found, variation.join_results(start.effort[self.given] for start in starts)
 
     def _list_start_variations(self) -> Iterator[tuple[int, ParameterVariation]]:
         """Yield the numbers of the parameters on which the start depends, with setups beside the present one."""
@@ -365,17 +407,13 @@ class _Differentiation:
                     variation = build_differences(self.parameters[k], self.mechanism, self.motion)
                 yield k, variation
 
-    def _assemble(self, out: TangentHistories, first: Array, end: NodalMotion) -> Sensitivities:
-        """The result of the histories and of the slopes in the last sample."""
+    def _assemble(self, out: TangentHistories, effort: Array, end: NodalMotion) -> Sensitivities:
+        """The result of the histories, of the efforts of all joints, and of the slopes in the last sample."""
         ends_alike: Mask = np.logical_not(self._compute_given(self.solution.time[-1:]).any(axis=(0, 1, 2)))
         ends_alike[self.changing] = False
-        solution = self.solution
         mechanism = self.mechanism
-        effort = np.zeros((len(solution.time), mechanism.nv, len(self.parameters)))
-        effort[:, self.given] = out.effort + self._compute_friction()
-        effort[0] = np.where(np.isnan(first), effort[0], first)
         return Sensitivities(
-            solution=solution,
+            solution=self.solution,
             parameters=tuple(parameter.name for parameter in self.parameters),
             values=np.array([parameter.value for parameter in self.parameters], dtype=float),
             torque=effort[:, mechanism.actuated],
@@ -385,13 +423,28 @@ class _Differentiation:
             ends_alike=ends_alike,
         )
 
-    def _compute_friction(self) -> Array:
-        """Derivatives (samples, joints, parameters) of the dry friction of joints with a motion [N m], [N]."""
-        direction = np.sign(self.solution.qd[:, self.given])
+    def _fill_efforts(self, effort: Array) -> Array:
+        """Efforts (samples, nv, parameters) of all joints, zero where none has a motion."""
+        out = np.zeros((len(effort), self.mechanism.nv, len(self.parameters)))
+        out[:, self.given] = effort
+        return out
+
+    def _compute_friction(self, rates: Array, joints: Mask) -> Array:
+        """Derivatives (samples, joints, parameters) of the dry friction of some joints at rates [N m], [N]."""
+        direction = np.sign(rates)
         out = np.zeros((*direction.shape, len(self.parameters)))
         for k in self.changing:
             friction = self.variations[k].join_results(
-                mechanism.drive_table[2][self.given] for mechanism, _ in self.variations[k].setups
+                mechanism.drive_table[2][joints] for mechanism, _ in self.variations[k].setups
             )
             out[:, :, k] = direction * friction
         return out
+
+
+def _sample_varied(varied: FreeSystem, leg: _Leg, states: tuple[MarchStates, MarchStates]) -> list[ForceRecord]:
+    """Forces of another mechanism at the states of the march, and at those that are shown where these are others."""
+    moved = build_march_states(varied, leg.nodes, leg.joints, leg.time)
+    kept = [moved._replace(du=one.du, multiplier=one.multiplier) for one in states]
+    if states[0] is states[1]:
+        return 2 * [sample_forces(varied, kept[0])]
+    return [sample_forces(varied, one) for one in kept]

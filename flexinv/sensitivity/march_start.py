@@ -9,7 +9,18 @@ import numpy as np
 
 from flexinv.analysis.evaluation import FirstStep, add_joint_efforts, run_second_step
 from flexinv.analysis.initial_motion import begin_motion
-from flexinv.analysis.task import Settings
+from flexinv.analysis.loops import PhaseHistory, add_reaction_forces
+from flexinv.analysis.task import Settings, Task
+from flexinv.constraints.allocation import REDUNDANT
+from flexinv.constraints.closures import (
+    build_constraint_rows,
+    compute_coupling_residuals,
+    evaluate_closures,
+    list_phases,
+    list_velocity_scales,
+)
+from flexinv.constraints.continuation import close_rates
+from flexinv.constraints.loop_starts import build_joint_mask
 from flexinv.dynamics.generalized_alpha import build_start_scheme
 from flexinv.dynamics.initial_state import begin_step
 from flexinv.dynamics.loads import build_load_table
@@ -19,12 +30,20 @@ from flexinv.dynamics.system import Instants, Trajectory
 from flexinv.inverse.inverse_dynamics import compute_applied_forces
 from flexinv.kernels.so3 import log_so3
 from flexinv.kinematics.mesh import build
-from flexinv.kinematics.nodal_motion import NodalMotion, compute_relative_motion, fill_passive
+from flexinv.kinematics.nodal_motion import (
+    NodalMotion,
+    compute_relative_motion,
+    compute_rigid_motion,
+    fill_passive,
+    integrate_configuration,
+)
 from flexinv.kinematics.tree import Joints
 from flexinv.linearized.modal_damping import apply_stated_ratio
 from flexinv.model.mechanism import Mechanism
 from flexinv.sensitivity.march_states import FreeSystem
 from flexinv.typing import Array, Indices, Triple
+
+POLISHING = 2  # Newton's steps: from 1e-12 to rounding
 
 
 @dataclass(frozen=True)
@@ -73,15 +92,23 @@ def _compute_efforts(solver: Solver, joints: Triple, time: float) -> Array:
     """Efforts (nv,) of all joints where the solver stands [N m], [N], by the second step of the scheme."""
     mesh = solver.mesh
     instant = np.array([time])
-    trajectory = Trajectory.make_zero(1, mesh, 0)
+    trajectory = Trajectory.make_zero(1, mesh, _count_rows(solver))
     write_instant(solver, 0, trajectory)
     q, qd, qdd = (part[None].copy() for part in joints)
     fill_passive(mesh, trajectory.motion, solver.passive, q, qd, qdd)
     applied = compute_applied_forces(mesh, trajectory.motion, instant)
     first = FirstStep(trajectory, instant, (q, qd, qdd), applied, smooth=solver.passive)
+    if mesh.mechanism.closures:
+        phase = list_phases(mesh.mechanism, instant)[0]
+        first = add_reaction_forces(mesh, first, PhaseHistory(mesh, phase, None))
     found = run_second_step(mesh, first)
     efforts, _ = add_joint_efforts(mesh.mechanism, first, found.tau, found.reaction)
     return np.asarray(efforts[0])
+
+
+def _count_rows(solver: Solver) -> int:
+    """Rows of the closures."""
+    return int(solver.instant.multipliers.shape[1])
 
 
 def compute_start_offsets(start: MarchStart, base: MarchStart, system: FreeSystem) -> Array:
@@ -97,6 +124,13 @@ def compute_start_offsets(start: MarchStart, base: MarchStart, system: FreeSyste
     out[0, system.first[:, None] + np.arange(3)] = start.x - base.x
     turned = log_so3(np.einsum("nji,njk->nik", base.r, start.r)) if len(base.r) else np.zeros((0, 3))
     out[0, system.first[:, None] + np.arange(3, 6)] = turned
+    return out
+
+
+def collect_accelerations(start: MarchStart, system: FreeSystem) -> Array:
+    """Return the integrator's own accelerations (unknowns,) at a start [m/s^2], [rad/s^2], zero for joints with a motion."""
+    out = np.zeros(system.size)
+    out[_list_unknowns(system, start.solver)] = start.pseudo
     return out
 
 
@@ -123,7 +157,7 @@ def integrate_parts(start: MarchStart, joints: Triple, time: Array, settings: Se
     relative = Joints(*(np.ascontiguousarray(part) for part in compute_relative_motion(mesh, *joints)))
     loads = build_load_table(mesh, time)
     coupled = solver.compute_coupling_terms(*joints)
-    out = Trajectory.make_zero(len(time), mesh, 0)
+    out = Trajectory.make_zero(len(time), mesh, _count_rows(solver))
     write_instant(solver, 0, out)
     rest = out.take_samples(1, len(time))
     instants = Instants(
@@ -136,3 +170,26 @@ def integrate_parts(start: MarchStart, joints: Triple, time: Array, settings: Se
     q, qd, qdd = (part.copy() for part in joints)
     fill_passive(mesh, out.motion, solver.passive, q, qd, qdd)
     return out.motion, (q, qd, qdd)
+
+
+def close_start(task: Task, joints: Triple) -> Triple:
+    """Return the joints (1, ...) at a start [rad or m, s] with the loops closed to rounding, where 1e-12 or so is left.
+
+    What is left there, over a small change of a parameter, is no small error of a derivative where beams are stiff.
+    """
+    mesh = task.mesh
+    mechanism = mesh.mechanism
+    q, qd, qdd = (part[0].copy() for part in joints)
+    rows = build_constraint_rows(mesh).take_active(list_phases(mechanism, task.steps)[0].active)
+    unknown = build_joint_mask(mechanism, task.passive)
+    sizes = list_velocity_scales(mesh)
+    for _ in range(POLISHING):
+        state = (q[None], qd[None], qdd[None])
+        phi, (g,) = evaluate_closures(mesh, compute_rigid_motion(mesh, *state), rows)
+        opening = (phi[0, :, 0] + compute_coupling_residuals(rows, *state)[0][0]) / rows.scale
+        step = np.zeros(mechanism.nv)
+        a = (g * sizes / rows.scale[:, None])[:, unknown]
+        step[unknown] = -sizes[unknown] * np.linalg.lstsq(a, opening, rcond=REDUNDANT)[0]
+        q = integrate_configuration(mechanism, q, step)
+    close_rates(mesh, rows, q, qd, qdd, [unknown])
+    return q[None], qd[None], qdd[None]

@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Collection, Iterable
 from dataclasses import dataclass, replace
 
 import numpy as np
 
+from flexinv.dynamics.constraint_rows import PULL
 from flexinv.dynamics.generalized_alpha import STATICS
 from flexinv.dynamics.linearization import count_entries
 from flexinv.dynamics.loads import build_load_table
 from flexinv.dynamics.solver import Solver, build_coordinate_map
 from flexinv.elements.beam_element import Elements
-from flexinv.errors import ConvergenceError
+from flexinv.errors import ConvergenceError, InputError
 from flexinv.kernels.so3 import exp_so3, log_so3
 from flexinv.kinematics.mesh import Mesh, build, list_tips
 from flexinv.kinematics.nodal_motion import NodalMotion, compute_relative_motion, integrate_configuration
@@ -20,7 +21,10 @@ from flexinv.kinematics.tree import Joints
 from flexinv.linearized.modal_damping import apply_stated_ratio
 from flexinv.model.joint_kinds import KINDS
 from flexinv.model.mechanism import Mechanism
-from flexinv.sensitivity.tangent_kernel import (
+from flexinv.planar.detection import NotPlanar, find_plane
+from flexinv.sensitivity.border_tangents import BorderScratch
+from flexinv.sensitivity.tangent_kernel import integrate_tangents
+from flexinv.sensitivity.tangent_records import (
     ForceRecord,
     MarchedFreedoms,
     MarchStates,
@@ -31,10 +35,10 @@ from flexinv.sensitivity.tangent_kernel import (
     TangentScratch,
     TangentTask,
     TipNodes,
-    integrate_tangents,
 )
 from flexinv.typing import Array, Indices, Triple
 
+ALIGNED = 1e-12  # of an axis: components below it are rounding
 END_CHANGE = (
     1e-4  # [m] or [rad] of the largest pose, or of the parameter's unit: its square is left out, four digits are lost
 )
@@ -58,6 +62,16 @@ class FreeSystem:
         return self.solver.mesh
 
     @property
+    def constraints(self) -> int:
+        """Return the number of rows of its closures [-]."""
+        return int((self.solver.border.ties.kind != PULL).sum())
+
+    @property
+    def rows(self) -> int:
+        """Return the number of rows of its closures and springs [-]."""
+        return len(self.solver.border.ties.kind)
+
+    @property
     def size(self) -> int:
         """Return the number of unknowns [-]."""
         return len(self.solver.topology.scale)
@@ -75,6 +89,30 @@ class FreeSystem:
         return MarchedFreedoms(prescribed, free, order)
 
 
+def take_plane_freedoms(system: FreeSystem, freedoms: MarchedFreedoms, meshes: Iterable[Mesh]) -> MarchedFreedoms:
+    """Return the freedoms without those out of the plane [-] in which a mechanism and those beside it, ``meshes``, move.
+
+    There is none where mirrors at the plane leave all of them unchanged.  Where the plane is none of two axes of the world, or a
+    section's axes are not along its own, all freedoms stay.
+    """
+    plane = find_plane(system.mesh)
+    others = [find_plane(mesh) for mesh in meshes]
+    if isinstance(plane, NotPlanar):
+        return freedoms
+    for other in others:
+        if isinstance(other, NotPlanar) or abs(other.axes[:, 2] @ plane.axes[:, 2]) < 1.0 - ALIGNED:
+            return freedoms
+    across = np.zeros(system.size)
+    across[system.first[:, None] + np.arange(3)] = np.abs(plane.axes[:, 2])
+    across[system.first[:, None] + np.arange(3, 6)] = 1.0 - np.abs(plane.frames[system.sections, 2])
+    if (np.minimum(across, 1.0 - across) > ALIGNED).any():
+        return freedoms
+    free = freedoms.marched[across[freedoms.marched] < 0.5]
+    order = np.full(system.size, -1, dtype=np.int64)
+    order[free] = np.arange(len(free))
+    return MarchedFreedoms(freedoms.prescribed, free, order)
+
+
 def build_free_system(mechanism: Mechanism, prescribed: Collection[str]) -> FreeSystem:
     """Return the mechanism with all joints as unknowns [m, rad]; dry friction of those with a motion is left out.
 
@@ -89,8 +127,22 @@ def build_free_system(mechanism: Mechanism, prescribed: Collection[str]) -> Free
     return FreeSystem(solver, unknown, sections, t.offset[t.block[sections]])
 
 
+def build_varied_system(system: FreeSystem, mechanism: Mechanism, prescribed: Collection[str]) -> FreeSystem:
+    """Return another mechanism with all joints as unknowns [m, rad].  Raises InputError where it has more, or fewer."""
+    varied = build_free_system(mechanism, prescribed)
+    if (varied.size, varied.rows) != (system.size, system.rows):
+        raise InputError(
+            f"differentiate: a parameter changes the number of unknowns or constraints of '{mechanism.name}': {system.size} and "
+            f"{system.rows}, beside it {varied.size} and {varied.rows}; expected one that changes numbers alone"
+        )
+    return varied
+
+
 def build_march_states(system: FreeSystem, motion: NodalMotion, joints: Triple, time: Array) -> MarchStates:
-    """Return the states of a nodal motion at some times (samples,) [s], with joints q, qd, qdd [rad or m, s]."""
+    """Return the states of a nodal motion at some times (samples,) [s], with joints q, qd, qdd [rad or m, s].
+
+    Closures and springs are without force.
+    """
     mesh = system.mesh
     t = system.solver.topology
     q, qd, qdd = joints
@@ -110,7 +162,9 @@ def build_march_states(system: FreeSystem, motion: NodalMotion, joints: Triple, 
     s = system.sections
     u[:, at] = np.concatenate([motion.v[:, s], motion.omega[:, s]], axis=2)
     du[:, at] = np.concatenate([motion.a[:, s], motion.alpha[:, s]], axis=2)
-    return MarchStates(x, r, u, du, place, relative, build_load_table(mesh, time))
+    loads = build_load_table(mesh, time)
+    coupling = np.ascontiguousarray(system.solver.compute_coupling_terms(q, qd, qdd))
+    return MarchStates(x, r, u, du, place, relative, loads, np.zeros((len(time), system.rows)), coupling)
 
 
 def build_turns(system: FreeSystem, states: MarchStates) -> StepTurns:
@@ -126,15 +180,25 @@ def build_turns(system: FreeSystem, states: MarchStates) -> StepTurns:
     return StepTurns(at, number, system.first + 3, vector, np.zeros((len(system.first), 3, 3)))
 
 
-def compute_residuals(system: FreeSystem, states: MarchStates) -> tuple[Array, Array]:
-    """Return the residual (samples, unknowns) [N], [N m] and the links' tips (samples, tips, 3) [m] along a path.
+def sample_forces(system: FreeSystem, states: MarchStates, slopes: bool = False) -> ForceRecord:
+    """Return forces [N], [N m], tips [m] and closures along a path, springs pulling as they must, with ``slopes`` or without.
 
     Raises ConvergenceError where an element turns too much.
     """
     tips = list_tip_nodes(system)
-    record = ForceRecord(np.empty((len(states.x), system.size)), np.empty((len(states.x), len(tips.node), 3)))
-    task = TangentTask(states, build_turns(system, states), make_no_inputs(), system.make_freedoms(()), tips)
-    tangents = StepTangents(*np.empty((4, system.size, 0)))
+    samples = len(states.x)
+    record = ForceRecord(
+        residual=np.empty((samples, system.size)),
+        tip=np.empty((samples, len(tips.node), 3)),
+        pulls=np.empty((samples, system.rows)),
+        gradient=np.empty((samples, system.rows, system.size)),
+        closing=np.empty((3, samples, system.rows)),
+        slopes=np.empty((2, samples if slopes else 0, system.rows, system.size)),
+    )
+    task = TangentTask(
+        states, states, build_turns(system, states), make_no_inputs(), system.make_freedoms(()), tips, False
+    )
+    tangents = StepTangents(*np.empty((5, system.size, 0)))
     room = make_histories(0, system.size, 0, 0, 0)
     solver = system.solver
     massive = build_massive_solver(solver)
@@ -145,7 +209,7 @@ def compute_residuals(system: FreeSystem, states: MarchStates) -> tuple[Array, A
             f"mechanism '{system.mesh.mechanism.name}': an element turns too much in sample {bad} where a parameter is varied; "
             "use more elements"
         )
-    return record.residual, record.tip
+    return record
 
 
 def compute_end_slopes(system: FreeSystem, states: MarchStates, tangents: StepTangents, joints: Triple) -> NodalMotion:
@@ -157,9 +221,10 @@ def compute_end_slopes(system: FreeSystem, states: MarchStates, tangents: StepTa
     """
     solver = system.solver
     parameters = tangents.pose.shape[1]
+    found = tangents.shown if system.constraints else tangents.acceleration
     slopes = NodalMotion.make_uninitialized(parameters, system.mesh.size)
     for p in range(parameters):
-        column = np.stack([tangents.pose[:, p], tangents.rate[:, p], tangents.acceleration[:, p]])
+        column = np.stack([tangents.pose[:, p], tangents.rate[:, p], found[:, p]])
         change = END_CHANGE / max(float(np.abs(column[0]).max()), 1.0)
         sides = []
         for sign in (1.0, -1.0):
@@ -221,13 +286,28 @@ def make_tangent_scratch(system: FreeSystem, marched: int, parameters: int) -> T
     """Return the scratch of a march with so many marched unknowns and parameters [any unit]; none where there are none."""
     count = count_entries(system.solver) if parameters else 0
     massive = count_entries(build_massive_solver(system.solver)) if parameters else 0
+    rows = system.rows
+    tied = (system.size, system.size) if rows else (0, 0)
+    by_unknown = (rows, system.size)
+    border = BorderScratch(
+        gradient=np.zeros(by_unknown),
+        bent=np.zeros(tied),
+        dragged=np.zeros(tied),
+        by_pose=np.zeros(by_unknown),
+        by_rate=np.zeros(by_unknown),
+        across=np.zeros(by_unknown),
+        closing=np.zeros((rows, parameters)),
+        multiplier=np.zeros((rows, parameters)),
+        left=np.zeros((marched + 2, marched)),
+    )
     return TangentScratch(
         at=np.zeros((2, count), dtype=np.int64),
         stiffness=np.zeros(count),
         massive_at=np.zeros((2, massive), dtype=np.int64),
         massive=np.zeros((3, massive)),
-        system=np.empty((marched, marched + parameters)),
+        system=np.empty((marched, marched + parameters + rows)),
         forces=np.empty((system.size, parameters)),
+        border=border,
     )
 
 
@@ -242,14 +322,14 @@ def make_histories(samples: int, unknowns: int, joints: int, tips: int, paramete
 
 def make_no_record() -> ForceRecord:
     """Return no room for forces and tips [any unit]."""
-    return ForceRecord(np.empty((0, 0)), np.empty((0, 0, 3)))
+    none = np.empty((0, 0, 0))
+    return ForceRecord(np.empty((0, 0)), none, np.empty((0, 0)), none, none, np.empty((0, 0, 0, 0)))
 
 
 def make_no_inputs() -> ParameterInputs:
     """Return the inputs of no parameter [any unit]."""
-    return ParameterInputs(
-        np.empty((3, 0, 0, 0)), np.empty((0, 0, 0)), np.empty((0, 0, 3, 0)), np.zeros(0, dtype=np.int64)
-    )
+    pushed, opened = np.empty((2, 2, 0, 0, 0))
+    return ParameterInputs(np.empty((3, 0, 0, 0)), pushed, np.empty((0, 0, 3, 0)), opened, np.zeros(0, dtype=np.int64))
 
 
 def list_tip_nodes(system: FreeSystem) -> TipNodes:

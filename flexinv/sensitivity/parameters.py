@@ -34,9 +34,9 @@ from flexinv.validation import check_number, find_nearest_word, refuse
 VariedSetup = tuple[Mechanism, Motion]
 
 VARIED_PART = 2e-3  # of the number: 1e-16 of the sixth power are left out, and three digits are lost
-SMALLEST_VARIED = (
-    0.05  # numbers below it, in their own unit, are varied as if they were as large: most of what they do is linear
-)
+# Numbers below the first, in their own unit, are varied as if they were as large, where that can be, or as the second: most of
+# what they do is linear, and a digit of a place, times an axial stiffness, is much of a force.
+SMALLEST_VARIED = (0.25, 0.05)
 JERK_STEP = 1e-3  # of the duration: four of the sixteen digits of accelerations are lost
 # Weights of f(p + k s) over s: exact for polynomials of degree six, and of degree four.
 CENTRAL = {-3: -1 / 60, -2: 9 / 60, -1: -45 / 60, 1: 45 / 60, 2: -9 / 60, 3: 1 / 60}
@@ -124,16 +124,22 @@ def build_variation(parameter: Parameter, mechanism: Mechanism, motion: Motion) 
     return build_differences(parameter, mechanism, motion)
 
 
-def build_differences(parameter: Parameter, mechanism: Mechanism, motion: Motion) -> ParameterVariation:
+def build_differences(
+    parameter: Parameter, mechanism: Mechanism, motion: Motion, part: float = 1.0
+) -> ParameterVariation:
     """Return the setups of central differences [1/unit], or of one-sided ones where numbers below cannot be.
 
+    part : of the usual change [-]
     Raises InputError where neither side can be.
     """
-    step = VARIED_PART * max(abs(parameter.value), SMALLEST_VARIED)
+    large, small = (part * VARIED_PART * max(abs(parameter.value), size) for size in SMALLEST_VARIED)
     try:
-        weights, setups = _build_setups(parameter, mechanism, motion, step, CENTRAL)
+        weights, setups = _build_setups(parameter, mechanism, motion, large, CENTRAL)
     except InputError:
-        weights, setups = _build_setups(parameter, mechanism, motion, step, FORWARD)
+        try:
+            weights, setups = _build_setups(parameter, mechanism, motion, small, CENTRAL)
+        except InputError:
+            weights, setups = _build_setups(parameter, mechanism, motion, small, FORWARD)
     changes = any(one is not mechanism and one != mechanism for one, _ in setups)
     if not changes and all(one is motion or one == motion for _, one in setups):
         warnings.warn(

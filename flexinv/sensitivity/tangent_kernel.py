@@ -14,147 +14,31 @@ and rotations R_n exp(d) move by  exp(-d) dy_n + H(d) dd  in their own frame.  S
 
     (K + (cv C + ca M) H^-1) y = -(K dy* + C du* + M du'* + dr/dp)          * : with dd = 0
 
-for all parameters at once.  Rows of joints with a motion give the derivatives of their efforts.
+for all parameters at once.  Rows of joints with a motion give the derivatives of their efforts.  Closures and springs between
+points take part as `border_tangents` says; what closures act on is shown with accelerations of index 1, and so differentiated.
 """
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
+from flexinv.dynamics.constraint_rows import PULL, evaluate_ties, has_acting_closure
 from flexinv.dynamics.linearization import LARGE_FACTOR, fill_sparse_entries, make_weighted_scheme
 from flexinv.dynamics.loads import update_loads
 from flexinv.dynamics.stepper import evaluate
-from flexinv.kernels.dense import solve_dense
 from flexinv.kernels.jit import jit, jit_inner
-from flexinv.kernels.records import send_by_address
 from flexinv.kernels.so3 import exp, inverse_tangent
 from flexinv.kernels.vec3 import add, apply, cross, mat, put, put_block, tapply, vec
 from flexinv.kinematics.tree import Joints
-from flexinv.typing import Array, Indices
-
-
-@send_by_address
-class MarchStates(NamedTuple):
-    """States along a march, with all joints as unknowns.
-
-    x, r : (samples, nodes, 3), (samples, nodes, 3, 3) as `dynamics.system.State`; u, du, place : (samples, unknowns) [m, rad, s]
-    joints : relative motion of all nodes; table : (samples, loads, 6) given wrenches [N], [N m]
-    """
-
-    x: Array
-    r: Array
-    u: Array
-    du: Array
-    place: Array
-    joints: Joints
-    table: Array
-
-
-@send_by_address
-class StepTurns(NamedTuple):
-    """Rotations among the unknowns over each step.
-
-    at : (unknowns,) row of a rotation's first entry in the unknowns, -1 of no rotation; number : (unknowns,) of the rotation
-    first : (rotations,) first unknown of each; vector : (samples, rotations, 3) d [rad]
-    inverse : (rotations, 3, 3) H(d)^-1 of the present step
-    """
-
-    at: Indices
-    number: Indices
-    first: Indices
-    vector: Array
-    inverse: Array
-
-
-@send_by_address
-class ParameterInputs(NamedTuple):
-    """Effects of parameters from outside.
-
-    given : (3, samples, joints, parameters) derivatives of prescribed unknowns, their rates and accelerations
-    pushed : (samples, unknowns, columns) dr/dp of the parameters ``column`` (columns,), and shifted : (samples, tips, 3, columns)
-        by how much they move tips, at given unknowns [any unit]
-    """
-
-    given: Array
-    pushed: Array
-    shifted: Array
-    column: Indices
-
-
-@send_by_address
-class TipNodes(NamedTuple):
-    """Tips of links: node (tips,), and place (tips, 3) in its frame [m]."""
-
-    node: Indices
-    place: Array
-
-
-@send_by_address
-class MarchedFreedoms(NamedTuple):
-    """Prescribed unknowns (joints,), those that are marched (marched,), and the place of each among the latter, -1 without."""
-
-    prescribed: Indices
-    marched: Indices
-    order: Indices
-
-
-@send_by_address
-class TangentTask(NamedTuple):
-    """A march to be differentiated: its states, turns of its steps, effects of parameters, unknowns and tips."""
-
-    states: MarchStates
-    turns: StepTurns
-    inputs: ParameterInputs
-    freedoms: MarchedFreedoms
-    tips: TipNodes
-
-
-@send_by_address
-class StepTangents(NamedTuple):
-    """Derivatives (unknowns, parameters) of pose, rate, acceleration and the integrator's own acceleration [any unit]."""
-
-    pose: Array
-    rate: Array
-    acceleration: Array
-    pseudo: Array
-
-
-@send_by_address
-class TangentScratch(NamedTuple):
-    """Entries of the linearisation, and the linear system of a step [any unit].
-
-    at : (2, entries) places of the entries of K, stiffness : (entries,) of K
-    massive_at : (2, massive entries) places of those of C and M, massive : (3, massive entries), the first row a reference
-    system : (marched, marched + parameters); forces : (unknowns, parameters) of the residual
-    """
-
-    at: Indices
-    stiffness: Array
-    massive_at: Indices
-    massive: Array
-    system: Array
-    forces: Array
-
-
-@send_by_address
-class TangentHistories(NamedTuple):
-    """Derivatives over the samples [any unit].
-
-    effort : (samples, joints, parameters) of those with a motion; tip : (samples, tips, 3, parameters)
-    pose : (samples, unknowns, parameters)
-    """
-
-    effort: Array
-    tip: Array
-    pose: Array
-
-
-@send_by_address
-class ForceRecord(NamedTuple):
-    """Forces and places at every sample: residual (samples, unknowns) [N], [N m], and tips (samples, tips, 3) [m]."""
-
-    residual: Array
-    tip: Array
+from flexinv.sensitivity.border_tangents import (
+    add_border_forces,
+    apply_spring_forces,
+    begin_border,
+    fill_closing,
+    fill_drags,
+    fill_rate_slopes,
+    solve_closed,
+    take_off_multipliers,
+)
+from flexinv.sensitivity.projected_masses import assemble_masses
 
 
 @jit
@@ -162,64 +46,144 @@ def integrate_tangents(system, massive, task, scheme, tangents, scratch, out, re
     """Fill the histories of derivatives [any unit] from the tangents of the first sample on, which are changed.
 
     massive : the system, without its elements where these are not damped: C and M are those of nodes and joints alone
-    Without room for entries in the scratch nothing is marched: the record of forces alone is filled.
+    With room in the record nothing is marched: forces are recorded.
     Return -1, or the sample in which an element turned too much.
     """
-    marches = len(scratch.stiffness) > 0
     inputs = task.inputs
     freedoms = task.freedoms
+    projects = has_acting_closure(system.border.ties)
     for k in range(task.states.x.shape[0]):
-        if _compute_matrices(system, massive, task.states, k, scratch, marches) >= 0:
-            return k
-        if not marches:
-            _write_forces(system, task.tips, k, record)
+        if len(record.residual) > 0:
+            if _write_record(system, massive, task, k, scratch, record) >= 0:
+                return k
             continue
+        if _compute_matrices(system, massive, task.states, k, scratch, 4) >= 0:
+            return k
         if k > 0:
             _move_tangents(task.turns, scheme, k, tangents)
         _take_inputs(inputs, freedoms, k, tangents)
-        _compute_forces(inputs, k, tangents, scratch)
+        _compute_forces(inputs, 0, k, tangents, tangents.acceleration, scratch)
         if k > 0:
-            _solve_step(task.turns, freedoms, scheme, tangents, scratch)
+            fill_closing(inputs.opened[0, k], inputs.column, scratch.border, tangents.pose)
+            _solve_step(system, task.turns, freedoms, scheme, tangents, scratch)
             _update_tangents(task.turns, freedoms, scheme, tangents, scratch)
-            _compute_forces(inputs, k, tangents, scratch)
+            _compute_forces(inputs, 0, k, tangents, tangents.acceleration, scratch)
+        if projects and _update_shown_accelerations(system, massive, task, k, tangents, scratch) >= 0:
+            return k
         _write_sample(freedoms, k, tangents, scratch, out)
         _write_tips(system, task.tips, inputs, k, tangents, out)
     return -1
 
 
 @jit_inner
-def _compute_matrices(system, massive, states, k, scratch, marches):
-    """Set the residual at sample k and, if the tangents are marched, the entries of K, C and M.
+def _compute_matrices(system, massive, states, k, scratch, stages):
+    """Set the residual at sample k and the entries of K (one stage), of C and M, too (four), or none of them (zero).
 
     Return -1 or the element that turned too much.
     """
     rel = states.joints
     joints = Joints(rel.p[k], rel.dp[k], rel.ddp[k], rel.r[k], rel.w[k], rel.al[k])
     _fill_state(system, states, k)
-    for stage in range(4 if marches else 1):
+    for stage in range(max(stages, 1)):
         which = max(stage - 1, 0)
         present = system if stage == 0 else massive
         bad = evaluate(present, make_weighted_scheme(which), joints, True)
         if bad >= 0:
             return bad
-        if marches and stage == 0:
+        if stages > 0 and stage == 0:
             fill_sparse_entries(present, scratch.at, scratch.stiffness)
+            begin_border(present, scratch.border)
         elif stage > 0:
             fill_sparse_entries(present, scratch.massive_at, scratch.massive[which])
-    for which in range(1, 3 if marches else 1):
+        if stage == 2:
+            fill_drags(present, scratch.border)
+    for which in range(1, 3 if stages > 1 else 1):
         for e in range(scratch.massive.shape[1]):
             scratch.massive[which, e] = (scratch.massive[which, e] - scratch.massive[0, e]) / LARGE_FACTOR
     return -1
 
 
 @jit_inner
+def _write_record(system, massive, task, k, scratch, record):
+    """Write residual and tips of a sample, closures and springs, and slopes where there is room for them.
+
+    Springs pull as they must where the system stands.  Return -1 or the element that turned too much.
+    """
+    rel = task.states.joints
+    joints = Joints(rel.p[k], rel.dp[k], rel.ddp[k], rel.r[k], rel.w[k], rel.al[k])
+    ties = system.border.ties
+    bad = _compute_matrices(system, massive, task.states, k, scratch, 0)
+    if bad < 0 and apply_spring_forces(ties):
+        bad = evaluate(system, make_weighted_scheme(0), joints, True)
+    if bad >= 0:
+        return bad
+    _write_forces(system, task.tips, k, record)
+    if record.slopes.shape[1] > 0:
+        fill_rate_slopes(system, joints, scratch.border)
+        for i in range(record.slopes.shape[2]):
+            for j in range(record.slopes.shape[3]):
+                record.slopes[0, k, i, j] = scratch.border.by_pose[i, j]
+                record.slopes[1, k, i, j] = scratch.border.by_rate[i, j]
+    return -1
+
+
+@jit_inner
 def _write_forces(system, tips, k, record):
-    """Write residual and tips of a sample."""
+    """Write residual, tips and closures of a sample."""
+    ties = system.border.ties
     for i in range(record.residual.shape[1]):
         record.residual[k, i] = system.work.residual[0, i]
     for i in range(len(tips.node)):
         n = tips.node[i]
         put(record.tip[k, i], 0, add(vec(system.frames.x[n]), apply(mat(system.frames.r[n]), vec(tips.place[i]))))
+    for r in range(record.pulls.shape[1]):
+        record.pulls[k, r] = ties.multiplier[r]
+        for i in range(record.gradient.shape[2]):
+            record.gradient[k, r, i] = -ties.across[r, i] if ties.kind[r] != PULL else 0.0
+    for which in range(3):
+        evaluate_ties(ties, system.state, system.frames, which)
+        for r in range(record.closing.shape[2]):
+            record.closing[which, k, r] = ties.value[r] if ties.kind[r] != PULL else 0.0
+
+
+@jit_inner
+def _update_shown_accelerations(system, massive, task, k, tangents, scratch):
+    """Set the derivatives of the accelerations of index 1, and the forces there; return -1 or an element that turned too much.
+
+        N du' = G^T dlambda - (K dy + C du + dr/dp) + H du'_march        G du' = -(d phi''/dy dy + d phi''/du du + d phi''/dp)
+
+    N = M + H, H where a motion has no inertia (`dynamics.index1`); K at these accelerations and multipliers.
+    """
+    inputs = task.inputs
+    freedoms = task.freedoms
+    shown = tangents.shown
+    border = scratch.border
+    size = len(freedoms.marched)
+    bad = _compute_matrices(system, massive, task.shown, k, scratch, 1)
+    if bad >= 0:
+        return bad
+    rel = task.shown.joints
+    fill_rate_slopes(system, Joints(rel.p[k], rel.dp[k], rel.ddp[k], rel.r[k], rel.w[k], rel.al[k]), border)
+    for i in range(shown.shape[0]):
+        for p in range(shown.shape[1]):
+            shown[i, p] = 0.0 if freedoms.order[i] >= 0 else tangents.acceleration[i, p]
+    _compute_forces(inputs, 1, k, tangents, shown, scratch)
+    fill_closing(inputs.opened[1, k], inputs.column, border, shown)
+    for r in range(border.by_pose.shape[0]):
+        for i in range(border.by_pose.shape[1]):
+            if border.by_pose[r, i] != 0.0:
+                _add_product(border.closing[r], border.by_pose[r, i], tangents.pose[i])
+            if border.by_rate[r, i] != 0.0:
+                _add_product(border.closing[r], border.by_rate[r, i], tangents.rate[i])
+    _fill_right_sides(freedoms, scratch)
+    assemble_masses(system.topology, task, scratch, tangents.acceleration)
+    solve_closed(system.border.ties, freedoms, border, scratch.system)
+    for r in range(size):
+        for p in range(shown.shape[1]):
+            shown[freedoms.marched[r], p] = scratch.system[r, size + p]
+    _compute_forces(inputs, 1, k, tangents, shown, scratch)
+    take_off_multipliers(border, scratch.forces)
+    return -1
 
 
 @jit_inner
@@ -235,6 +199,11 @@ def _fill_state(system, states, k):
         state.place[i] = states.place[k, i]
         state.d[i] = 0.0
     update_loads(system.loads, states.table[k], states.u[0, :0])
+    ties = system.border.ties
+    for r in range(states.multiplier.shape[1]):
+        ties.multiplier[r] = states.multiplier[k, r]
+    for r in range(states.coupling.shape[1]):
+        put(ties.coupling_terms[r], 0, vec(states.coupling[k, r]))
 
 
 @jit_inner
@@ -277,14 +246,17 @@ def _take_inputs(inputs, freedoms, k, tangents):
 
 
 @jit_inner
-def _compute_forces(inputs, k, tangents, scratch):
-    """Set the forces K dy + C du + M du' + dr/dp [N], [N m] per unit of each parameter."""
+def _compute_forces(inputs, which, k, tangents, accelerations, scratch):
+    """Set the forces K dy + C du + M du' + dr/dp [N], [N m] per unit of each parameter.
+
+    which : 0 at the march's accelerations, 1 at those that are shown
+    """
     forces = scratch.forces
     for i in range(forces.shape[0]):
         for p in range(forces.shape[1]):
             forces[i, p] = 0.0
         for q in range(len(inputs.column)):
-            forces[i, inputs.column[q]] += inputs.pushed[k, i, q]
+            forces[i, inputs.column[q]] += inputs.pushed[which, k, i, q]
     for e in range(len(scratch.stiffness)):
         if scratch.stiffness[e] != 0.0:
             _add_product(forces[scratch.at[0, e]], scratch.stiffness[e], tangents.pose[scratch.at[1, e]])
@@ -294,7 +266,8 @@ def _compute_forces(inputs, k, tangents, scratch):
         if scratch.massive[1, e] != 0.0:
             _add_product(forces[i], scratch.massive[1, e], tangents.rate[j])
         if scratch.massive[2, e] != 0.0:
-            _add_product(forces[i], scratch.massive[2, e], tangents.acceleration[j])
+            _add_product(forces[i], scratch.massive[2, e], accelerations[j])
+    add_border_forces(scratch.border, tangents.pose, tangents.rate, forces)
 
 
 @jit_inner
@@ -305,35 +278,59 @@ def _add_product(row, factor, other):
 
 
 @jit_inner
-def _solve_step(turns, freedoms, scheme, tangents, scratch):
-    """Solve the linear system of a step; its solutions stay in the last columns of the scratch."""
+def _fill_right_sides(freedoms, scratch):
+    """Clear the linear system, and put the forces and the gradients of the closures on its right [N], [N m]."""
     system = scratch.system
+    gradient = scratch.border.gradient
     size = len(freedoms.marched)
-    wide = size + tangents.pose.shape[1]
+    ties = size + scratch.forces.shape[1]
     for r in range(size):
         for c in range(size):
             system[r, c] = 0.0
-        for c in range(size, wide):
+        for c in range(size, ties):
             system[r, c] = -scratch.forces[freedoms.marched[r], c - size]
+        for c in range(ties, system.shape[1]):
+            system[r, c] = gradient[c - ties, freedoms.marched[r]]
+
+
+@jit_inner
+def _solve_step(system, turns, freedoms, scheme, tangents, scratch):
+    """Solve the linear system of a step; its solutions stay in columns of the scratch behind the system itself."""
+    whole = scratch.system
+    _fill_right_sides(freedoms, scratch)
     for e in range(len(scratch.stiffness)):
         r = freedoms.order[scratch.at[0, e]]
         c = freedoms.order[scratch.at[1, e]]
         if r >= 0 and c >= 0:
-            system[r, c] += scratch.stiffness[e]
+            whole[r, c] += scratch.stiffness[e]
     for e in range(scratch.massive.shape[1]):
         r = freedoms.order[scratch.massive_at[0, e]]
-        j = scratch.massive_at[1, e]
         moved = scheme.cv * scratch.massive[1, e] + scheme.ca * scratch.massive[2, e]
-        if r < 0 or freedoms.order[j] < 0 or moved == 0.0:
-            continue
-        o = turns.at[j]
-        if o < 0:
-            system[r, freedoms.order[j]] += moved
-        else:
-            inverse = turns.inverse[turns.number[j]]
-            for b in range(3):
-                system[r, freedoms.order[o + b]] += moved * inverse[j - o, b]
-    solve_dense(system, size, wide)
+        _add_moved(whole, r, scratch.massive_at[1, e], moved, turns, freedoms)
+    bent = scratch.border.bent
+    dragged = scratch.border.dragged
+    for i in range(bent.shape[0]):
+        for j in range(bent.shape[1]):
+            r = freedoms.order[i]
+            if r >= 0 and freedoms.order[j] >= 0:
+                whole[r, freedoms.order[j]] += bent[i, j]
+                _add_moved(whole, r, j, scheme.cv * dragged[i, j], turns, freedoms)
+    solve_closed(system.border.ties, freedoms, scratch.border, whole)
+
+
+@jit_inner
+def _add_moved(whole, r, j, moved, turns, freedoms):
+    """Add to row r what unknown j does by its rates: of a rotation by the increment, H^-1 times that of the pose."""
+    if r < 0 or freedoms.order[j] < 0 or moved == 0.0:
+        return
+    o = turns.at[j]
+    if o < 0:
+        whole[r, freedoms.order[j]] += moved
+        return
+    inverse = turns.inverse[turns.number[j]]
+    for b in range(3):
+        if freedoms.order[o + b] >= 0:  # what is out of a plane is not marched, and no turn in it has a part there
+            whole[r, freedoms.order[o + b]] += moved * inverse[j - o, b]
 
 
 @jit_inner
@@ -352,7 +349,8 @@ def _update_tangents(turns, freedoms, scheme, tangents, scratch):
                 inverse = turns.inverse[turns.number[i]]
                 d = 0.0
                 for b in range(3):
-                    d += inverse[i - o, b] * scratch.system[freedoms.order[o + b], size + p]
+                    if freedoms.order[o + b] >= 0:
+                        d += inverse[i - o, b] * scratch.system[freedoms.order[o + b], size + p]
             tangents.pose[i, p] += y
             tangents.rate[i, p] += scheme.cv * d
             tangents.acceleration[i, p] += scheme.ca * d

@@ -9,6 +9,14 @@ import numpy as np
 
 from crosscheck.engines.shared.probe_states import Array, collect_joint_bodies, configurations, move_inertia_to_origin
 from crosscheck.measures.certificate import COMPARED_MODES, INTERFACE_AXES, TIMES_MODES, AttachmentData, Certificate
+from crosscheck.engines.shared.probe_states import (
+    Array,
+    collect_joint_bodies,
+    configurations,
+    list_probe_rates,
+    move_inertia_to_origin,
+)
+from crosscheck.measures.certificate import AttachmentData, Certificate, TorqueSlopes
 from flexinv.analysis.solve import solve
 from flexinv.constraints.allocation import count_ranks
 from flexinv.constraints.closures import build_constraint_rows, compute_constraint_jacobian
@@ -20,6 +28,7 @@ from flexinv.model.mechanism import WORLD, Beam, Body, Mechanism, Placement, Sec
 from flexinv.model.part import MeshedPart
 from flexinv.parts.reductions import find_reduction
 from flexinv.rigid.joint_torques import joint_torques
+from flexinv.rigid.torque_derivatives import torque_derivatives
 
 SPRING = ("stiffness", "rest", "damping")
 # Ends of closures that have an axis, by the kind: a point on a line has one at its first end only.
@@ -52,12 +61,22 @@ def certify(mechanism: Mechanism, case: Case, engine: str) -> Certificate:
         com=np.einsum("n,snx->sx", weights, motion.x) / (weights.sum() or 1.0),  # (sample, xyz)
         mass_matrix=matrix,
         gravity=gravity,
+        **_compute_torque_slopes(tree, q),
         axes=_compute_joint_axes(tree, mesh.joint_node, motion),
         order=tuple(j.name for j in tree.joints if j.nv),
         residual=None,
         rank=rank,
         **collect_attachment_data(mechanism),
     )
+
+
+def _compute_torque_slopes(tree: Mechanism, q: Array) -> TorqueSlopes:
+    """Derivatives of the tree's efforts by place and rate at the probes."""
+    probe = list_probe_rates(tree)
+    if probe is None:
+        return {}
+    slopes = torque_derivatives(tree, q, *probe, passive=False)
+    return {"torque_by_place": slopes.q, "torque_by_rate": slopes.qd}
 
 
 def collect_attachment_data(mechanism: Mechanism) -> AttachmentData:

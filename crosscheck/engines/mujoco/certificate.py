@@ -10,10 +10,21 @@ from crosscheck.engines.mujoco.joints import BuiltModel, convert_effort_from_eng
 from crosscheck.engines.mujoco.model import build
 from crosscheck.engines.shared import loop_closure as assembly
 from crosscheck.engines.shared.prescribed import describe_nontree_parts
-from crosscheck.engines.shared.probe_states import Array, collect_joint_bodies, configurations, move_inertia_to_origin
-from crosscheck.measures.certificate import Certificate, ClosureEnds, PassiveElements, RestDynamics
+from crosscheck.engines.shared.probe_states import (
+    Array,
+    collect_joint_bodies,
+    configurations,
+    list_probe_rates,
+    move_inertia_to_origin,
+)
+from crosscheck.measures.certificate import Certificate, ClosureEnds, PassiveElements, RestDynamics, TorqueSlopes
 from flexinv.files.load_cases import Case
 from flexinv.model.mechanism import Mechanism
+
+# Weights of f(x + k s) over s, exact for polynomials of degree six; torques are sums of sines of angles, and squares of rates.
+DIFFERENCES = {-3: -1 / 60, -2: 9 / 60, -1: -45 / 60, 1: 45 / 60, 2: -9 / 60, 3: 1 / 60}
+PLACE_CHANGE = 0.02  # [rad], [m]
+RATE_CHANGE = 1.0  # [rad/s], [m/s]
 
 
 def certify(mechanism: Mechanism, case: Case, engine: str) -> Certificate:
@@ -24,7 +35,9 @@ def certify(mechanism: Mechanism, case: Case, engine: str) -> Certificate:
     model = built.model
     data = mujoco.MjData(model)
     mass = np.where(model.body_weldid != 0, model.body_mass, 0.0)
-    dynamics = _compute_rest_dynamics(mechanism, built, data, mass, configurations(mechanism, case))
+    q = configurations(mechanism, case)
+    slopes = _compute_torque_slopes(mechanism, built, data, q)
+    dynamics = _compute_rest_dynamics(mechanism, built, data, mass, q)
     residual, rank = _compute_closure_residual(mechanism, case, built)
     lumps = _compute_joint_inertias(mechanism, built, data, mass)
     return Certificate(
@@ -36,6 +49,7 @@ def certify(mechanism: Mechanism, case: Case, engine: str) -> Certificate:
         residual=residual,
         rank=rank,
         **dynamics,
+        **slopes,
         **_read_passive_elements(mechanism, built),
         **_read_closure_ends(mechanism, built),
     )
@@ -70,6 +84,33 @@ def _compute_rest_dynamics(
         "gravity": convert_effort_from_engine(mechanism, built_model, q, gravity),
         "axes": {name: np.array(rows) for name, rows in axes.items()},
     }
+
+
+def _compute_torque_slopes(
+    mechanism: Mechanism, built_model: BuiltModel, data: mujoco.MjData, q: Array
+) -> TorqueSlopes:
+    """Derivatives of the tree's efforts by place and rate at the probes: differences of mj_rne, which knows no rotor."""
+    probe = list_probe_rates(mechanism)
+    if probe is None:
+        return {}
+    model = built_model.model
+    state = convert_to_engine(mechanism, built_model, q, *probe)
+    effort = np.empty(model.nv)
+    slopes = np.zeros((2, len(q), model.nv, model.nv))
+    for k in range(len(q)):
+        for which, change in enumerate((PLACE_CHANGE, RATE_CHANGE)):
+            for column in range(model.nv):
+                for away, weight in DIFFERENCES.items():
+                    data.qpos[:] = state.q[k]
+                    data.qvel[:] = state.v[k]
+                    data.qacc[:] = state.a[k]
+                    (data.qvel if which else data.qpos)[column] += away * change
+                    mujoco.mj_fwdPosition(model, data)
+                    mujoco.mj_fwdVelocity(model, data)
+                    mujoco.mj_rne(model, data, 1, effort)
+                    slopes[which, k, :, column] += weight / change * effort
+    by_place, by_rate = (_convert_mass_matrix(mechanism, built_model, q, one) for one in slopes)
+    return {"torque_by_place": by_place, "torque_by_rate": by_rate}
 
 
 def _read_passive_elements(mechanism: Mechanism, built_model: BuiltModel) -> PassiveElements:

@@ -11,8 +11,8 @@ from crosscheck.engines.pinocchio import loops as pinocchio_loops
 from crosscheck.engines.pinocchio.model import BuiltModel, build, convert_to_engine
 from crosscheck.engines.shared import loop_closure as assembly
 from crosscheck.engines.shared.prescribed import collect_passive_elements
-from crosscheck.engines.shared.probe_states import Array, configurations, move_inertia_to_origin
-from crosscheck.measures.certificate import Certificate, ClosureEnds, RestDynamics
+from crosscheck.engines.shared.probe_states import Array, configurations, list_probe_rates, move_inertia_to_origin
+from crosscheck.measures.certificate import Certificate, ClosureEnds, RestDynamics, TorqueSlopes
 from flexinv.files.load_cases import Case
 from flexinv.model.mechanism import Mechanism, Placement
 
@@ -38,6 +38,7 @@ def certify(mechanism: Mechanism, case: Case, engine: str) -> Certificate:
         residual=residual,
         rank=rank,
         **_compute_rest_dynamics(mechanism, built, places),
+        **_compute_torque_slopes(mechanism, built, q),
         **collect_passive_elements(mechanism),
         **_read_closure_ends(mechanism, case, built),
     )
@@ -62,6 +63,23 @@ def _compute_rest_dynamics(mechanism: Mechanism, built_model: BuiltModel, places
         "gravity": gravity[:, order],
         "axes": _compute_joint_axes(mechanism, built_model, places),
     }
+
+
+def _compute_torque_slopes(mechanism: Mechanism, built_model: BuiltModel, q: Array) -> TorqueSlopes:
+    """Derivatives of the tree's efforts by place and rate at the probes: computeRNEADerivatives."""
+    probe = list_probe_rates(mechanism)
+    if probe is None:
+        return {}
+    model = built_model.model
+    data = model.createData()
+    order = built_model.v_order
+    slopes = np.empty((2, len(q), model.nv, model.nv))
+    for k, state in enumerate(zip(*convert_to_engine(built_model, q, *probe), strict=True)):
+        by_place, by_rate, _ = pin.computeRNEADerivatives(model, data, *state)
+        slopes[0, k] = by_place
+        slopes[1, k] = by_rate
+    by_place, by_rate = slopes[:, :, order][..., order]
+    return {"torque_by_place": by_place, "torque_by_rate": by_rate}
 
 
 def _read_closure_ends(mechanism: Mechanism, case: Case, built_model: BuiltModel) -> ClosureEnds:

@@ -13,6 +13,7 @@ from flexinv.model.motion import evaluate_motion
 Array = NDArray[np.float64]
 TURN = 0.35  # [rad], [m] per configuration: joints that the motion leaves out stand at other places each time
 COUNT = 4
+PLAIN_KINDS = ("revolute", "continuous", "prismatic")
 
 
 def configurations(mechanism: Mechanism, case: Case) -> Array:
@@ -27,6 +28,18 @@ def configurations(mechanism: Mechanism, case: Case) -> Array:
         if joint.nq == 1:
             q[:, mechanism.q_slices[joint.name]] += (TURN * np.arange(COUNT) * (1 + k % 3))[:, None]
     return q
+
+
+def list_probe_rates(mechanism: Mechanism) -> tuple[Array, Array] | None:
+    """Return rates and accelerations (4, nv) [rad/s], [m/s], [rad/s^2], [m/s^2] at which slopes of torques are asked.
+
+    The same for every engine.  None where a joint's coordinate is no angle and no length, by which slopes have many forms.
+    """
+    moving = [joint for joint in mechanism.joints if joint.nv]
+    if not moving or any(joint.kind not in PLAIN_KINDS for joint in moving):
+        return None
+    rates, accelerations = np.random.default_rng(41).normal(size=(2, COUNT, mechanism.nv))
+    return rates, accelerations
 
 
 def move_inertia_to_origin(mass: float, com: Array, tensor: Array) -> tuple[Array, Array]:

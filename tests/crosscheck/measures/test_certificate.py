@@ -69,6 +69,21 @@ def test_rigid_engines_have_the_same_mechanism(place: str, engine: str) -> None:
 
 
 @pytest.mark.parametrize("engine", ["pinocchio", "mujoco"])
+@pytest.mark.parametrize("place", ["rigid_3r/cycloid", "ur5/reach", "four_bar/turn", "talos_arm/wave"])
+def test_torques_have_the_same_slopes(place: str, engine: str) -> None:
+    """Of Pinocchio by computeRNEADerivatives, to rounding; of MuJoCo by differences of sixth order, which leave 1e-12."""
+    slopes = [line for line in lines(place, engine) if line.what.startswith("torque by")]
+    assert [line.what for line in slopes] == ["torque by place", "torque by rate"]
+    for line in slopes:
+        assert line.error is not None
+        assert line.error <= (1e-14 if engine == "pinocchio" else 1e-11) * (line.scale or 1.0)
+
+
+def test_joints_without_one_number_for_each_coordinate_have_no_slopes() -> None:
+    assert not [line for line in lines("stewart_platform/swoop", "pinocchio") if line.what.startswith("torque by")]
+
+
+@pytest.mark.parametrize("engine", ["pinocchio", "mujoco"])
 @pytest.mark.parametrize("place", ["four_bar/turn", "bricard/fold"])
 def test_closed_mechanisms_have_the_same_closures(place: str, engine: str) -> None:
     result = lines(place, engine)
@@ -188,6 +203,7 @@ def test_a_closure_of_another_rank_is_found(place: str, engine: str) -> None:
         ({"order": ("A", "B")}, "order of the joints", "of A, B; expected A, B, "),
         ({"residual": 1e-3}, "closure residual", ""),
         ({"mass_matrix": np.eye(3)}, "joint-space mass matrix", "of shape (3, 3), expected "),
+        ({"torque_by_place": np.eye(3)}, "torque by place", "of shape (3, 3), expected "),
     ],
 )
 def test_what_no_cause_does_is_found(harm: dict[str, Any], what: str, words: str) -> None:
@@ -198,6 +214,16 @@ def test_what_no_cause_does_is_found(harm: dict[str, Any], what: str, words: str
     wrong = [line for line in checks("four_bar", "turn", "pinocchio", replace(theirs, **harm), ours) if not line.holds]
     assert [line.what for line in wrong] == [what]
     assert wrong[0].words.startswith(words)
+
+
+@pytest.mark.parametrize("slopes", ["torque_by_place", "torque_by_rate"])
+def test_slopes_that_are_off_by_a_millionth_are_found(slopes: str) -> None:
+    """As they are where a rate is taken in another frame, which no mass matrix says."""
+    mechanism, case = load("four_bar/turn")
+    theirs, ours = says(mechanism, case, "pinocchio"), says(mechanism, case, "flexinv")
+    harmed = replace(theirs, **{slopes: 1.000001 * np.asarray(getattr(theirs, slopes))})
+    wrong = [line.what for line in checks("four_bar", "turn", "pinocchio", harmed, ours) if not line.holds]
+    assert wrong == [slopes.replace("_", " ")]
 
 
 def test_an_engine_without_a_certificate_says_why() -> None:

@@ -199,9 +199,6 @@ def test_names_that_stand_for_nothing(root, by):
 def test_what_has_no_derivative_says_so(root):
     arm = _load(root, "flex_one_link_damped")
     motion = _move(arm)
-    loop = _load(root, "four_bar")
-    with pytest.raises(InputError, match="closures"):
-        flexinv.differentiate(loop, motion, "gravity[2]", step=STEP)
     with pytest.raises(InputError, match="accelerations jump"):
         flexinv.differentiate(arm, _move(arm, law="trapezoid"), "motion.hub[1]", step=STEP)
     with pytest.raises(InputError, match="there twice"):
