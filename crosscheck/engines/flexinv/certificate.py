@@ -7,8 +7,6 @@ from dataclasses import replace
 
 import numpy as np
 
-from crosscheck.engines.shared.probe_states import Array, collect_joint_bodies, configurations, move_inertia_to_origin
-from crosscheck.measures.certificate import COMPARED_MODES, INTERFACE_AXES, TIMES_MODES, AttachmentData, Certificate
 from crosscheck.engines.shared.probe_states import (
     Array,
     collect_joint_bodies,
@@ -16,7 +14,14 @@ from crosscheck.engines.shared.probe_states import (
     list_probe_rates,
     move_inertia_to_origin,
 )
-from crosscheck.measures.certificate import AttachmentData, Certificate, TorqueSlopes
+from crosscheck.measures.certificate import (
+    COMPARED_MODES,
+    INTERFACE_AXES,
+    TIMES_MODES,
+    AttachmentData,
+    Certificate,
+    TorqueSlopes,
+)
 from flexinv.analysis.solve import solve
 from flexinv.constraints.allocation import count_ranks
 from flexinv.constraints.closures import build_constraint_rows, compute_constraint_jacobian
