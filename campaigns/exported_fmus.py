@@ -53,7 +53,8 @@ def compare_inverse(mechanism: Mechanism, case: Case, plan: CasePlan, folder: Pa
     expected = compute_rigid(mechanism, questions) if rigid else march(mechanism, case, questions, settings)
     m = mechanism
     names = [f"{n}.q" for n in m.coordinate_names] + [f"{n}.{p}" for p in ("qd", "qdd") for n in m.velocity_names]
-    rows = np.array([np.concatenate([one.q, one.qd, one.qdd]) for one in questions])
+    names.append("phase")
+    rows = np.array([np.concatenate([one.q, one.qd, one.qdd, [one.phase]]) for one in questions])
     with driven(file) as fmu:
         inputs = [k for k, name in enumerate(names) if name in fmu.places]
         given = [names[k] for k in inputs]

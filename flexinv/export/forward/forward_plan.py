@@ -31,6 +31,7 @@ from flexinv.dynamics.system import Instants
 from flexinv.export.flexible.beam_damping import format_damping
 from flexinv.export.flexible.flexible_plan import MarchSettings
 from flexinv.export.flexible.parameters import format_spatial_parameters
+from flexinv.export.flexible.step_advice import warn_of_long_step
 from flexinv.export.library_plan import BLOCK_HEADER, LibraryPlan
 from flexinv.export.machine_code import KernelCall, add_entry
 from flexinv.export.memory_image import WORD, MemoryImage, list_arrays
@@ -58,6 +59,8 @@ def plan_forward_library(mechanism: Mechanism, prefix: str, settings: MarchSetti
         mesh, {joint.name for joint in m.joints if joint.nv}, lambda at, _: np.zeros((len(at), m.nv))
     )
     begins, joints = _begin_at_rest(solver, settings)
+    if not m.is_rigid:
+        warn_of_long_step(m, begins, settings.step)
     calls = _list_calls(solver, joints, settings, prefix)
     image = MemoryImage(BLOCK_HEADER, [one for call in calls for one in list_arrays(call.arguments)])
     entries = [add_entry(image, call) for call in calls]
