@@ -8,7 +8,6 @@ from flexinv.errors import InputError
 from flexinv.export.acting_sets import format_acting_sets, list_acting_sets
 from flexinv.export.machine_code import check_compiler
 from flexinv.export.names import LIBRARY_PREFIX, make_words
-from flexinv.model.joint_kinds import KINDS
 from flexinv.model.mechanism import Mechanism
 from flexinv.rigid.prepare import prepare
 
@@ -39,15 +38,9 @@ def check_exportable(mechanism: Mechanism) -> None:
 
 
 def check_movable(mechanism: Mechanism) -> None:
-    """Raise InputError [-] for a mechanism that torques do not move in a library: names, phases, joints that are no scalars."""
+    """Raise InputError [-] for a mechanism that torques do not move in a library: names, phases."""
     _check_any(mechanism, "motion")
     check_lasting(mechanism, "a forward FMU", "flexinv.simulate")
-    for joint in mechanism.joints:
-        if joint.nv and not KINDS[joint.kind].scalar:
-            raise InputError(
-                f"export_fmu: joint {joint.name!r} of mechanism {mechanism.name!r} is {joint.kind}, whose coordinates no forward "
-                "FMU has; write revolute, continuous, prismatic, helical or universal, or call flexinv.simulate"
-            )
 
 
 def check_lasting(mechanism: Mechanism, what: str, instead: str) -> None:
