@@ -43,6 +43,7 @@ Array = NDArray[np.float64]
 
 
 # What this adapter offers beside (`crosscheck.engines.base`).
+MESHES = True
 certify = beside("crosscheck.engines.flexinv_c.certificate", "certify")
 
 
@@ -55,7 +56,7 @@ def abilities() -> str:
     """Return one sentence: what the exported library can do here."""
     return (
         "Torques of the C library that flexinv export-c writes, in a process without Python: rigid trees and loops, and "
-        "mechanisms with beams that begin at rest and move without jumps of acceleration; needs a C compiler."
+        "mechanisms with beams or meshed links that begin at rest and move without jumps of acceleration; needs a C compiler."
     )
 
 
