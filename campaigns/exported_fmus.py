@@ -11,6 +11,7 @@ Mechanisms that are not exported are listed with the words of their refusal; the
 from __future__ import annotations
 
 import importlib
+import itertools
 import sys
 import tempfile
 import warnings
@@ -25,7 +26,7 @@ if __name__ == "__main__":
     sys.path[:0] = [str(ROOT), str(ROOT / "tests" / "shared")]
 
 import flexinv
-from campaigns.exported import Outcome, add_source_options, compute_rigid, list_gallery, list_random, march
+from campaigns.exported import Outcome, add_source_options, compare_random, compute_rigid, list_gallery, march
 from crosscheck.engines.flexinv_c.adapter import CasePlan, plan_case, unsupported
 from flexinv.errors import InputError
 from flexinv.files.load_cases import Case
@@ -53,7 +54,8 @@ def compare_inverse(mechanism: Mechanism, case: Case, plan: CasePlan, folder: Pa
     expected = compute_rigid(mechanism, questions) if rigid else march(mechanism, case, questions, settings)
     m = mechanism
     names = [f"{n}.q" for n in m.coordinate_names] + [f"{n}.{p}" for p in ("qd", "qdd") for n in m.velocity_names]
-    rows = np.array([np.concatenate([one.q, one.qd, one.qdd]) for one in questions])
+    names.append("phase")
+    rows = np.array([np.concatenate([one.q, one.qd, one.qdd, [one.phase]]) for one in questions])
     with driven(file) as fmu:
         inputs = [k for k, name in enumerate(names) if name in fmu.places]
         given = [names[k] for k in inputs]
@@ -118,10 +120,10 @@ def main(only: str, count: int, seed: int) -> None:
     """Compare all FMUs with Python; end with 1 where one differs."""
     warnings.simplefilter("ignore")
     wrong = 0
-    for name, mechanism, cases in [*list_gallery(only), *list_random(count, seed)]:
-        for one in compare_all(name, mechanism, cases):
-            wrong += bool(one.wrong)
-            click.echo(f"{one.name:52} {one.calls:5} steps  {one.difference:9.2e}  {one.wrong}")
+    of_gallery = (one for source in list_gallery(only) for one in compare_all(*source))
+    for one in itertools.chain(of_gallery, compare_random(count, seed, compare_all)):
+        wrong += bool(one.wrong)
+        click.echo(f"{one.name:52} {one.calls:5} steps  {one.difference:9.2e}  {one.wrong}")
     click.echo(f"{wrong} wrong")
     sys.exit(1 if wrong else 0)
 

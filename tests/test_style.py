@@ -80,6 +80,7 @@ ALONE = {
     "crosscheck.causes.repair": "full runs that prove a cause, apart from the words of a diagnosis",
     "flexinv.optimal_motion.motion_figure": "figures, which are loaded when one is drawn",
     "flexinv.dynamics.idle_joints": "it needs the linearisation and the start, which need the solver that asks it",
+    "flexinv.export.forward.rotations": "functions in C of their own, which not every library has",
     "flexinv.export.flexible.rest_plan": "a start of its own, which not every library has",
     "crosscheck.linting.parts": "meshes of links, which need their matrices; lint itself looks at files",
     "flexinv.parts.node_order": "an order of elimination, graph alone, apart from what is eliminated",

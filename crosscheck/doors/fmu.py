@@ -39,10 +39,12 @@ from crosscheck.kit.resolved import UNITS, list_idle_velocities, list_quantity_s
 from crosscheck.measures.record import Record, list_effort_units, torque_series
 from flexinv.analysis.solve import solve
 from flexinv.errors import InputError
+from flexinv.export.acting_sets import find_acting_set
 from flexinv.files.load_cases import Case
 from flexinv.model.mechanism import Mechanism
 from flexinv.typing import Array
 
+PHASE = "phase"  # input of an FMU whose closures come and go, as `flexinv.export_fmu` names it
 MOST_STEPS = 4  # that a co-simulation FMU may take to answer: a chain of as many unit delays
 STANDS = 1e-12  # of the largest output: an answer that changes less from one step to the next has come
 
@@ -133,7 +135,8 @@ def prepare_inputs(
 ) -> tuple[dict[str, str], dict[str, str], Array]:
     """Return units by name of inputs and of outputs, and the inputs (samples, inputs) [rad], [m], [s] over time [s].
 
-    Joints that the motion leaves out are inputs where the FMU asks for them: they go as flexinv closes the loops.
+    Joints that the motion leaves out are inputs where the FMU asks for them: they go as flexinv closes the loops.  An input
+    ``phase`` is told which closures act, in the order of time [-].
     """
     given = set(case.motion.joints(mechanism))
     asked = {v.name for v in description.modelVariables if v.causality == "input"}
@@ -150,10 +153,18 @@ def prepare_inputs(
             names[f"{joint.name}.{part}"] = unit
             slices = mechanism.q_slices if part == "q" else mechanism.v_slices
             columns.append(parts[part][:, slices[joint.name]])
+    if PHASE in asked:
+        names[PHASE] = "-"
+        columns.append(_list_phases(mechanism, time))
     efforts = dict(zip(mechanism.velocity_names, list_effort_units(mechanism), strict=True))
     wanted = [n.removeprefix("torque/") for n in list_quantity_series(mechanism, case, "torque")]
     assert not set(wanted) & set(list_idle_velocities(mechanism, case))
     return names, {f"{name}.tau": efforts[name] for name in wanted}, np.hstack(columns)
+
+
+def _list_phases(mechanism: Mechanism, time: Array) -> Array:
+    """The numbers (samples, 1) of the closures that act at each time [s]."""
+    return np.array([[find_acting_set(mechanism, t)] for t in time.tolist()], dtype=float)
 
 
 def _close_loops(mechanism: Mechanism, case: Case, time: Array) -> tuple[Array, Array, Array]:

@@ -14,11 +14,11 @@ from flexinv.export.c_files import make_constants, render_files
 from flexinv.export.given_forces import replace_changing_forces
 from flexinv.export.kernel_objects import make_kernel_object
 from flexinv.export.library_plan import LibraryPlan
-from flexinv.export.link_library import find_compiler, list_link_commands, run_commands
+from flexinv.export.link_library import find_compiler, list_link_commands, list_linked_files, run_commands
 from flexinv.export.machine_code import NATIVE, Processor, check_target, write_entries
 from flexinv.export.plan_library import StartRequest, make_library_name, plan_inverse_library
 from flexinv.export.refusals import check_exportable
-from flexinv.export.written_files import LICENCE_FILE, read_licence, write_files
+from flexinv.export.written_files import LICENCE_FILE, read_licence, remove_on_failure, write_files
 from flexinv.model.mechanism import Mechanism
 from flexinv.validation import check_flag, check_kind, check_names, check_path
 
@@ -87,7 +87,17 @@ def _write_library(plan: LibraryPlan, prefix: str, folder: Path, targets: Sequen
         kernels = make_kernel_object(plan.entries, processor)
         objects[f"lib/{target}/{prefix}_kernels.o"] = kernels.code
         objects[f"lib/{target}/{prefix}_entries.o"] = write_entries(plan.entries, constants, processor, kernels.names)
-    write_files(folder, {path: text.encode() for path, text in texts.items()} | objects)
+    contents = {path: text.encode() for path, text in texts.items()} | objects
+    linked = [path for target in targets for path in list_linked_files(prefix, target)]
+    with remove_on_failure(folder, [*contents, *linked]):
+        write_files(folder, contents)
+        left = _make_libraries(folder, prefix, targets)
+    files = sorted(str(path.relative_to(folder)) for path in folder.rglob("*") if path.is_file())
+    return ExportedLibrary(folder, prefix, tuple(files), tuple(left))
+
+
+def _make_libraries(folder: Path, prefix: str, targets: Sequence[str]) -> list[str]:
+    """Make the libraries of all targets; return the commands of those for which there is no compiler."""
     left = list[str]()
     for target in targets:
         compiler = find_compiler(target)
@@ -96,5 +106,4 @@ def _write_library(plan: LibraryPlan, prefix: str, folder: Path, targets: Sequen
             left += map(shlex.join, commands)
         else:
             run_commands(folder, commands)
-    files = sorted(str(path.relative_to(folder)) for path in folder.rglob("*") if path.is_file())
-    return ExportedLibrary(folder, prefix, tuple(files), tuple(left))
+    return left

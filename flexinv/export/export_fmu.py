@@ -36,7 +36,7 @@ from flexinv.export.plan_library import (
     make_library_name,
     plan_inverse_library,
 )
-from flexinv.export.refusals import check_exportable, check_lasting, check_movable
+from flexinv.export.refusals import check_exportable, check_movable
 from flexinv.export.written_files import read_licence, write_files
 from flexinv.model.mechanism import Mechanism
 from flexinv.validation import check_choice, check_flag, check_kind, check_names, check_path
@@ -78,7 +78,6 @@ def export_fmu(
     mechanism = replace_changing_forces(mechanism)
     if kind == "inverse":
         check_exportable(mechanism)
-        check_lasting(mechanism, "an FMU", "flexinv.export_c")
     else:
         check_movable(mechanism)
     prefix = make_library_name(mechanism)

@@ -14,7 +14,7 @@ from flexinv.export.export_c import ExportedLibrary, check_out_folder, export_c
 from flexinv.export.machine_code import NATIVE
 from flexinv.export.memory_image import ALIGNMENT
 from flexinv.export.names import format_comment, format_markdown, format_numbers, format_string
-from flexinv.export.written_files import LICENCE_FILE, read_licence, write_files
+from flexinv.export.written_files import LICENCE_FILE, read_licence, remove_on_failure, write_files
 from flexinv.model.joint_kinds import KINDS
 from flexinv.model.mechanism import Mechanism
 from flexinv.validation import check_kind
@@ -43,7 +43,8 @@ def export_ros(
     header = (made.folder / "include" / f"{made.name}.h").read_text(encoding="utf-8")
     cycle = None if step is None else float(step)
     package = _render_package(mechanism, made.name, cycle, f"{made.name}_start_at(" in header)
-    write_files(folder, {path: text.encode() for path, text in package.items()})
+    with remove_on_failure(folder, [f"{LIBRARY_FOLDER}/{path}" for path in made.files]):
+        write_files(folder, {path: text.encode() for path, text in package.items()})
     files = sorted([*package, *(f"{LIBRARY_FOLDER}/{path}" for path in made.files)])
     return ExportedLibrary(folder, f"{made.name}_ros", tuple(files), made.to_link)
 

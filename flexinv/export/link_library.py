@@ -64,9 +64,17 @@ def list_link_commands(prefix: str, target: str, compiler: Compiler | None) -> l
     ]
 
 
+def list_linked_files(prefix: str, target: str) -> list[str]:
+    """Return the paths [-] in the folder of a library that the commands for a target make."""
+    return [f"lib/{target}/{name}" for name in (f"{prefix}.o", f"lib{prefix}.a", f"lib{prefix}.so", "selftest")]
+
+
 def run_commands(folder: Path, commands: Sequence[Sequence[str]]) -> None:
     """Run commands in a folder [-]; FlexinvError says which one failed, and what it said."""
     for words in commands:
         done = subprocess.run(words, cwd=folder, capture_output=True, text=True, check=False)
         if done.returncode != 0:
-            raise FlexinvError(f"export: {shlex.join(words)} failed in {folder}:\n{done.stderr.strip()}")
+            raise FlexinvError(
+                f"export: {shlex.join(words)} failed in {folder}:\n{done.stderr.strip()}\n"
+                "nothing of the export is left: make room where the disk is full, or take another compiler"
+            )

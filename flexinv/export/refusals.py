@@ -8,7 +8,6 @@ from flexinv.errors import InputError
 from flexinv.export.acting_sets import format_acting_sets, list_acting_sets
 from flexinv.export.machine_code import check_compiler
 from flexinv.export.names import LIBRARY_PREFIX, make_words
-from flexinv.model.joint_kinds import KINDS
 from flexinv.model.mechanism import Mechanism
 from flexinv.rigid.prepare import prepare
 
@@ -17,7 +16,6 @@ def check_exportable(mechanism: Mechanism) -> None:
     """Raise InputError [-] for a mechanism that has no C library: names that are one in C, parts for which there is no kernel."""
     m = mechanism
     _check_any(m, "torques")
-    _check_meshes(m)
     if m.is_rigid:
         captures = [c.name for c in m.closures if c.capture]
         _refuse(
@@ -40,16 +38,9 @@ def check_exportable(mechanism: Mechanism) -> None:
 
 
 def check_movable(mechanism: Mechanism) -> None:
-    """Raise InputError [-] for a mechanism that torques do not move in a library: names, phases, joints that are no scalars."""
+    """Raise InputError [-] for a mechanism that torques do not move in a library: names, phases."""
     _check_any(mechanism, "motion")
     check_lasting(mechanism, "a forward FMU", "flexinv.simulate")
-    _check_meshes(mechanism)
-    for joint in mechanism.joints:
-        if joint.nv and not KINDS[joint.kind].scalar:
-            raise InputError(
-                f"export_fmu: joint {joint.name!r} of mechanism {mechanism.name!r} is {joint.kind}, whose coordinates no forward "
-                "FMU has; write revolute, continuous, prismatic, helical or universal, or call flexinv.simulate"
-            )
 
 
 def check_lasting(mechanism: Mechanism, what: str, instead: str) -> None:
@@ -69,12 +60,6 @@ def _check_any(mechanism: Mechanism, asked: str) -> None:
     make_words("rates", m.velocity_names)
     make_words("links", [link.name for link in m.links])
     format_acting_sets(m, LIBRARY_PREFIX)  # whose names are words, too
-
-
-def _check_meshes(mechanism: Mechanism) -> None:
-    """Refuse meshed links, whose shapes no library holds yet."""
-    names = [link.name for link in mechanism.meshed]
-    _refuse(mechanism, "links that are meshes", names, "whose shapes no library holds yet; call flexinv.solve")
 
 
 def _check_loops(mechanism: Mechanism) -> None:

@@ -70,7 +70,12 @@ class Series(NamedTuple):
 
 @jit_lanes
 def _copy_to_rows(work, columns, lanes, x, start, by_sample, by_column):
-    """Copy the columns of a block into rows, and fetch those of the next block."""
+    """Copy the columns of a block into rows, and fetch those of the next block, where there are more samples than one."""
+    if lanes == 1:
+        at = start * by_sample
+        for j in range(columns.shape[0]):
+            work[columns[j]] = x[at + np.uint64(j) * by_column]
+        return
     if by_sample == 1:
         for j in range(columns.shape[0]):
             first = columns[j]

@@ -28,7 +28,7 @@ from flexinv import __version__
 from flexinv.analysis.solve import solve
 from flexinv.errors import InputError
 from flexinv.export.acting_sets import find_acting_set
-from flexinv.export.given_forces import list_moved_forces
+from flexinv.export.given_forces import list_moved_forces, replace_changing_forces
 from flexinv.export.link_library import find_compiler
 from flexinv.export.machine_code import NATIVE
 from flexinv.export.refusals import check_exportable
@@ -43,6 +43,7 @@ Array = NDArray[np.float64]
 
 
 # What this adapter offers beside (`crosscheck.engines.base`).
+MESHES = True
 certify = beside("crosscheck.engines.flexinv_c.certificate", "certify")
 
 
@@ -55,7 +56,7 @@ def abilities() -> str:
     """Return one sentence: what the exported library can do here."""
     return (
         "Torques of the C library that flexinv export-c writes, in a process without Python: rigid trees and loops, and "
-        "mechanisms with beams that begin at rest and move without jumps of acceleration; needs a C compiler."
+        "mechanisms with beams or meshed links that begin at rest and move without jumps of acceleration; needs a C compiler."
     )
 
 
@@ -64,7 +65,7 @@ def unsupported(mechanism: Mechanism, case: Case, engine: str) -> str | None:
     if find_compiler(NATIVE) is None:
         return NO_COMPILER
     try:
-        check_exportable(mechanism)
+        check_exportable(replace_changing_forces(mechanism))
     except InputError as refusal:
         return str(refusal)
     return _describe_rigid_refusal(mechanism, case) if mechanism.is_rigid else _describe_march_refusal(mechanism, case)

@@ -23,6 +23,7 @@ from flexinv.errors import ConvergenceError, InputError
 from flexinv.export.flexible.beam_damping import format_damping
 from flexinv.export.flexible.parameters import format_parameters
 from flexinv.export.flexible.rest_plan import RestStart, plan_rest_start
+from flexinv.export.flexible.step_advice import find_slowest_vibration, format_advised_step, warn_of_long_step
 from flexinv.export.given_forces import format_forces, list_moved_forces
 from flexinv.export.library_plan import BLOCK_HEADER, GoldenSeries, LibraryPlan
 from flexinv.export.machine_code import Entry, KernelCall, add_entry
@@ -81,11 +82,13 @@ def plan_flexible_library(mechanism: Mechanism, prefix: str, settings: MarchSett
     entries = [add_entry(image, call) for call in calls]
     values = _format_places(image, entries, state, motion) | _format_guard(state)
     begins = state.previous[0]  # with its loops closed
+    warn_of_long_step(mechanism, begins, settings.step)
     values |= _format_readings(image, state, prefix)
     values["start_numbers"] = format_numbers(begins)
     values |= format_parameters(image, state, settings.payloads, prefix)
     values["at_strains"] = str(image.find_place(strained.arguments[-1]))
-    parts = ["links", "flexible", "poses", "turned", "wrenches", "beams", "strains", "parameters"]
+    parts = ["links", "flexible", "poses", "turned", "wrenches"]
+    parts += ["beams", "strains", "parameters"] if mechanism.beams else ["parameters"]
     parts += ["bodies", "payloads"] if settings.payloads else []
     changes = _format_changes(image, state, prefix)
     parts += changes
@@ -183,9 +186,11 @@ def _make_step_series(controller: Controller, state: FlexibleState, start: Array
         except ConvergenceError:
             state.replace_state(kept)
             controller.begun = True
+    step = state.scheme.h
+    advised = format_advised_step(find_slowest_vibration(state.mechanism, start), step)
     raise InputError(
         f"export: mechanism {state.mechanism.name!r} does not even stand still at this position for {REPLAYED_STEPS} steps of "
-        f"{state.scheme.h:g} s; write a shorter step, or another start"
+        f"{step:g} s; write {advised}, or another start"
     )
 
 

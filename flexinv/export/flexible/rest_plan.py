@@ -87,7 +87,8 @@ def _plan_in_space(state: FlexibleState, motion: list[Array], prefix: str) -> Re
         KernelCall(f"{prefix}_kernel_settle", integrate_instants, (state.system, settling, *state.arguments)),
         KernelCall(f"{prefix}_kernel_rest", integrate_instants, (state.system, ACCELERATIONS, *state.arguments)),
     ]
-    nodes = ", ".join(map(str, np.flatnonzero(state.solver.topology.independent)))
+    free = np.flatnonzero(state.solver.topology.independent).tolist()
+    nodes = ", ".join(map(str, free or [0]))  # C has no empty tables, and the first node may be placed as well
     unknowns = state.solver.state
     places = {"at_x": unknowns.x, "at_r": unknowns.r, "at_begun_x": undeformed.x, "at_begun_r": undeformed.r}
     return RestStart("rest_in_space", calls, places, {"free_nodes": nodes}, _list_rates(unknowns))

@@ -18,6 +18,7 @@ from flexinv.export.link_library import C_OPTIONS, Compiler, find_compiler, run_
 from flexinv.export.machine_code import NATIVE, TARGETS, Processor, write_entries
 from flexinv.export.memory_image import ALIGNMENT
 from flexinv.export.names import COMPILER_PACKAGE, format_numbers, format_string
+from flexinv.export.written_files import write_files
 
 NO_FMU_COMPILER = (
     "export_fmu: an FMU holds a library, and no C compiler was found to link one; install gcc or clang, or the wheel "
@@ -68,8 +69,7 @@ def build_library(plan: LibraryPlan, source: tuple[str, str], name: str, target:
             "kernels.o": kernels.code,
             "entries.o": entries,
         }
-        for path, data in files.items():
-            (folder / path).write_bytes(data)
+        write_files(folder, files)
         words = [
             *compiler.compile,
             *C_OPTIONS,
@@ -103,7 +103,8 @@ def _collect_values(plan: LibraryPlan, head: FmuHead, made: Interface) -> Mappin
         "group_count": str(len(made.groups)), "groups": ", ".join(made.groups), "starts": format_numbers(starts),
         "roles": format_string("".join(letters.get(one.role, "o") for one in made.variables)),
         "has_payloads": str(int(any("PAYLOAD" in group for group in made.groups))),
-        "has_damping": str(int("damping" in plan.parts)), "has_readings": str(int(bool(places["tip_at"]))),
+        "has_damping": str(int("damping" in plan.parts)), "has_phases": str(int("phases" in plan.parts)),
+        "has_readings": str(int(bool(places["tip_at"]))),
         "held_at": str(made.held), "starts_anywhere": str(int("rest" in plan.parts)),
         "beam_count": str(len(m.beams)), "link_count": str(len(m.links)),
         **{name: _list_places(part, name in ("deflection_at", "tip_at")) for name, part in places.items()},

@@ -3,6 +3,7 @@
 A variable's value reference is its place in the list.  Names are those of crosscheck's door:
 
     NAME.q, NAME.qd, NAME.qdd, NAME.tau    of each coordinate and each rate, as the mechanism names them
+    phase                                  which closures act, where they come and go
     BEAM.deflection.x ..., LINK.tip.x ...  readings
     gravity.x ..., JOINT.friction, JOINT.damping, LINK.payload.mass, .payload.centre.x ..., .payload.inertia.xx ...
 """
@@ -13,6 +14,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 
 from flexinv.errors import InputError
+from flexinv.export.acting_sets import has_phases, list_acting_sets
 from flexinv.export.library_plan import LibraryPlan
 from flexinv.export.names import format_line
 from flexinv.kinematics.nodal_motion import list_sliding_coordinates
@@ -80,6 +82,8 @@ def list_inverse_variables(plan: LibraryPlan, payloads: Sequence[str]) -> Interf
     for part, unit in (("qd", 1), ("qdd", 2)):
         says = ("rate" if unit == 1 else "acceleration") + f" {_ENDED}"
         made.places[f"{part}_at"] = _add_rates(made, m, INPUT_ROLE, (part, unit), says, given, 0.0)
+    if has_phases(m):
+        _add_phase(made, m)
     asked = [bool(driven) or (m.is_rigid and not m.closures) for driven in m.actuated]
     made.places["tau_at"] = _add_rates(made, m, OUTPUT_ROLE, ("tau", 3), f"effort of the drive {_ENDED}", asked)
     if not m.is_rigid:
@@ -105,6 +109,12 @@ def list_forward_variables(plan: LibraryPlan, payloads: Sequence[str]) -> Interf
     add_parameters(made, plan, payloads)
     made.held = made.add("torque.held", PARAMETER_ROLE, "1", "0: torques are linear over a step; 1: constant", 0.0)
     return made
+
+
+def _add_phase(made: Interface, mechanism: Mechanism) -> None:
+    """Add the number of the closures that act [-], which an importer may wire to a signal."""
+    sets = ", ".join(f"{k} {one.name} (first at {one.first:g} s)" for k, one in enumerate(list_acting_sets(mechanism)))
+    made.add_group("PHASE", 0, made.add("phase", INPUT_ROLE, "1", f"closures that act: {sets}", 0.0))
 
 
 def add_readings(made: Interface, mechanism: Mechanism) -> None:

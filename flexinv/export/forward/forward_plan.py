@@ -31,6 +31,8 @@ from flexinv.dynamics.system import Instants
 from flexinv.export.flexible.beam_damping import format_damping
 from flexinv.export.flexible.flexible_plan import MarchSettings
 from flexinv.export.flexible.parameters import format_spatial_parameters
+from flexinv.export.flexible.step_advice import warn_of_long_step
+from flexinv.export.forward.rotations import format_rotations
 from flexinv.export.library_plan import BLOCK_HEADER, LibraryPlan
 from flexinv.export.machine_code import KernelCall, add_entry
 from flexinv.export.memory_image import WORD, MemoryImage, list_arrays
@@ -58,6 +60,8 @@ def plan_forward_library(mechanism: Mechanism, prefix: str, settings: MarchSetti
         mesh, {joint.name for joint in m.joints if joint.nv}, lambda at, _: np.zeros((len(at), m.nv))
     )
     begins, joints = _begin_at_rest(solver, settings)
+    if not m.is_rigid:
+        warn_of_long_step(m, begins, settings.step)
     calls = _list_calls(solver, joints, settings, prefix)
     image = MemoryImage(BLOCK_HEADER, [one for call in calls for one in list_arrays(call.arguments)])
     entries = [add_entry(image, call) for call in calls]
@@ -65,6 +69,7 @@ def plan_forward_library(mechanism: Mechanism, prefix: str, settings: MarchSetti
     values = _format_places(image, solver, instants) | _format_march(solver, settings)
     values |= {f"at_{word}_result": str(one.result) for word, one in zip(_SCHEMES, entries, strict=True)}
     values["start_numbers"] = format_numbers(begins)
+    values |= format_rotations(image, mesh, values)
     frames = Frames(*(part[0] for part in solver.instant[:6]))
     values |= format_poses(image, mesh, frames, FOUND)
     parts = ["links", "forward", "poses"]
@@ -122,7 +127,7 @@ def _format_places(image: MemoryImage, solver: Solver, instants: Instants) -> di
     s = solver.state
     arrays = {
         "x": s.x, "d": s.d, "u": s.u, "du": s.du, "pseudo": s.pseudo, "trend": s.trend, "bend": s.bend, "u0": s.u0, "du0": s.du0,
-        "place": s.place, "order": s.order, "efforts": instants.efforts, "multipliers": solver.border.ties.multiplier,
+        "r": s.r, "place": s.place, "order": s.order, "efforts": instants.efforts, "multipliers": solver.border.ties.multiplier,
     }  # fmt: skip
     places = {f"at_{name}": image.find_place(part) for name, part in arrays.items()}
     unknowns = len(solver.topology.scale)
@@ -159,9 +164,10 @@ def _format_march(solver: Solver, settings: MarchSettings) -> dict[str, str]:
 
 
 def _list_coordinates(mechanism: Mechanism) -> Iterator[str]:
-    """Of each rate its first coordinate, and whether that and the next one are cosine and sine."""
+    """Of each rate its first coordinate, and what that is: `templates/forward.c.in`."""
     for joint in mechanism.joints:
-        turns = KINDS[joint.kind].circle
+        kind = KINDS[joint.kind]
+        said = "COSINE" if kind.circle else "OF_ROTATION" if kind.has_quaternion else "NUMBER"
         first = mechanism.q_slices[joint.name].start
         for k in range(joint.nv):
-            yield f"{{{first + k}, {int(turns)}}}"
+            yield f"{{{first + k}, {said}}}"

@@ -254,8 +254,6 @@ def test_error_bars_come_from_more_modes() -> None:
 def test_what_meshes_cannot_do_yet_is_refused_in_words() -> None:
     arm = make_arm(Link("bar", part=make_bar(count=(4, 1, 1), modes=1)))
     with pytest.raises(InputError, match="links that are meshes"):
-        flexinv.export_c(arm, "never", step=1e-3)
-    with pytest.raises(InputError, match="links that are meshes"):
         flexinv.differentiate(arm, ONE, ("gravity[2]",), step=1e-3)
     with pytest.raises(InputError, match="links that bend"):
         flexinv.joint_torques(arm, np.zeros(1), np.zeros(1), np.zeros(1))

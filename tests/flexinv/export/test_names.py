@@ -8,7 +8,11 @@ from pathlib import Path
 
 import pytest
 
+import flexinv
 from flexinv.errors import FlexinvError
+from flexinv.export.export_c import export_c
+from flexinv.export.export_ros import export_ros
+from flexinv.export.link_library import Compiler
 from flexinv.export.names import format_comment, format_markdown, format_string, make_word
 from flexinv.export.written_files import write_files
 
@@ -51,3 +55,19 @@ def test_a_file_that_cannot_be_written_takes_the_others_with_it(tmp_path: Path) 
     ):
         write_files(tmp_path, {"first/one": b"1", "second": b"2"})
     assert not (tmp_path / "first" / "one").exists()
+
+
+def test_a_compiler_that_fails_leaves_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """As on a disk that is full in the midst of linking: the words of the compiler, what to do, and no half of a folder."""
+    monkeypatch.setattr("flexinv.export.export_c.find_compiler", lambda target: Compiler(("false",), ("false",)))
+    arm = flexinv.load_mechanism("models/rigid_3r")
+    with pytest.raises(
+        FlexinvError, match=r"(?s)export: false .* failed in .*nothing of the export is left: make room"
+    ):
+        export_c(arm, tmp_path / "new" / "library")
+    assert not (tmp_path / "new").exists()
+    (tmp_path / "mine").mkdir()
+    (tmp_path / "mine" / "notes.txt").write_text("mine")
+    with pytest.raises(FlexinvError, match="nothing of the export is left"):
+        export_ros(arm, tmp_path / "mine", overwrite=True)
+    assert [path.name for path in (tmp_path / "mine").rglob("*")] == ["notes.txt"]

@@ -16,11 +16,11 @@ from crosscheck.engines.base import sample_times
 from crosscheck.engines.flexinv_c import adapter as library
 from crosscheck.measures.certificate import Certificate, checks
 from crosscheck.measures.record import Record
-from flexinv.errors import FlexinvError
+from flexinv.errors import FlexinvError, InputError
 from flexinv.export.link_library import _list_names, find_compiler
 from flexinv.export.machine_code import NATIVE
 from flexinv.files.load_cases import Case, load_cases
-from flexinv.model.mechanism import Mechanism
+from flexinv.model.mechanism import Attachment, Force, Mechanism
 
 MODELS = Path("models")
 ENGINE = ENGINES["flexinv-c"]
@@ -81,6 +81,25 @@ def test_its_certificate_holds_and_another_mechanism_is_found() -> None:
 def test_what_it_cannot_is_said_in_words(model: str, case: str, words: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(library, "find_compiler", lambda target: "cc")
     assert words in str(library.unsupported(*read(model, case), "flexinv-c"))
+
+
+def test_loops_under_a_force_that_changes_are_asked_for(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Each call is told the force of its time: what `flexinv.prepare` refuses a library can do."""
+    monkeypatch.setattr(library, "find_compiler", lambda target: "cc")
+    bar, case = read("four_bar", "turn")
+    push = Force(
+        "push",
+        Attachment(bar.links[1].name),
+        np.array([[0.0] * 6, [5.0, 0.0, 0.0, 0.0, 0.0, 0.0]]),
+        time=np.array([0.0, 9.0]),
+    )
+    pushed = replace(bar, forces=(push,))
+    with pytest.raises(InputError, match="depends on time"):
+        flexinv.prepare(pushed)
+    assert library.unsupported(pushed, case, "flexinv-c") is None
+    plan = library.plan_case(pushed, case)
+    given = [one.wrenches for one in plan.questions]
+    assert not np.array_equal(given[0], given[-1])
 
 
 def test_without_a_compiler_it_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
