@@ -359,6 +359,12 @@ class CertificateFile(Data):
     gravity: list[list[float]] | None = describe_key(
         "efforts that hold the tree still, without springs and closures [N m], [N]", default=None
     )
+    torque_by_place: list[list[list[float]]] | None = describe_key(
+        "derivatives of the efforts of the tree by q, without springs, damping and rotors, at the rates and accelerations of "
+        "probe_rates.csv [N m/rad], [N/m]",
+        default=None,
+    )
+    torque_by_rate: list[list[list[float]]] | None = describe_key("the same by qd [N m s/rad], [N s/m]", default=None)
     axes: dict[str, list[Vector]] = describe_key(
         "by joint with one velocity: its axis in the world, one row per configuration [-]", default_factory=dict
     )

@@ -13,7 +13,7 @@ import numpy as np
 
 from crosscheck.engines.base import sample_times
 from crosscheck.engines.shared.export_files import NotExported
-from crosscheck.engines.shared.probe_states import configurations
+from crosscheck.engines.shared.probe_states import configurations, list_probe_rates
 from crosscheck.engines.shared.urdf_text import write_urdf
 from crosscheck.kit import tree
 from crosscheck.kit.page import render_readme
@@ -30,6 +30,9 @@ from flexinv.typing import Array
 
 MOTION = "the motion: time, then q, qd and qdd of every coordinate that is given"
 PROBE = "configurations at which `certificate.json` is asked, one a row"
+RATES = (
+    "rates and accelerations for the slopes of torques in `certificate.json`, one row per configuration of `probe.csv`"
+)
 TREE = (
     "the tree once more, one line per moving joint, fixed joints merged: for programs that want no JSON; `parent` is the line "
     "of the joint before, counted from 0, -1 the world; closures, springs and forces stand in `case.json` alone"
@@ -58,6 +61,11 @@ def write(
         files |= {"probe.csv": PROBE, "tree.csv": TREE}
         header = [f"q/{c.name} [{c.unit}]" for c in said.coordinates]
         write_table(folder / "probe.csv", header, configurations(mechanism, case))
+        if (rates := list_probe_rates(mechanism)) is not None:
+            files["probe_rates.csv"] = RATES
+            header = [f"qd/{v.name} [{v.unit}]" for v in said.velocities]
+            header += [f"qdd/{v.name} [{v.acceleration_unit}]" for v in said.velocities]
+            write_table(folder / "probe_rates.csv", header, np.hstack(rates))
         _write_tree_rows(folder / "tree.csv", mechanism)
         if (text := _convert_to_urdf(mechanism)) is not None:
             files["robot.urdf"] = ROBOT

@@ -150,8 +150,9 @@ LONGEST_MOVE = 0.5
 # Where a step goes less than NEAR_REST, Newton's method is asked for the rest position itself; below STILL nothing moves.
 NEAR_REST = 1e-3
 STILL = 1e-10
-# Newton's last increment closes loops a little better (2.6e-10 in one of 1e-6 m, whatever the step), up or down: no climb.
-CLOSING = 1e-9
+# Newton's last increment closes loops a little better, up or down, whatever the step: no climb.  That of a slider-crank of 1 mm
+# is 3.6e-9, as the search for a rest position before it stops where increments of less than 1e-8 no longer shrink.
+CLOSING = 1e-8
 # Leaving an unstable position by a part of 1e-10 takes some fifty steps.
 MOST_STEPS = 500
 

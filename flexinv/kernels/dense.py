@@ -298,7 +298,8 @@ def build_blocks(lengths: Sequence[int], coupled: NDArray[np.bool_]) -> Blocks:
     for b, others in enumerate(beside):
         for other in (b, *others):
             looked_at[start[b] : end[b], start[other] : end[other]] = True
-    entry = np.argwhere(looked_at | looked_at.T).astype(np.int64)
+    # One layout of memory for trees and loops, or every kernel that takes a system is compiled for each.
+    entry = np.ascontiguousarray(np.argwhere(looked_at | looked_at.T), dtype=np.int64)
     return Blocks(start, end, first, whole, entry)
 
 

@@ -125,7 +125,11 @@ def _list_link_lines(link: Link, frame: PlacedFrame) -> list[Stroke]:
         axis = [_find_section(frame, link.beam, float(station))[0] for station in points]
         lines += [(np.stack([frame[0], axis[0]]), False), (np.stack(axis), True)]
     for body in link.bodies:
-        at = frame if link.beam is None or body.station is None else _find_section(frame, link.beam, body.station)
+        at = frame
+        if link.beam is not None and body.station is not None:
+            at = _find_section(frame, link.beam, body.station)
+        if link.part is not None and body.interface:
+            at = _compute_placed_frame(frame, Placement(link.part.interface_of[body.interface].origin))
         lines.append((np.stack([at[0], at[0] + at[1] @ body.inertia.com]), False))
     return lines
 

@@ -106,6 +106,7 @@ def test_the_same_case_gives_the_same_files_and_a_blind_kit_no_values(root: Path
         "case.json",
         "motion.csv",
         "probe.csv",
+        "probe_rates.csv",
         "tree.csv",
         "robot.urdf",
         "README.md",
