@@ -17,6 +17,7 @@ from flexinv.analysis.views.solution_card import list_instants
 from flexinv.display import drawing
 from flexinv.errors import FlexinvError
 from flexinv.linearized.natural_modes import natural_modes
+from flexinv.model.mechanism_card import describe_links
 from flexinv.typing import Array
 
 SHOWN = 4  # frequencies
@@ -40,12 +41,10 @@ def portrait(task: Task) -> ModelSummary:
         start=case.start,
     )  # fmt: skip
     total = sum(compute_whole_mass(link) for link in mechanism.links)
-    beams = [link.name for link in mechanism.beams]
     tips = np.stack(list(solution.tip.values()))  # (link, sample, xyz)
     reach = np.linalg.norm(tips - solution.nodes.x[:, 0], axis=2)
-    kinds = f"{len(mechanism.links)} links, " + (f"of which beams: {', '.join(beams)}" if beams else "all rigid")
     lines = [
-        ("what", kinds),
+        ("what", describe_links(mechanism)),
         ("freedoms", _describe_freedoms(task)),
         ("mass", f"{total:.5g} kg"),
         ("reach", f"{reach.max():.4g} m from the first joint during the motion"),

@@ -34,12 +34,17 @@ def make_mechanism_card(mechanism: Mechanism) -> Card:
     return Card(title, facts, JOINT_COLUMNS, rows, len(moving), lambda: _draw_outline(mechanism))
 
 
-def _describe_size(mechanism: Mechanism, moving: list[Joint]) -> str:
+def describe_links(mechanism: Mechanism) -> str:
+    """Return in words how many links there are [-], and which of them are beams and meshes."""
     beams = [link.name for link in mechanism.beams]
-    links = format_count(len(mechanism.links), "link")
     meshes = [link.name for link in mechanism.meshed]
+    links = format_count(len(mechanism.links), "link")
     several = [f"{kind}: {', '.join(names)}" for kind, names in (("beams", beams), ("meshes", meshes)) if names]
-    kinds = f"{links}, of which {'; '.join(several)}" if several else f"{links}, all rigid"
+    return f"{links}, of which {'; '.join(several)}" if several else f"{links}, all rigid"
+
+
+def _describe_size(mechanism: Mechanism, moving: list[Joint]) -> str:
+    kinds = describe_links(mechanism)
     drives = format_count(sum(joint.actuated for joint in moving), "drive")
     joints = f"{format_count(len(moving), 'joint')} that move" if len(moving) != 1 else "1 joint that moves"
     return f"{joints}, {drives}; nq = {mechanism.nq}, nv = {mechanism.nv}; {kinds}"

@@ -31,6 +31,7 @@ from flexinv.display.drawing import find_motion_plane
 from flexinv.errors import InputError
 from flexinv.files.load_cases import load_cases
 from flexinv.files.load_mechanism import load_mechanism
+from flexinv.model.mechanism_card import describe_links
 
 TODAY = datetime.date(2030, 1, 31)
 SEEN = {
@@ -256,3 +257,7 @@ def test_verify_of_what_cannot_be_read_says_so(tmp_path: Path) -> None:
     assert done.exit_code == 2
     assert "mine cannot be read" in done.output
     assert "mass_kg = 8" in done.output
+
+
+def test_a_meshed_link_is_no_rigid_one(root: Path) -> None:
+    assert describe_links(load_mechanism(root / "models" / "four_bar_bracket")) == "3 links, of which meshes: bracket"
