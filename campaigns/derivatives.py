@@ -26,14 +26,12 @@ from scipy.spatial.transform import Rotation
 if __name__ == "__main__":
     sys.path[:0] = [str(Path(__file__).resolve().parents[1])]
 
-from spectra_machines import draw_beam, draw_rigid_link, draw_springs, drawn
+from spectra_machines import close_chain, draw_beam, draw_rigid_link, draw_springs, drawn
 
 import flexinv
 from flexinv.errors import FlexinvError, InputError
-from flexinv.kinematics.mesh import build
-from flexinv.kinematics.nodal_motion import compute_rigid_motion
 from flexinv.model.joint_kinds import KINDS
-from flexinv.model.mechanism import WORLD, Attachment, Closure, Joint, Link, Mechanism, Placement
+from flexinv.model.mechanism import WORLD, Joint, Link, Mechanism, Placement
 from flexinv.sensitivity.parameters import CENTRAL, FORWARD, Parameter, resolve_parameters
 from flexinv.typing import Array
 
@@ -120,7 +118,7 @@ def draw_loop(seed: int, number: int) -> Mechanism:
     mechanism = Mechanism(
         "drawn loop", tuple(links), tuple(joints), dice.uniform(-10.0, 10.0, 3) * [1.0, 1.0, not flat]
     )
-    mechanism = replace(mechanism, closures=(_close_chain(mechanism, "revolute" if flat else "spherical"),))
+    mechanism = replace(mechanism, closures=(close_chain(mechanism, "revolute" if flat else "spherical"),))
     if dice.random() < SPRUNG:
         mechanism = replace(mechanism, springs=tuple(draw_springs(dice, mechanism, False)))
     if mechanism.is_rigid and dice.random() < REDUNDANT:
@@ -136,20 +134,6 @@ def _draw_link(dice: np.random.Generator, k: int, flat: bool) -> Link:
         return replace(link, beam=replace(link.beam, curvature=np.zeros(3))) if flat and link.beam is not None else link
     link = draw_rigid_link(dice, k, "all")
     return replace(link, tip=np.array([dice.uniform(0.3, 0.6), 0.0, 0.0])) if flat else link
-
-
-def _close_chain(mechanism: Mechanism, kind: str) -> Closure:
-    """The closure that ties the end of the last link to the world where it stands."""
-    mesh = build(mechanism)
-    rest = np.zeros((1, mechanism.nv))
-    motion = compute_rigid_motion(mesh, mechanism.neutral[None], rest, rest)
-    link = mechanism.links[-1]
-    node = mesh.tip_node.get(link.name, mesh.joint_node[mechanism.joints[-1].name])
-    arm = np.zeros(3) if link.beam is not None else link.tip
-    turn = motion.rotation[0, node]
-    there = Placement(motion.x[0, node] + turn @ arm, turn)
-    end = Attachment(link.name, Placement(arm), None if link.beam is None else 1.0)
-    return Closure("loop", kind, Attachment(WORLD, there), end)
 
 
 def draw_motion(dice: np.random.Generator, mechanism: Mechanism) -> flexinv.Motion:

@@ -227,14 +227,19 @@ def _tied(dice: Dice, mechanism: Mechanism, moving: list[str], turning: bool) ->
 
 def _closed(dice: Dice, mechanism: Mechanism) -> Mechanism:
     """The mechanism with its last link tied to the world where it stands."""
-    mesh, rest = build(mechanism), np.zeros((1, mechanism.nv))
+    kind = str(dice.choice(["spherical", "point-on-line", "cylindrical", "universal"]))
+    return replace(mechanism, closures=(close_chain(mechanism, kind),))
+
+
+def close_chain(mechanism: Mechanism, kind: str) -> Closure:
+    """Return the closure that ties the end of the last link to the world where it stands."""
+    mesh = build(mechanism)
+    rest = np.zeros((1, mechanism.nv))
     motion = compute_rigid_motion(mesh, mechanism.neutral[None], rest, rest)
     link = mechanism.links[-1]
     node = mesh.tip_node.get(link.name, mesh.joint_node[mechanism.joints[-1].name])
     arm = np.zeros(3) if link.beam is not None else link.tip
     turn = motion.rotation[0, node]
     there = Placement(motion.x[0, node] + turn @ arm, turn)
-    attachment = Attachment(link.name, Placement(arm), None if link.beam is None else 1.0)
-    kind = str(dice.choice(["spherical", "point-on-line", "cylindrical", "universal"]))
-    tie = Closure("loop", kind, Attachment(WORLD, there), attachment)
-    return replace(mechanism, closures=(tie,))
+    end = Attachment(link.name, Placement(arm), None if link.beam is None else 1.0)
+    return Closure("loop", kind, Attachment(WORLD, there), end)
