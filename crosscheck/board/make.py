@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import closing
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -21,7 +20,7 @@ from crosscheck.board.pages import VERDICTS
 from crosscheck.board.scripts import BoardScript, prepare_script
 from crosscheck.engines import ENGINES, describe_missing_package
 from crosscheck.run.cluster import open_workers
-from crosscheck.run.forking import ForkServers
+from crosscheck.run.forking import KEPT_SERVERS
 from crosscheck.run.isolation import ChildProcesses
 from crosscheck.run.work import Event, Notify
 from crosscheck.verdicts.plan import Task
@@ -101,7 +100,7 @@ def _prepare_scripts(
     """Return the scripts of all cases by engine."""
     scripts: dict[str, list[BoardScript]] = {engine: [] for engine in wish.engines}
     count = len(tasks) * len(wish.engines)
-    with closing(ForkServers()) as servers:  # engines are imported once
+    with KEPT_SERVERS.open_servers() as servers:  # engines are imported once
         children = ChildProcesses(servers=servers)
         for task, engine in itertools.product(tasks, wish.engines):
             script = prepare_script(task, ENGINES[engine], folder, wish.timeout, children)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from contextlib import closing
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +15,7 @@ from crosscheck.engines import describe_missing_package
 from crosscheck.engines.job_files import DescribeRequest
 from crosscheck.report.words import join_alike_engines
 from crosscheck.run.abilities import LIMIT as DESCRIBE
-from crosscheck.run.forking import ForkServers
+from crosscheck.run.forking import KEPT_SERVERS
 from crosscheck.run.isolation import ChildProcesses, ask
 from crosscheck.verdicts.results import EngineRow
 
@@ -36,7 +35,7 @@ def command(models: Path, config: Path | None, engine: tuple[str, ...]) -> None:
     table = Table("engine", "version", "what it can do", box=None, header_style="dim")
     known: dict[str, tuple[Any, Any]] = {}
     rows: list[EngineRow] = []
-    with closing(ForkServers()) as servers:  # what all adapters need is imported once
+    with KEPT_SERVERS.open_servers() as servers:  # what all adapters need is imported once
         for one in collect_engines(models, config, engine).engines.values():
             if (reason := describe_missing_package(one)) is not None:
                 rows.append(EngineRow(one.name, False, "missing", message=reason))

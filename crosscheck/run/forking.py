@@ -1,10 +1,14 @@
 """Prepared processes as the parent sees them: one per engine's adapter, forked from a common one when its first job comes.
 
+A run borrows a set of them and gives it back, so that all runs of this Python process import what engines need once.  Only the
+adapters of this package stay prepared: the code of others may be edited between two runs.
+
 Where a job may not be forked, and where a prepared process has died, a fresh process is started instead: `ForkRefused` says why.
 """
 
 from __future__ import annotations
 
+import atexit
 import contextlib
 import json
 import socket
@@ -12,13 +16,18 @@ import subprocess
 import sys
 import tempfile
 import threading
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from crosscheck.output_folder import uninterrupted
 from crosscheck.run.processes import end_process_group, end_process_tree, make_environment
 
 PREPARE = 120.0  # [s] to import an engine: a cold disk takes some ten seconds
+CURRENT_TEST = "PYTEST_CURRENT_TEST"  # pytest gives it another value for every test
+MOST_IDLE = 2  # sets that nobody uses, of which each keeps a process per engine
+OURS = "crosscheck."  # how names of this package's modules begin
 PLAIN = ("study", "read")  # kinds of jobs whose module is no adapter
 
 
@@ -113,6 +122,10 @@ class PreparedProcess:
             return f"it was not prepared after {PREPARE:g} s"
         return answer.removeprefix("refused ") or "its prepared process has died"
 
+    def has_ended(self) -> bool:
+        """Return True where a process that was not forked has ended."""
+        return not isinstance(self.process, ForkedProcess) and self.process.poll() is not None
+
     def end(self) -> None:
         """End the process, and with it everything that was forked from it."""
         if isinstance(self.process, ForkedProcess):
@@ -126,10 +139,14 @@ class PreparedProcess:
 
 @dataclass
 class ForkServers:
-    """The prepared processes of a run: a common one, and one by each adapter that is imported."""
+    """The prepared processes of a run: a common one, and one by each adapter that is imported.
+
+    foreign : names of the adapters that are not of this package
+    """
 
     common: PreparedProcess | None = None
     known: dict[str, PreparedProcess] = field(default_factory=dict)
+    foreign: set[str] = field(default_factory=set)
     lock: threading.Lock = field(default_factory=threading.Lock)
     stopped: bool = False
 
@@ -149,10 +166,33 @@ class ForkServers:
         with self.lock:
             if self.stopped:
                 raise ForkRefused("interrupted")
-            self.common = self.common or _begin_common()
+            self._begin_common()
+            if job["kind"] not in PLAIN and (job.get("path") or not name.startswith(OURS)):
+                self.foreign.add(name)
             if name not in self.known:
                 self.known[name] = _begin_prepared(self.common, job)
             return self.known[name]
+
+    def begin_common(self) -> None:
+        """Start the common process; by the thread that is to outlive all jobs, for it ends with the thread that began it.
+
+        Nothing interrupts this: a process of which nobody knows would be left.
+        """
+        if sys.platform == "linux":
+            with uninterrupted(), self.lock:
+                self._begin_common()
+
+    def _begin_common(self) -> None:
+        self.common = self.common or _begin_common()
+
+    def end_foreign_adapters(self) -> None:
+        """End the prepared processes of adapters that are not of this package, and forget those that refused or have died."""
+        with self.lock:
+            for name, one in list(self.known.items()):
+                if name in self.foreign and not one.refusal:
+                    one.end()
+                if name in self.foreign or one.refusal:
+                    del self.known[name]
 
     def end_processes(self) -> None:
         """End all of them, and start no more."""
@@ -172,8 +212,63 @@ class ForkServers:
                     one.end()
 
 
+@dataclass
+class KeptServers:
+    """Sets of prepared processes that nobody uses, each with the environment in which it began, the oldest first."""
+
+    idle: list[tuple[Mapping[str, str], ForkServers]] = field(default_factory=list)
+    lock: threading.Lock = field(default_factory=threading.Lock)
+
+    @contextmanager
+    def open_servers(self) -> Iterator[ForkServers]:
+        """Yield a set of prepared processes for one user, which began in today's environment; keep it afterwards.
+
+        Engines find packages and plugins by the environment.
+        """
+        environment = {name: value for name, value in make_environment().items() if name != CURRENT_TEST}
+        servers = self._take(environment) or ForkServers()
+        try:
+            yield servers
+        finally:
+            self._add_idle(environment, servers)
+
+    def _take(self, environment: Mapping[str, str]) -> ForkServers | None:
+        """Return a kept set of an environment, None where there is none.
+
+        A common process ends with the thread that began it: sets without one are of no use any more.
+        """
+        with self.lock:
+            for place in reversed(range(len(self.idle))):
+                began_in, servers = self.idle[place]
+                if servers.common is None or servers.common.has_ended():
+                    del self.idle[place]
+                    servers.close()
+                elif began_in == environment:
+                    del self.idle[place]
+                    return servers
+        return None
+
+    def _add_idle(self, environment: Mapping[str, str], servers: ForkServers) -> None:
+        if servers.stopped or servers.common is None:
+            servers.close()
+            return
+        servers.end_foreign_adapters()
+        with self.lock:
+            self.idle.append((environment, servers))
+            surplus = [old for _, old in self.idle[:-MOST_IDLE]]
+            del self.idle[:-MOST_IDLE]
+        for old in surplus:
+            old.close()
+
+    def close(self) -> None:
+        """End the processes that nobody uses."""
+        with self.lock:
+            for _, servers in self.idle:
+                servers.close()
+            self.idle.clear()
+
+
 def _begin_common() -> PreparedProcess:
-    """Start the common process; it has to be by the thread that lives as long as the run."""
     folder = _make_folder()  # first: on a full disk there is nothing to be closed yet
     ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
     with theirs, (Path(folder.name) / "printed.txt").open("wb") as log:
@@ -209,3 +304,7 @@ def _begin_prepared(common: PreparedProcess, job: Mapping[str, object]) -> Prepa
 
 def _make_folder() -> tempfile.TemporaryDirectory[str]:
     return tempfile.TemporaryDirectory(prefix="crosscheck-prepared-", ignore_cleanup_errors=True)
+
+
+KEPT_SERVERS = KeptServers()
+atexit.register(KEPT_SERVERS.close)

@@ -84,6 +84,11 @@ class ChildProcesses:
     marks: dict[int, str] = field(default_factory=dict)
     servers: ForkServers | None = None
 
+    def begin_common(self) -> None:
+        """Start the process that prepared ones are forked from, in this thread, where there are such."""
+        if self.servers is not None:
+            self.servers.begin_common()
+
     def begin(self, job: Mapping[str, object], job_file: Path, folder: Path, log: int) -> Process:
         """Return the process of a job, forked from a prepared one where that may be, else a fresh one.
 

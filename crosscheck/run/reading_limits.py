@@ -7,7 +7,6 @@ from a prepared one that lives as long as this (`crosscheck.run.forking`), or it
 
 from __future__ import annotations
 
-import atexit
 import contextlib
 import faulthandler
 import os
@@ -19,13 +18,13 @@ import sys
 import threading
 import time as clock
 import traceback
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NoReturn, TypeVar
 
 from crosscheck.engines.job_files import ReadJobFile
-from crosscheck.run.forking import ForkServers
+from crosscheck.run.forking import KEPT_SERVERS
 from crosscheck.run.isolation import (
     ChildProcesses,
     ProcessEnd,
@@ -43,7 +42,6 @@ from crosscheck.run.processes import (
     end_process_group,
     end_process_tree,
     end_with_parent,
-    make_environment,
     make_subreaper,
     read_waiting_time,
 )
@@ -55,7 +53,6 @@ SECONDS = 120.0  # [s] for one file: the largest humanoid of example-robot-data 
 GIGABYTES = 4.0  # of memory for one file: that humanoid takes 0.5
 OUT_OF_MEMORY = re.compile(r"MemoryError|bad_alloc|out of memory|allocate memory|Unable to allocate", re.IGNORECASE)
 MILLI = 1e-3  # [s]
-CURRENT_TEST = "PYTEST_CURRENT_TEST"  # what pytest writes anew for every test, and no reader asks for
 T = TypeVar("T")
 
 
@@ -86,12 +83,11 @@ class ReadingLimits:
                 "out": str(out),
             }
             out.with_suffix(GIVEN).write_bytes(pickle.dumps((file, *arguments)))
-            here = can_fork()
-            ending = (
-                _run_forked(job, folder, self.seconds)
-                if here
-                else run_child(job, folder, self.seconds, _KEPT.open_children())
-            )
+            if can_fork():
+                ending = _run_forked(job, folder, self.seconds)
+            else:
+                with KEPT_SERVERS.open_servers() as servers:
+                    ending = run_child(job, folder, self.seconds, ChildProcesses(servers=servers))
             if ending.status != "ok":
                 raise self._make_unread_error(file, ending)
             kind, found = pickle.loads(out.read_bytes())  # written by our own code, into this folder alone
@@ -127,48 +123,6 @@ def can_fork() -> bool:
     The threads of OpenBLAS end before a fork and begin again on demand.
     """
     return sys.platform == "linux" and threading.active_count() == 1 and hasattr(os, "pidfd_open")
-
-
-@dataclass
-class _KeptServers:
-    """Prepared processes of readers, kept while this process lives, so that what readers need is imported once.
-
-    environment : in which they began; readers find packages and plugins by it
-    """
-
-    children: ChildProcesses | None = None
-    environment: Mapping[str, str] = field(default_factory=dict)
-    lock: threading.Lock = field(default_factory=threading.Lock)
-
-    def open_children(self) -> ChildProcesses:
-        """Return the processes; begin them anew where the environment is another, or the thread that began them has ended."""
-        environment = {name: value for name, value in make_environment().items() if name != CURRENT_TEST}
-        with self.lock:
-            if self.children is not None and (environment != self.environment or self._has_ended()):
-                self._close()
-            if self.children is None:
-                self.children = ChildProcesses(servers=ForkServers())
-                self.environment = environment
-            return self.children
-
-    def _has_ended(self) -> bool:
-        servers = self.children.servers if self.children else None
-        common = servers.common if servers else None
-        return common is not None and isinstance(common.process, subprocess.Popen) and common.process.poll() is not None
-
-    def _close(self) -> None:
-        if self.children is not None and self.children.servers is not None:
-            self.children.servers.close()
-        self.children = None
-
-    def close(self) -> None:
-        """End the processes."""
-        with self.lock:
-            self._close()
-
-
-_KEPT = _KeptServers()
-atexit.register(_KEPT.close)
 
 
 def _run_forked(job: ReadJobFile, folder: Path, limit: float) -> ProcessEnd:

@@ -18,7 +18,7 @@ from crosscheck import output_folder as owned
 from crosscheck.run.answer_cache import AnswerCache
 from crosscheck.run.answer_stores import AnswerStores
 from crosscheck.run.cluster import open_workers, read_task_files, run_on_worker
-from crosscheck.run.forking import ForkServers
+from crosscheck.run.forking import KEPT_SERVERS
 from crosscheck.run.isolation import ChildProcesses
 from crosscheck.run.jobs import (
     Answer,
@@ -61,8 +61,11 @@ def _run(work: Work, out: Path, notify: Notify, command: str, tell: Tell) -> Res
     state = RunState(work, out, notify, begin_results(work, command))
     kept = AnswerCache(options.kept, options.engine) if options.kept is not None else None
     stores = AnswerStores(options, AttemptFolder(out / KEPT, work.engines), kept)
-    servers = ForkServers()
-    with open_workers(options.scheduler, options.jobs, tell) as pool, ThreadPoolExecutor(max(1, options.jobs)) as here:
+    with (
+        KEPT_SERVERS.open_servers() as servers,
+        open_workers(options.scheduler, options.jobs, tell) as pool,
+        ThreadPoolExecutor(max(1, options.jobs)) as here,
+    ):
         under_way = RunningJobs(pool, here, options, ChildProcesses(servers=servers), stores)
         try:
             _run_stages(state, under_way)
@@ -72,9 +75,8 @@ def _run(work: Work, out: Path, notify: Notify, command: str, tell: Tell) -> Res
         except Exception as error:  # of ours: what has finished is reported all the same
             under_way.end_processes()
             state.add_failures(error)
-        finally:
-            servers.close()
-    state.add_troubles(kept.trouble if kept is not None else (), servers.refusals)
+        refusals = servers.refusals
+    state.add_troubles(kept.trouble if kept is not None else (), refusals)
     results = state.write_results()
     if kept is not None:
         kept.close(state.seconds)
@@ -152,7 +154,10 @@ class RunningJobs:
 
     def run_jobs(self, state: RunState, jobs: Iterable[Job]) -> None:
         """Do jobs, in their order as far as there are hands, and take and keep what each gives as it comes."""
-        self.pending = {self._begin_job(job): job for job in jobs}
+        wanted = list(jobs)
+        if wanted and not self.options.scheduler:
+            self.children.begin_common()
+        self.pending = {self._begin_job(job): job for job in wanted}
         while self.pending:
             for future in wait(self.pending, return_when=FIRST_COMPLETED).done:
                 job = self.pending[future]

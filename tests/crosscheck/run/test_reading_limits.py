@@ -137,7 +137,12 @@ def test_where_threads_run_readers_are_prepared_once_for_an_environment(monkeypa
     monkeypatch.setenv("ROS_PACKAGE_PATH", "/elsewhere")  # by which readers find files
     after = guard.run_function(name_server, "arm.urdf")
     assert after != server
-    assert not psutil.pid_exists(server)
+    monkeypatch.delenv("ROS_PACKAGE_PATH")
+    assert guard.run_function(name_server, "arm.urdf") == server
+    for place in ("/elsewhere/again", "/elsewhere"):
+        monkeypatch.setenv("ROS_PACKAGE_PATH", place)
+        after = guard.run_function(name_server, "arm.urdf")
+    assert not psutil.pid_exists(server)  # two environments are kept
     os.kill(psutil.Process(after).ppid(), signal.SIGKILL)  # the common one, and with it all that were forked from it
     assert guard.run_function(name_server, "arm.urdf") not in (server, after)
 
