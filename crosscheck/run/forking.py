@@ -166,11 +166,11 @@ class ForkServers:
         with self.lock:
             if self.stopped:
                 raise ForkRefused("interrupted")
-            self._begin_common()
+            common = self._find_common()
             if job["kind"] not in PLAIN and (job.get("path") or not name.startswith(OURS)):
                 self.foreign.add(name)
             if name not in self.known:
-                self.known[name] = _begin_prepared(self.common, job)
+                self.known[name] = _begin_prepared(common, job)
             return self.known[name]
 
     def begin_common(self) -> None:
@@ -180,10 +180,12 @@ class ForkServers:
         """
         if sys.platform == "linux":
             with uninterrupted(), self.lock:
-                self._begin_common()
+                self._find_common()
 
-    def _begin_common(self) -> None:
+    def _find_common(self) -> PreparedProcess:
+        """Return the common process, which begins now where it has not."""
         self.common = self.common or _begin_common()
+        return self.common
 
     def end_foreign_adapters(self) -> None:
         """End the prepared processes of adapters that are not of this package, and forget those that refused or have died."""
