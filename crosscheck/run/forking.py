@@ -251,7 +251,7 @@ class KeptServers:
         return None
 
     def _add_idle(self, environment: Mapping[str, str], servers: ForkServers) -> None:
-        if servers.stopped or servers.common is None:
+        if servers.stopped or servers.common is None or servers.common.refusal:
             servers.close()
             return
         servers.end_foreign_adapters()

@@ -40,9 +40,7 @@ def list_family(module: str, folder: Path) -> tuple[str, ...]:
     found = {module, *MAKERS}
     ahead = [module]
     while ahead:
-        imports = _IMPORT.findall(_read_text(folder, ahead.pop()))
-        names = {f"{package}.{one}".rstrip(".") for package, line in imports for one in ("", *re.findall(r"\w+", line))}
-        ahead += [name for name in names - found if _is_source(folder, name)]
+        ahead += [name for name in _list_imported_sources(folder, ahead.pop()) if name not in found]
         found.update(ahead)
     return tuple(sorted(found))
 
@@ -53,6 +51,15 @@ def compute_source_stamp(folder: Path, module: str) -> str:
     return sha256("".join(_read_text(folder, name) for name in list_family(module, folder)).encode()).hexdigest()
 
 
+@cache
+def _list_imported_sources(folder: Path, module: str) -> tuple[str, ...]:
+    """Return the sources that a module imports itself."""
+    imports = _IMPORT.findall(_read_text(folder, module))
+    names = {f"{package}.{one}".rstrip(".") for package, line in imports for one in ("", *re.findall(r"\w+", line))}
+    return tuple(sorted(name for name in names if _is_source(folder, name)))
+
+
+@cache
 def _is_source(folder: Path, module: str) -> bool:
     return module in ALSO + MAKERS or _HAS_KERNELS.search(_read_text(folder, module)) is not None
 
