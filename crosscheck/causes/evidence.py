@@ -18,7 +18,7 @@ import numpy as np
 from crosscheck.causes.fit import IMPOSSIBLE, SMALL, Candidate, Fit, compute_effect, fit_from
 from crosscheck.causes.model import Model
 from crosscheck.causes.quantities import Quantities
-from crosscheck.engines.flexinv.certificate import certify, collect_attachment_data
+from crosscheck.engines.flexinv.certificate import build_certificate, collect_attachment_data
 from crosscheck.measures.certificate import EACH, EXACT, MESHED, PROBED, Certificate, checks
 from flexinv.files.load_cases import Case
 from flexinv.model.mechanism import Mechanism
@@ -214,8 +214,10 @@ class Evidence:
         """Return the reference's certificate of a mechanism's tree, whichever joints have drives, and of its closures."""
         given = case.motion.joints(self.model.base.mechanism)  # a tree's drives are where its motion is
         joints = tuple(replace(j, actuated=j.actuated and j.name in given, weight=1.0) for j in harmed.joints)
+        slopes = self.engine_certificate.torque_by_place is not None
         return replace(
-            certify(replace(harmed, closures=(), joints=joints), case, "flexinv"), **collect_attachment_data(harmed)
+            build_certificate(replace(harmed, closures=(), joints=joints), case, slopes),
+            **collect_attachment_data(harmed),
         )
 
     def _assemble_column(self, certificate: Certificate) -> Array:

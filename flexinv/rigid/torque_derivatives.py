@@ -72,7 +72,7 @@ def torque_derivatives(
                 f"torque_derivatives: mechanism '{mechanism.name}' has {what} between points or on links, whose derivative is "
                 "not given; take differences of flexinv.joint_torques"
             )
-    f = prepare(mechanism, passive)
+    f = prepare(mechanism, passive, 1)  # no work is shared out here
     samples = len(states[0])
     out = TorqueDerivatives(*(np.zeros((samples, mechanism.nv, mechanism.nv)) for _ in range(3)))
     carried = _find_carried_bodies(f.mesh, f.bodies)

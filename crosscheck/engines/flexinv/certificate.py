@@ -44,6 +44,11 @@ AMONG = 400  # points of the quadrature of a beam's compliance: exact for linear
 
 def certify(mechanism: Mechanism, case: Case, engine: str) -> Certificate:
     """Return mass [kg], centre of mass [m], mass matrix, gravity torque, axes, stiffness [N], [N m^2] and closures."""
+    return build_certificate(mechanism, case)
+
+
+def build_certificate(mechanism: Mechanism, case: Case, slopes: bool = True) -> Certificate:
+    """Return what `certify` does [kg], [m], [N m]; slopes : False without derivatives of torques, which take most of its time."""
     if not mechanism.is_rigid:
         return replace(_build_flexible_certificate(mechanism), **collect_attachment_data(mechanism))
     q = configurations(mechanism, case)
@@ -66,7 +71,7 @@ def certify(mechanism: Mechanism, case: Case, engine: str) -> Certificate:
         com=np.einsum("n,snx->sx", weights, motion.x) / (weights.sum() or 1.0),  # (sample, xyz)
         mass_matrix=matrix,
         gravity=gravity,
-        **_compute_torque_slopes(tree, q),
+        **(_compute_torque_slopes(tree, q) if slopes else {}),
         axes=_compute_joint_axes(tree, mesh.joint_node, motion),
         order=tuple(j.name for j in tree.joints if j.nv),
         residual=None,
