@@ -1,6 +1,6 @@
 """What exported C libraries take of the system, what any call does to them, how many instructions they need, how fast they are.
 
-    python -m campaigns.hardness                      # all of it: two hours of one core
+    python -m campaigns.hardness                      # all of it: two to three hours of one core
     python -m campaigns.hardness memory fuzz          # these shows only
     python -m campaigns.hardness --scale 0.01         # a hundredth of all steps and calls: to see that all is well
 
@@ -10,8 +10,11 @@ It needs a C compiler, valgrind, qemu-user, gcc-aarch64-linux-gnu and libeigen3-
 from __future__ import annotations
 
 import sys
+from pathlib import Path
 
 import click
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "tests" / "shared"))  # random mechanisms
 
 from campaigns.hardness.shows import SHOWS
 from flexinv.errors import FlexinvError

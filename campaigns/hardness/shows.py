@@ -11,6 +11,7 @@ from string import Template
 
 from campaigns.hardness.first_torques import list_first_rows
 from campaigns.hardness.fuzz_calls import write_calls
+from campaigns.hardness.gallery import list_gallery_rows
 from campaigns.hardness.instructions import list_instruction_rows
 from campaigns.hardness.libraries import HERE, MACHINES, RIGID_ARM, RIGID_LOOPS, Library, open_library, run_command
 from campaigns.hardness.processors import list_processor_rows
@@ -101,6 +102,6 @@ def compile_fuzz(library: Library, target: str, sanitized: bool = True) -> Path:
 SHOWS: dict[str, Callable[[float], Iterator[str]]] = {
     "memory": show_memory, "threads": show_threads, "fuzz": show_fuzz, "valgrind": show_valgrind,
     "alone": show_alone,
-    "instructions": list_instruction_rows, "processors": list_processor_rows, "samples": list_sample_rows,
-    "steps": list_step_rows, "first": list_first_rows,
+    "instructions": list_instruction_rows, "processors": list_processor_rows, "gallery": list_gallery_rows,
+    "samples": list_sample_rows, "steps": list_step_rows, "first": list_first_rows,
 }  # fmt: skip

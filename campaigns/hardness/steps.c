@@ -125,12 +125,13 @@ int main(int argc, char **argv)
         printf("steps %zu threads %d same 1\n", step_count, count);
         return 0;
     }
-    if (argc > 4 && (latencies = calloc(step_count, sizeof *latencies)) == NULL) return 3;
+    size_t most = step_count > row_count ? step_count : row_count;
+    if (argc > 4 && (latencies = calloc(most, sizeof *latencies)) == NULL) return 3;
     if (ARM(start)(runs[0].memory, ARM_SIZE, ARM_LAYOUT) != 0) return 3;
     unsigned long before = taken;
-    if (latencies) {   /* once through the motion before it counts */
+    if (latencies) {   /* once through the whole motion, which ends where it begins, before it counts */
         size_t all = step_count;
-        step_count = row_count < all ? row_count : all;
+        step_count = row_count;
         make_steps(runs);
         step_count = all;
     } else if (prctl(PR_SET_SECCOMP, SECCOMP_MODE_STRICT) != 0) {

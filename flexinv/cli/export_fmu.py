@@ -26,7 +26,9 @@ from flexinv.files.robot_file import read_robot_file
     type=click.Choice(list(KINDS_OF_FMU)),
     help="Motion in, torque out; or torque in, motion out.",
 )
-@click.option("--step", type=float, help="Links that bend, and forward FMUs: the communication step [s], and no other.")
+@click.option(
+    "--step", type=float, help="Communication step [s], and no other; rigid, torques out: else the first one."
+)
 @click.option(
     "--start", metavar="NUMBERS", help="q where it begins at rest [rad], [m]: --start 0.5,-1; loops: near it."
 )

@@ -29,7 +29,7 @@ from numpy.typing import NDArray
 from flexinv.elements.beam_law import compute_direct_resultants, compute_planar_coupling, compute_planar_work
 from flexinv.kernels.jit import jit_inner
 from flexinv.kernels.records import send_by_address
-from flexinv.kernels.simd import cos_sin
+from flexinv.kernels.simd import cos_sin_unfused
 from flexinv.typing import Array
 
 POINTS_AT_ONCE = 8  # points of a block
@@ -192,7 +192,7 @@ def _fill_block_gradients(lanes, block, elements, p, r):
     by = block * RATE_BLOCK
     d = block * COEFFICIENTS
     for lane in range(lanes):
-        c, s = cos_sin(p[at + PHI + lane])
+        c, s = cos_sin_unfused(p[at + PHI + lane])
         u1 = p[at + U1 + lane]
         u2 = p[at + U2 + lane]
         y1 = c * u1 + s * u2

@@ -45,7 +45,7 @@ KINDS_OF_FMU = {"inverse": "motion in, efforts out", "forward": "efforts in, mot
 ARCHIVE_DATE = (1980, 1, 1, 0, 0, 0)  # of every file in the archive: the same mechanism gives the same bytes
 SAID_OF_KIND = {
     "rigid": "Inverse dynamics: motion in, effort of each drive out. The outputs of a communication step belong to the motion "
-    "that was set before it: give the motion at the END of the step.",
+    "that was set before it: give the motion at the END of the step. All steps are of one length.",
     "flexible": "Inverse dynamics of a mechanism that bends: motion in, effort of each drive out. An input is the motion at the "
     "END of the communication step, and so are the outputs. It begins at rest.",
     "forward": "Forward dynamics: effort of each drive in, motion out. An input is the effort at the END of the communication "
@@ -62,7 +62,8 @@ def export_fmu(
 
     out : the file, NAME.fmu; fmi : version of the interface, "3.0" or "2.0"
     kind : "inverse", motion in, efforts out; "forward", the other way round, as `simulate`
-    step : of a mechanism with beams, and of a forward FMU, the communication step [s]; spectral_radius : as in `Controller` [-]
+    step : communication step [s], of a rigid inverse FMU by default the first that is made; others are refused
+    spectral_radius : as in `Controller` [-]
     start : (nq,) the position [rad], [m] in which it begins at rest unless told another, by default the neutral one
     initial : in equilibrium ("static") or undeformed ("consistent")
     payloads : links that carry something that changes; target : a processor, of `machine_code.TARGETS`
@@ -82,11 +83,13 @@ def export_fmu(
         check_movable(mechanism)
     prefix = make_library_name(mechanism)
     carried = tuple(check_names("payloads", payloads, "links"))
-    of_march = () if mechanism.is_rigid else carried  # a rigid library knows every link
-    request = StartRequest(step, start, initial, spectral_radius, carried if kind == "forward" else of_march)
+    marches = kind == "forward" or not mechanism.is_rigid  # a rigid library knows every link, and no time
+    request = StartRequest(step if marches else None, start, initial, spectral_radius, carried if marches else ())
     plan, made = _plan_fmu(mechanism, prefix, request, kind, carried)
     check_variable_names(made)
-    head = FmuHead(fmi, mechanism.name, prefix, _make_token(plan, made, kind), SAID_OF_KIND[plan.kind], plan.step)
+    fixed = plan.step if marches or step is None else check_march_step(mechanism, step)
+    token = _make_token(plan, made, kind, fixed)
+    head = FmuHead(fmi, mechanism.name, prefix, token, SAID_OF_KIND[plan.kind], fixed)
     _write_archive(file, _collect_files(plan, head, made, target))
     return file
 
@@ -114,9 +117,9 @@ def _check_file(file: Path, overwrite: bool) -> Path:
     return file
 
 
-def _make_token(plan: LibraryPlan, made: Interface, kind: str) -> str:
+def _make_token(plan: LibraryPlan, made: Interface, kind: str, step: float | None) -> str:
     """The digest of model and variables, which tells this FMU from others."""
-    said = repr((kind, plan.step, made)).encode() + plan.image.write_content()
+    said = repr((kind, step, made)).encode() + plan.image.write_content()
     return f"{{{sha256(said).hexdigest()[:32]}}}"
 
 

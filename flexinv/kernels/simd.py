@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 
 from flexinv.kernels import vec3
-from flexinv.kernels.jit import jit_lanes
+from flexinv.kernels.jit import jit_lanes, jit_vector
 
 # Samples of a block, which stays in the cache from its coordinates to its torques.  Rows of 17 lines of it, no power of two:
 # those of 16 share four sets of the cache, and a single sample, which has one line of each row, takes up to 1.6 times as long.
@@ -106,6 +106,10 @@ def cos_sin(angle):
     s = cosine if odd else sine
     return -c if ((quarter + 1) & 2) != 0 else c, -s if (quarter & 2) != 0 else s
 
+
+# The same for marches, without fused products, which not every processor has: all round the steps alike.  (A last digit of a turn
+# is one of a beam's length, which over many steps makes 5e-9 of the largest torque of a crank that drives a steel strip.)
+cos_sin_unfused = jit_vector(getattr(cos_sin, "py_func", cos_sin))
 
 ASTRAY = 1e-5  # how far the squares of a cosine and a sine may be from 1: as those of six digits, of single precision
 

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from flexinv.dynamics.constraint_rows import DIRECTION, compute_border_factors
 from flexinv.kernels.jit import jit_inner
-from flexinv.kernels.simd import cos_sin
+from flexinv.kernels.simd import cos_sin_unfused
 from flexinv.kernels.vec3 import ZERO, dot, put, vec, vec_at
 from flexinv.planar.tree import read_node_motion
 from flexinv.planar.tree_solver import solve_part
@@ -20,7 +20,7 @@ from flexinv.planar.tree_solver import solve_part
 @jit_inner
 def _read_angle(frames, n):
     """Cosine and sine of how far node n has turned."""
-    return cos_sin(frames.pose[n, 2]) if n >= 0 else (1.0, 0.0)
+    return cos_sin_unfused(frames.pose[n, 2]) if n >= 0 else (1.0, 0.0)
 
 
 @jit_inner

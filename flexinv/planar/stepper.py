@@ -30,7 +30,7 @@ from flexinv.elements.planar_beam import (
 )
 from flexinv.kernels.jit import jit, jit_inner
 from flexinv.kernels.records import send_by_address
-from flexinv.kernels.simd import cos_sin
+from flexinv.kernels.simd import cos_sin_unfused
 from flexinv.kernels.vec3 import dot, put, vec
 from flexinv.planar import tree as passes
 from flexinv.planar.constraint_rows import compute_tie_factors, evaluate_ties
@@ -360,7 +360,7 @@ def write_sample(sample, system, out):
 @jit_inner
 def _write_rotation(sample, n, space, frames, out):
     """Rotation, angular velocity and acceleration, and moment of node n."""
-    c, s = cos_sin(frames.pose[n, 2])
+    c, s = cos_sin_unfused(frames.pose[n, 2])
     for i in range(3):
         out.w[sample, n, i] = frames.rate[n, 2] * space.axle[n, i]
         out.al[sample, n, i] = frames.acceleration[n, 2] * space.axle[n, i]

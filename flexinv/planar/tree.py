@@ -24,7 +24,7 @@ from flexinv.elements.joint_law import (
 )
 from flexinv.kernels.jit import jit_inner
 from flexinv.kernels.records import send_by_address
-from flexinv.kernels.simd import cos_sin
+from flexinv.kernels.simd import cos_sin_unfused
 from flexinv.kernels.vec3 import ZERO, add, add_to, put, vec, vec_at
 from flexinv.typing import Array
 
@@ -127,7 +127,7 @@ def _compute_child_motion(n, tree, frames):
     r2 = tree.offset_p[n, 1] + q * e2
     x, v, a = read_node_motion(frames, m)
     if m >= 0 and tree.shifted[n]:
-        c, s = cos_sin(x[2])
+        c, s = cos_sin_unfused(x[2])
         r1, r2, e1, e2 = c * r1 - s * r2, s * r1 + c * r2, c * e1 - s * e2, s * e1 + c * e2
     frames.arm[n, 0] = r1
     frames.arm[n, 1] = r2

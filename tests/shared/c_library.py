@@ -13,7 +13,7 @@ import pytest
 
 from flexinv.export.c_files import LAYOUT, STATUSES
 from flexinv.export.export_c import ExportedLibrary
-from flexinv.export.machine_code import NEEDED
+from flexinv.export.machine_code import NATIVE, NEEDED
 from flexinv.typing import Array
 
 needs_compiler = pytest.mark.skipif(shutil.which("cc") is None, reason="there is no C compiler (cc) to link with")
@@ -22,10 +22,10 @@ needs_compiler = pytest.mark.skipif(shutil.which("cc") is None, reason="there is
 class Block:
     """A block of memory of an exported library, begun; ``block.call("torque", q, ...)`` returns the status by its name."""
 
-    def __init__(self, made: ExportedLibrary, begin: bool = True) -> None:
+    def __init__(self, made: ExportedLibrary, begin: bool = True, target: str = NATIVE) -> None:
         self.name = made.name
         self.made = made
-        self.library = ctypes.CDLL(str(made.folder / "lib" / "native" / f"lib{made.name}.so"))
+        self.library = ctypes.CDLL(str(made.folder / "lib" / target / f"lib{made.name}.so"))
         self.size = self._function("size", ctypes.c_size_t)()
         self.alignment = self._function("alignment", ctypes.c_size_t)()
         self.room = np.zeros(self.size + 2 * self.alignment, dtype=np.uint8)

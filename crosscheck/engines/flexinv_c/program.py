@@ -93,12 +93,14 @@ class Program:
     """A program that is linked: its bytes, so that no file of it is left behind, and the mechanism that it was made of.
 
     wrenches : (forces, 6) of the given forces on links at first [N], [N m]
+    runner : words of the command that runs a program of another processor
     """
 
     mechanism: Mechanism
     kind: str
     data: bytes
     wrenches: Array
+    runner: tuple[str, ...] = ()
 
     def ask(self, questions: Sequence[Question]) -> list[Array]:
         """Return the answers of one process to questions in their order [N m], [N], [kg m^2], [kg].
@@ -115,7 +117,7 @@ class Program:
             file = Path(folder) / "driver"
             file.write_bytes(self.data)
             file.chmod(0o700)
-            done = subprocess.run([file], input=given, capture_output=True, check=False)
+            done = subprocess.run([*self.runner, file], input=given, capture_output=True, check=False)
         if done.returncode != 0:
             raise FlexinvError(f"the program around the exported library ended with {done.returncode}")
         return self._read_answers(questions, done.stdout)
@@ -149,23 +151,28 @@ def build_program(mechanism: Mechanism, settings: LibrarySettings) -> Program:
         return make_linked_program(mechanism, folder, made.name)
 
 
-def make_linked_program(mechanism: Mechanism, folder: Path, name: str) -> Program:
-    """Return the program around the static library [-] that stands in a folder by its name.  Raises FlexinvError."""
+def make_linked_program(
+    mechanism: Mechanism, folder: Path, name: str, target: str = NATIVE, runner: tuple[str, ...] = ()
+) -> Program:
+    """Return the program around the static library [-] that stands in a folder by its name, for a processor.
+
+    runner : words of the command that runs it, where that is another processor.  Raises FlexinvError.
+    """
     kind = "flexible" if not mechanism.is_rigid else "loops" if mechanism.closures else "rigid"
-    compiler = find_compiler(NATIVE)
+    compiler = find_compiler(target)
     if compiler is None:
         raise FlexinvError(NO_COMPILER)
     source = folder / "driver.c"
     forces = list_moved_forces(build(apply_stated_ratio(mechanism)))
     source.write_text(_write_driver(name, kind, len(forces), has_phases(mechanism)), encoding="utf-8")
     out = folder / "driver"
-    library = folder / "lib" / NATIVE / f"lib{name}.a"
+    library = folder / "lib" / target / f"lib{name}.a"
     words = [*compiler.compile, *C_OPTIONS, f"-I{folder / 'include'}", source, library, "-lm", "-o", out]
     done = subprocess.run([str(word) for word in words], capture_output=True, text=True, check=False)
     if done.returncode != 0:
         raise FlexinvError(f"the driver of the exported library does not compile:\n{done.stderr.strip()}")
     first = np.array([force.wrench[0] for force in forces]).reshape(-1, 6)
-    return Program(mechanism, kind, out.read_bytes(), first)
+    return Program(mechanism, kind, out.read_bytes(), first, runner)
 
 
 def _write_driver(name: str, kind: str, forces: int, switches: bool) -> str:

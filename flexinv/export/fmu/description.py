@@ -25,7 +25,7 @@ _NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_]*(\.[A-Za-z_][A-Za-z0-9_]*)*")
 
 @dataclass(frozen=True)
 class FmuHead:
-    """Head of an FMU: FMI version, title and identifier of the model, token, what it says, step [s] or None for any."""
+    """Head of an FMU: FMI version, title and identifier of the model, token, what it says, step [s] or None: the first one."""
 
     fmi: str
     title: str
@@ -65,7 +65,7 @@ def _render_head(head: FmuHead, made: Interface, is_new: bool) -> Iterator[str]:
         ("canGetAndSetFMUState", "canSerializeFMUState") if is_new else ("canGetAndSetFMUstate", "canSerializeFMUstate")
     )
     abilities = {
-        "modelIdentifier": head.identifier, "canHandleVariableCommunicationStepSize": _format_flag(head.step is None),
+        "modelIdentifier": head.identifier, "canHandleVariableCommunicationStepSize": "false",
         **dict.fromkeys(state, "true"),
     }  # fmt: skip
     if is_new:
@@ -127,7 +127,7 @@ def render_fmu_page(head: FmuHead, made: Interface) -> str:
         f"<td>{'' if one.start is None else repr(one.start)}</td><td>{html.escape(one.says)}</td></tr>"
         for one in made.variables
     )
-    step = "any communication step" if head.step is None else f"communication step {head.step!r} s and no other"
+    step = "communication step " + ("that is made first" if head.step is None else f"{head.step!r} s") + " and no other"
     return (
         f'<!DOCTYPE html><html lang="en"><head><meta charset="utf-8"><title>{html.escape(head.title)}</title></head><body>\n'
         f"<h1>{html.escape(head.title)}</h1>\n<p>{html.escape(head.says)}</p>\n"
@@ -139,7 +139,3 @@ def render_fmu_page(head: FmuHead, made: Interface) -> str:
 
 def _list_attributes(values: dict[str, str]) -> str:
     return " ".join(f"{name}={quoteattr(format_line(value))}" for name, value in values.items())
-
-
-def _format_flag(value: bool) -> str:
-    return "true" if value else "false"

@@ -107,7 +107,7 @@ def test_the_validation_of_fmpy_finds_nothing(files: dict[str, Path], kind: str,
         file, validate_variable_names=True, validate_model_structure=True
     )
     assert said.fmiVersion == fmi
-    assert said.coSimulation.canHandleVariableCommunicationStepSize == (kind == "rigid")
+    assert not said.coSimulation.canHandleVariableCommunicationStepSize
     assert said.coSimulation.canGetAndSetFMUstate
     assert said.coSimulation.canSerializeFMUstate
     assert "END of the" in said.description
@@ -119,7 +119,7 @@ def test_the_validation_of_fmpy_finds_nothing(files: dict[str, Path], kind: str,
 
 @pytest.mark.parametrize("fmi", VERSIONS)
 def test_torques_of_a_rigid_arm_are_those_of_python(files: dict[str, Path], rigid: Mechanism, fmi: str) -> None:
-    """Digit by digit, with any steps; and with a payload, another gravity and friction, of which each is felt."""
+    """Digit by digit; and with a payload, another gravity and friction, of which each is felt."""
     rows = swing(rigid, rigid.neutral + 0.3, steps=20)
     expected = np.array([flexinv.joint_torques(rigid, *row) for row in rows])
     with driven(files[f"rigid {fmi}"]) as fmu:
@@ -205,7 +205,7 @@ def test_what_cannot_be_is_refused_and_the_next_step_works(
         fmu.begin({})
         expected = fmu.replay(names[0], table, names[1], STEP)
     complaints = [
-        ({}, (0.0, 2 * STEP), "the communication step is 0.004 s; this FMU marches by 0.002 s alone"),
+        ({}, (0.0, 2 * STEP), "the communication step is 0.004 s; this FMU takes 0.002 s alone"),
         ({}, (STEP, STEP), "the communication point is 0.002 s, but the FMU stands at 0 s"),
         ({}, (0.0, float("nan")), "are no finite numbers"),
         ({"joint1.q": float("nan")}, (0.0, STEP), "a number that is given is infinite or none"),
@@ -228,6 +228,36 @@ def test_what_cannot_be_is_refused_and_the_next_step_works(
         assert np.array_equal(fmu.replay(names[0], table, names[1], STEP), expected)
         with pytest.raises(Exception, match="failed with status 3"):
             fmu.set_numbers([10**6], [0.0])
+
+
+@pytest.mark.parametrize("fmi", VERSIONS)
+@pytest.mark.parametrize("step", [None, 0.01])
+def test_steps_of_a_rigid_arm_are_of_one_length(rigid: Mechanism, tmp_path: Path, fmi: str, step: float | None) -> None:
+    """That of the export, or of the first step that was made, which a state brings along and a reset forgets."""
+    file = flexinv.export_fmu(rigid, tmp_path / "arm.fmu", fmi=fmi, step=step)
+    said = "this FMU takes 0.01 s alone" if step else "the first was 0.01 s: all are of one length"
+    with driven(file) as fmu:
+        stated = fmu.description.defaultExperiment.stepSize
+        assert stated is None if step is None else float(stated) == step
+        fmu.begin({}, start=1.0)
+        state = fmu.keep()
+        if step is None:
+            fmu.step(1.0, 0.02)
+            fmu.restore(state)
+        for start in (1.0, 1.01):
+            with pytest.raises(Exception, match="failed with status 2"):
+                fmu.step(start + 0.5, 0.01)
+            assert "the FMU stands at" in fmu.said[-1]
+            fmu.step(start, 0.01)
+            with pytest.raises(Exception, match="failed with status 2"):
+                fmu.step(start + 0.01, 0.02)
+            assert "the communication step is 0.02 s" in fmu.said[-1]
+            assert said in fmu.said[-1]
+        fmu.fmu.reset()
+        fmu.begin({})
+        if step is None:
+            fmu.step(0.0, 0.02)
+        fmu.free(state)
 
 
 def test_loops_take_the_motion_of_all_joints(tmp_path: Path) -> None:
@@ -278,7 +308,8 @@ def test_bad_requests_are_refused_before_anything_is_written(
     for words, said in (
         ({"fmi": "1.0"}, "fmi = '1.0'"),
         ({"kind": "sideways"}, "kind = 'sideways'"),
-        ({"step": 0.01}, "is rigid and has no state; leave out step and start"),
+        ({"step": 0.0}, "step = 0"),
+        ({"start": rigid.neutral}, "is rigid and has no state; leave out step and start"),
         ({"payloads": ("hand",)}, "payloads: there is no link 'hand'"),
         ({"target": "z80"}, "target = 'z80'"),
         ({"target": ["native"]}, r"target = \['native'\]"),

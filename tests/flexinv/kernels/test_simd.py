@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from flexinv.kernels.jit import jit_blocks
-from flexinv.kernels.simd import FAR_ANGLE, cos_sin
+from flexinv.kernels.jit import jit, jit_blocks
+from flexinv.kernels.simd import FAR_ANGLE, cos_sin, cos_sin_unfused
 
 # One unit in the last place of a number just below 1 is 1.1e-16; two of them (polynomial, reduced angle) are promised.
 PROMISED = 2.2e-16
@@ -28,6 +28,13 @@ def cos_sin_many(angle, c, s):
         c[k], s[k] = cos_sin(angle[k])
 
 
+@jit
+def cos_sin_alike(angle, c, s):
+    """The same as every processor rounds them."""
+    for k in range(angle.shape[0]):
+        c[k], s[k] = cos_sin_unfused(angle[k])
+
+
 @pytest.mark.parametrize("name", ANGLES)
 def test_errors_are_as_small_as_promised(name: str) -> None:
     angle = ANGLES[name]
@@ -37,6 +44,20 @@ def test_errors_are_as_small_as_promised(name: str) -> None:
     assert np.abs(c - np.cos(long)).max() <= PROMISED
     assert np.abs(s - np.sin(long)).max() <= PROMISED
     assert np.abs(c * c + s * s - 1).max() <= 2 * PROMISED  # as both errors together make it
+
+
+@pytest.mark.parametrize("name", ANGLES)
+def test_unfused_products_are_rounded_as_numpy_rounds_them(name: str) -> None:
+    """Each product and each sum by itself: the digits of any processor.  Fused ones have others."""
+    angle = ANGLES[name]
+    c, s = np.empty_like(angle), np.empty_like(angle)
+    cos_sin_alike(angle, c, s)
+    expected = np.array([getattr(cos_sin, "py_func", cos_sin)(one) for one in angle[:2000]]).T
+    assert np.array_equal(c[:2000], expected[0])
+    assert np.array_equal(s[:2000], expected[1])
+    long = angle.astype(np.longdouble)
+    assert np.abs(c - np.cos(long)).max() <= PROMISED
+    assert np.abs(s - np.sin(long)).max() <= PROMISED
 
 
 def test_what_is_no_angle_gives_no_cosine() -> None:
