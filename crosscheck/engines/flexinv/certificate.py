@@ -48,7 +48,7 @@ def certify(mechanism: Mechanism, case: Case, engine: str) -> Certificate:
 
 
 def build_certificate(mechanism: Mechanism, case: Case, slopes: bool = True) -> Certificate:
-    """Return what `certify` does [kg], [m], [N m]; slopes : False without derivatives of torques, which take most of its time."""
+    """Return the certificate of `certify` [kg], [m], [N m]; slopes : False without derivatives of torques, most of its time."""
     if not mechanism.is_rigid:
         return replace(_build_flexible_certificate(mechanism), **collect_attachment_data(mechanism))
     q = configurations(mechanism, case)
