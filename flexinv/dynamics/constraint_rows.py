@@ -200,8 +200,7 @@ def evaluate_ties(constraints, state, frames, wanted):
             continue
         if not constraints.acting[k]:
             constraints.value[k] = 0.0
-            for i in range(12):
-                constraints.gradient[k, i] = 0.0
+            constraints.gradient[k] = 0.0
             continue
         a = constraints.a[k]
         b = constraints.b[k]

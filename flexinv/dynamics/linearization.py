@@ -119,9 +119,7 @@ def fill_sparse_entries(system, at, values):
                     continue
                 rows = topology.size[topology.block[nodes[i]]] if i == 0 else 6
                 columns = topology.size[topology.block[nodes[q]]] if q == 0 else 6
-                for r in range(rows):
-                    for c in range(columns):
-                        work.system[r, c] = 0.0
+                work.system[:rows, :columns] = 0.0
                 _add_coupling(topology, system.variation, nodes, i, q, work.tangent[k], (0, 0), work.system)
                 of = topology.offset[topology.block[nodes[i]]]
                 by = topology.offset[topology.block[nodes[q]]]

@@ -88,8 +88,7 @@ def _fill_force_columns(part, system, law, factors):
     by_rate = ((cv, -w[2], w[1]), (w[2], cv, -w[0]), (-w[1], w[0], cv))
     for c in range(shapes.size[part]):
         column = motion.column[own + c, begin:end]
-        for i in range(len(column)):
-            column[i] = 0.0
+        column[:] = 0.0
         _add_turned(law, mass, motion.slide[c, begin:end], column)
         if c < shapes.soft[part]:
             _add_turned(by_rate, mass, motion.rate[c, begin:end], column)

@@ -171,8 +171,7 @@ def fill_element_gradient(k, count, elements, scratch, rates, internal, want_tan
 @jit_inner
 def _fill_zeros(count, gradient, pairs, want_tangent):
     for i in range(count):
-        for k in range(6):
-            gradient[i, k] = 0.0
+        gradient[i, :6] = 0.0
         for j in range(count if want_tangent else 0):
             for k in range(36):
                 pairs[i, j, k] = 0.0

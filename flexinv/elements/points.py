@@ -167,8 +167,7 @@ def _fill_bent_change(part, shapes, first, state, motion):
     soft = shapes.soft[part]
     for c in range(soft):
         change = motion.change[c, begin:end]
-        for i in range(len(change)):
-            change[i] = 0.0
+        change[:] = 0.0
         for j in range(soft):
             add_scaled_row(state.du[first + j], points.bend[j, c, begin:end], change)
 

@@ -132,8 +132,7 @@ def _factorise_front(fronts, qr, f):
 @jit_inner
 def _compute_squares(column, top, squares):
     """Set the squares of a column (rows, lanes) from row ``top`` on."""
-    for k in range(squares.shape[0]):
-        squares[k] = 0.0
+    squares[:] = 0.0
     for i in range(top, column.shape[0]):
         for k in range(squares.shape[0]):
             squares[k] += column[i, k] * column[i, k]

@@ -117,9 +117,7 @@ def _solve_block_acceleration(b, tree, plan, masses, frames, residual, y):
     columns = tree.size[block]
     first = tree.offset[block]
     m = masses.mass
-    for i in range(columns):
-        for j in range(columns):
-            m[i, j] = 0.0
+    m[:columns, :columns] = 0.0
     for n in masses.member[b]:
         if n < 0:
             break

@@ -302,8 +302,7 @@ def _begin_march(system, start_at):
     begin_undeformed(system.tree, system.state, start_at, system.frames)
     begin_from_state(system.state)
     remove_stress(system.elements, system.work.points)
-    for i in range(len(system.work.rates)):
-        system.work.rates[i] = 0.0
+    system.work.rates[:] = 0.0
 
 
 @jit_inner

@@ -147,8 +147,7 @@ def _solve_element_blocks(k, tree, elements, frames, factors):
 @jit_inner
 def _compute_transposed_product(a, v, out, size):
     """out = a^T v; behind ``size`` rows of ``a``, and of v and out, there are zeros up to a multiple of ROWS_AT_ONCE."""
-    for r in range(size):
-        out[r] = 0.0
+    out[:size] = 0.0
     for c in range(0, size, ROWS_AT_ONCE):
         p = v[c]
         q = v[c + 1]

@@ -253,8 +253,7 @@ def _compute_forces(inputs, which, k, tangents, accelerations, scratch):
     """
     forces = scratch.forces
     for i in range(forces.shape[0]):
-        for p in range(forces.shape[1]):
-            forces[i, p] = 0.0
+        forces[i] = 0.0
         for q in range(len(inputs.column)):
             forces[i, inputs.column[q]] += inputs.pushed[which, k, i, q]
     for e in range(len(scratch.stiffness)):
@@ -285,8 +284,7 @@ def _fill_right_sides(freedoms, scratch):
     size = len(freedoms.marched)
     ties = size + scratch.forces.shape[1]
     for r in range(size):
-        for c in range(size):
-            system[r, c] = 0.0
+        system[r, :size] = 0.0
         for c in range(size, ties):
             system[r, c] = -scratch.forces[freedoms.marched[r], c - size]
         for c in range(ties, system.shape[1]):
@@ -378,8 +376,7 @@ def _write_tips(system, tips, inputs, k, tangents, out):
         turned = mat(system.frames.r[n])
         place = vec(tips.place[i])
         for a in range(3):
-            for p in range(tangents.pose.shape[1]):
-                out.tip[k, i, a, p] = 0.0
+            out.tip[k, i, a] = 0.0
             for q in range(len(inputs.column)):
                 out.tip[k, i, a, inputs.column[q]] += inputs.shifted[k, i, a, q]
         for c in range(topology.size[topology.block[n]]):
