@@ -112,7 +112,7 @@ def list_early_times(time: Array) -> Array:
     """Return the ends [s] of all parts of the steps between the instants ``time`` (steps + 1,); every last one is an instant."""
     ends = time[:-1, None] + np.diff(time)[:, None] * (np.arange(1, SUBSTEPS + 1) / SUBSTEPS)
     ends[:, -1] = time[1:]
-    return np.asarray(ends.reshape(-1))
+    return ends.reshape(-1)
 
 
 def list_early_rows(row: NDArray[np.int64]) -> NDArray[np.int64]:

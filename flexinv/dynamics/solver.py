@@ -199,7 +199,7 @@ class Solver:
         """
         if self.efforts is None:
             return np.empty((len(time), 0))
-        return np.asarray(self.efforts(time, before) @ build_coordinate_map(self.mesh, self.topology))
+        return self.efforts(time, before) @ build_coordinate_map(self.mesh, self.topology)
 
     def make_step_error(self, status: int, count: int, size: float, when: str, step: float = 0.0) -> ConvergenceError:
         """Return the error that says where and how the solve failed, see `make_solve_error`; size [-], step [s]."""

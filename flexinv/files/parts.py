@@ -324,4 +324,4 @@ def _read_direction(vector: Any, key: str, where: Location) -> NDArray[np.float6
         raise where.make_error(
             key, f"{key} = {format_toml(list(vector))}", "a direction other than zero [-]", f"{key} = [1, 0, 0]"
         )
-    return np.asarray(given / length)
+    return given / length

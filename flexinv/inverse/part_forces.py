@@ -116,7 +116,7 @@ def _list_meshed(mesh: Mesh) -> list[int]:
 
 def _find_point_masses(mesh: Mesh, number: int) -> NDArray[np.int64]:
     of_parts = mesh.shapes.points
-    return np.asarray(of_parts.node[of_parts.first[number] : of_parts.first[number + 1]])
+    return of_parts.node[of_parts.first[number] : of_parts.first[number + 1]]
 
 
 def _find_amplitudes(mesh: Mesh, motion: NodalMotion, number: int, reduced: Reduction) -> PartMotion:
@@ -129,7 +129,7 @@ def _find_amplitudes(mesh: Mesh, motion: NodalMotion, number: int, reduced: Redu
     al = motion.alpha[:, root, None]
 
     def convert_to_frame(vector: Array) -> Array:
-        return np.asarray((back @ (vector[:, points] - vector[:, root, None])[..., None])[..., 0])
+        return (back @ (vector[:, points] - vector[:, root, None])[..., None])[..., 0]
 
     p = convert_to_frame(motion.x)
     dp = convert_to_frame(motion.v) - np.cross(w, p)

@@ -193,4 +193,4 @@ def from_quaternion(q: Array) -> Array:
     q = np.asarray(q, dtype=float)
     q = q / np.linalg.norm(q, axis=-1, keepdims=True)
     skew = np.cross(np.eye(3), q[..., None, :3])  # (..., row, column)
-    return np.asarray(np.eye(3) + 2.0 * (q[..., 3, None, None] * skew + skew @ skew))
+    return np.eye(3) + 2.0 * (q[..., 3, None, None] * skew + skew @ skew)

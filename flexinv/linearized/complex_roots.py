@@ -284,7 +284,7 @@ def _update_roots_by_newton(
 
 
 def _scale_to_unit(vector: Complex) -> Complex:
-    return np.asarray(vector / np.linalg.norm(vector))
+    return vector / np.linalg.norm(vector)
 
 
 def update_roots(parts: list[Sparse], root: Complex, x: Complex, y: Complex, shift: float) -> Corrected:
@@ -321,7 +321,7 @@ def _compute_root_change(parts: list[Sparse], terms: Array, root: Complex, x: Co
     slope = np.abs(2 * root * _compute_bilinear_form(y, parts[0], x) + _compute_bilinear_form(y, parts[1], x))
     first = _compute_quotient(terms, slope)
     second = np.sqrt(_compute_quotient(terms, np.abs(_compute_bilinear_form(y, parts[0], x))))
-    return np.asarray(np.minimum(first, second))
+    return np.minimum(first, second)
 
 
 def _compute_correction(parts: list[Sparse], s: Complex, x: Complex, y: Complex) -> Complex:
@@ -340,7 +340,7 @@ def _evaluate_residual(parts: list[Sparse], s: Complex, x: Complex, y: Complex) 
 def _compute_quotient(terms: Array, slope: Array) -> Array:
     """A quotient, infinite where it cannot be written."""
     there = slope > SMALLEST_SLOPE * terms
-    return np.asarray(np.where(there, terms / np.where(there, slope, 1.0), np.inf))
+    return np.where(there, terms / np.where(there, slope, 1.0), np.inf)
 
 
 def _compute_bilinear_form(y: Complex, part: Sparse, x: Complex) -> Complex:

@@ -135,7 +135,7 @@ class Candidate:
 
 def find_late(root: Complex, lag: float) -> Mask:
     """Return a mask of roots [1/s] so fast that motions follow them late: A - s B has them but nearly."""
-    return np.asarray(np.abs(root) * lag > SLOW_ENOUGH)
+    return np.abs(root) * lag > SLOW_ENOUGH
 
 
 def _make_candidate(place: float, found: Corrected, discs: tuple[Complex, Array], late: Mask) -> Candidate:

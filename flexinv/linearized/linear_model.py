@@ -108,7 +108,7 @@ class LinearModel(ByValue):
         if self.origin is None or self.origin.mechanism.is_rigid:
             return rounding
         finer = build_refined_model(self).poles[: len(poles)]
-        return np.asarray(rounding + SAFETY * np.abs(poles - finer))
+        return rounding + SAFETY * np.abs(poles - finer)
 
     @property
     def matrices(self) -> tuple[Array, Array, Array, Array]:

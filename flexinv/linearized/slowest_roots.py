@@ -88,7 +88,7 @@ def _compute_disc_bars(parts: Terms, corrected: Corrected, shift: float, slow: M
     z = np.concatenate([x, root * x])
     w = np.concatenate([c.T @ y + root.conj() * (m.T @ y), y])
     centre, radius = compute_root_discs(a, b, root, z, w, shift)
-    return np.asarray(np.maximum(radius + np.abs(root - centre) - corrected[3][slow], 0.0))
+    return np.maximum(radius + np.abs(root - centre) - corrected[3][slow], 0.0)
 
 
 def _run_arnoldi(parts: Terms, shift: float, count: int) -> tuple[Complex, Complex, Complex]:

@@ -377,7 +377,7 @@ class SteadyModes(Shown, Shapes):
     @property
     def frequency(self) -> Array:
         """(modes,) damped natural frequencies [Hz], zero of a motion that does not swing."""
-        return np.asarray(self.root.imag / (2 * np.pi))
+        return self.root.imag / (2 * np.pi)
 
     @property
     def root_error(self) -> Array:
@@ -389,12 +389,12 @@ class SteadyModes(Shown, Shapes):
         if self.mesh.mechanism.is_rigid:
             return self.rounding
         finer = compute_refined_steady_modes(self)
-        return np.asarray(self.rounding + SAFETY * np.abs(self.root - finer.root))
+        return self.rounding + SAFETY * np.abs(self.root - finer.root)
 
     @property
     def frequency_error(self) -> Array:
         """(modes,) error bars of the frequencies [Hz], of mesh and rounding (`root_error`)."""
-        return np.asarray(self.root_error / (2 * np.pi))
+        return self.root_error / (2 * np.pi)
 
     @property
     def damping_ratio(self) -> Array:

@@ -71,7 +71,7 @@ class Reduction:
     @property
     def frequency(self) -> Array:
         """(shapes,) frequencies held at the root, all other interfaces free [Hz]."""
-        return np.asarray(np.sqrt(self.modal_stiffness / self.modal_mass) / (2.0 * np.pi))
+        return np.sqrt(self.modal_stiffness / self.modal_mass) / (2.0 * np.pi)
 
     def compute_free_frequencies(self) -> Array:
         """Return the frequencies of the part held nowhere, (shapes,) [Hz]: of its shapes, rigid motions beside them."""
@@ -193,7 +193,7 @@ def _compute_swung_arms(arm: Array, first: Array, second: Array) -> Array:
     b = second.T[None]
     r = arm[:, None]
     both = np.cross(a, np.cross(b, r)) + np.cross(b, np.cross(a, r))  # (node, pair, xyz)
-    return np.asarray(0.5 * both.transpose(0, 2, 1))
+    return 0.5 * both.transpose(0, 2, 1)
 
 
 def _apply_mass(mass: Sparse, columns: Array) -> Array:
@@ -209,7 +209,7 @@ def _find_local_nodes(found: PartMatrices, one: PartInterface) -> NDArray[np.int
 
 def _list_rows(nodes: NDArray[np.int64]) -> NDArray[np.int64]:
     """The three rows of each node."""
-    return np.asarray((3 * nodes[:, None] + np.arange(3)).ravel())
+    return (3 * nodes[:, None] + np.arange(3)).ravel()
 
 
 def _build_held_part(part: MeshedPart, found: PartMatrices) -> _Held:

@@ -76,4 +76,4 @@ def _compute_stress(law: Array, strain: Array) -> Array:
     rows = np.stack([strain[..., 0, 0], strain[..., 1, 1], strain[..., 2, 2]], axis=-1)
     shears = 2.0 * np.stack([strain[..., 1, 2], strain[..., 0, 2], strain[..., 0, 1]], axis=-1)
     six = np.concatenate([rows, shears], axis=-1) @ law.T
-    return np.asarray(six[..., _STRAIN])
+    return six[..., _STRAIN]

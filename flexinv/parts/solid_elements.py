@@ -178,7 +178,7 @@ def _compute_jacobians(part: MeshedPart, cells: Cells, at: Array, slope: Array, 
             f"{said} {(cells.nodes[first + worst] + 1).tolist()} (counted from 1); expected a volume above zero at every "
             "point of integration; write the nodes in VTK's order, or mesh the part anew"
         )
-    return np.asarray(jacobian)
+    return jacobian
 
 
 def compute_strain_matrices(gradient: Array) -> Array:

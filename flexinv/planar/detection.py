@@ -75,11 +75,11 @@ def convert_to_plane(plane: Plane, node: NDArray[np.int64], vectors: Array) -> A
 def find_planar_rows(plane: Plane, rows: Rows) -> NDArray[np.bool_]:
     """Return a mask (rows,) of the constraints that act in the plane [-]; every planar motion satisfies the others."""
     inside = ~_find_upright(convert_to_plane(plane, rows.a, rows.u))
-    return np.asarray(inside & (~rows.direction | ~_find_upright(convert_to_plane(plane, rows.b, rows.w))))
+    return inside & (~rows.direction | ~_find_upright(convert_to_plane(plane, rows.b, rows.w)))
 
 
 def _find_upright(vectors: Array) -> NDArray[np.bool_]:
-    return np.asarray(np.hypot(vectors[:, 0], vectors[:, 1]) <= PLACEMENT_ROUNDING)
+    return np.hypot(vectors[:, 0], vectors[:, 1]) <= PLACEMENT_ROUNDING
 
 
 def _describe_spatial_closure(mesh: Mesh, plane: Plane) -> str:

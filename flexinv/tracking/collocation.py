@@ -352,7 +352,7 @@ class Horizon:
 
     def solve_increments(self, at: NodePoses, now: LinearisedEquations) -> Array:
         """Return Newton's increments y (samples, unknowns) [m], [rad]."""
-        return np.asarray(self.build_linear_solver(at, now)(now.residual, now.missed) @ self.layout.pick)
+        return self.build_linear_solver(at, now)(now.residual, now.missed) @ self.layout.pick
 
     def build_linear_solver(self, at: NodePoses, now: LinearisedEquations) -> Callable[[Array, Array], Array]:
         """Return the function of residual (samples, rows) and missed (samples, tasks) that gives y (samples, rows) [m], [rad]."""

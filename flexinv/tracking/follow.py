@@ -262,7 +262,7 @@ def _build_window(way: RigidPath, step: float, before: float | None, after: floa
             f"step = {step:g} s gives {count.sum():.0f} instants in {first + move + last:.3g} s, more than {MOST_INSTANTS}: "
             "write a larger step, or shorter before and after"
         )
-    return np.asarray(step * np.arange(-max(count[0], 1), max(count[1], 1) + 1))
+    return step * np.arange(-max(count[0], 1), max(count[1], 1) + 1)
 
 
 def _compute_fading_time(rates: NDArray[np.complex128]) -> float:

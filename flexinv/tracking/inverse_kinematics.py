@@ -313,7 +313,7 @@ class RigidPath:
             dq[free] = vt[use].T @ (gain * (u[:, use].T @ missing))
             stopped = free & (((now >= upper) & (dq > 0)) | ((now <= lower) & (dq < 0)))
             if not stopped.any():
-                return np.asarray(np.clip(now + dq, lower, upper))
+                return np.clip(now + dq, lower, upper)
             free &= ~stopped
 
     def _refuse_unreachable(self, angles: Array, distance: float, at: float) -> None:
