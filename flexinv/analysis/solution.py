@@ -8,7 +8,7 @@ from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from flexinv.constraints.reactions import Impact
 from flexinv.display.card import Card, Shown
@@ -20,7 +20,7 @@ from flexinv.kinematics.nodal_motion import NodalMotion, read_scalar_coordinate
 from flexinv.model.by_value import ByValue
 from flexinv.model.joint_kinds import KINDS
 from flexinv.model.mechanism import Link, Mechanism
-from flexinv.typing import Array
+from flexinv.typing import Array, Indices
 from flexinv.validation import check_names, check_seconds, resolve_index
 
 if TYPE_CHECKING:
@@ -104,7 +104,7 @@ class Solution(Shown, ByValue):
     internal: dict[str, Array]
     internal_stations: dict[str, Array]
     balance: Balance
-    iterations: NDArray[np.int64]
+    iterations: Indices
     settings: dict[str, float | int | str | bool]
     torque_error: Array | None = None
     tip_error: dict[str, Array] | None = None

@@ -13,7 +13,6 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from flexinv.kernels.fronts import Fronts, build_fronts
 from flexinv.kernels.jit import jit, jit_inner
@@ -21,7 +20,7 @@ from flexinv.kernels.records import send_by_address
 from flexinv.kernels.vec3 import EYE, ZERO, add, add_to, apply, cross, dot, mat, mul, put, scale, sub, tapply, tmul, vec
 from flexinv.kinematics.tree import take_sample
 from flexinv.model.owned_cache import make_read_only
-from flexinv.typing import Array, Mask
+from flexinv.typing import Array, Indices, Mask
 
 
 @send_by_address
@@ -39,10 +38,10 @@ class Rows(NamedTuple):
     place : (nv,) index into q of the scalar coordinates, -1 for others
     """
 
-    closure: NDArray[np.int64]
+    closure: Indices
     direction: Mask
-    a: NDArray[np.int64]
-    b: NDArray[np.int64]
+    a: Indices
+    b: Indices
     place_a: Array
     place_b: Array
     u: Array
@@ -51,8 +50,8 @@ class Rows(NamedTuple):
     offset: Array
     pattern: Mask
     scale: Array
-    last: NDArray[np.int64]
-    place: NDArray[np.int64]
+    last: Indices
+    place: Indices
 
     def take_active(self, active: Mask) -> Rows:
         """Return the rows of the closures that are ``active`` (closures,)."""
@@ -236,8 +235,8 @@ class Ends(NamedTuple):
     node : that carries it; second : whether it is the second; place (closures, 3) [m], turn (closures, 3, 3) : in the node
     """
 
-    node: NDArray[np.int64]
-    second: NDArray[np.bool_]
+    node: Indices
+    second: Mask
     place: Array
     turn: Array
 

@@ -25,7 +25,7 @@ from numpy.polynomial import Polynomial
 from numpy.typing import NDArray
 
 from flexinv.kernels.smooth_pieces import fit_pieces
-from flexinv.typing import Array, Mask
+from flexinv.typing import Array, Indices, Mask
 
 
 @dataclass(frozen=True)
@@ -136,7 +136,7 @@ def _find_largest_nearby(change: Array) -> Array:
     return np.asarray(np.maximum(np.maximum(wide[:-2], wide[2:]), change))
 
 
-def _find_doubtful_intervals(branch: Branch, q: Array, intervals: NDArray[np.int64], reach: Array) -> Mask:
+def _find_doubtful_intervals(branch: Branch, q: Array, intervals: Indices, reach: Array) -> Mask:
     """Mask of the intervals that singular values themselves do not exclude, a thousand at a time; reach : of all intervals."""
     out = np.ones(len(intervals), dtype=bool)
     for first in range(0, len(intervals), AT_ONCE):

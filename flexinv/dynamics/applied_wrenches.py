@@ -12,7 +12,6 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from flexinv.dynamics.loads import TINY, build_law_tables, build_load_table, build_loads, evaluate_pull
 from flexinv.inverse.nodal_sums import add_outboard_forces, fill_instant_forces
@@ -25,7 +24,7 @@ from flexinv.kinematics.mesh import Mesh, find_attachment_node
 from flexinv.kinematics.tree import Frames, Joints, take_sample
 from flexinv.model.links import Attachment
 from flexinv.model.owned_cache import make_owner_cache
-from flexinv.typing import Array
+from flexinv.typing import Array, Indices, Mask
 
 
 @send_by_address
@@ -39,21 +38,21 @@ class AppliedLoads(NamedTuple):
     stiffness [N/m], rest [m], damping [N s/m], law .. pieces : as `dynamics.loads.SpringRows`
     """
 
-    node: NDArray[np.int64]
+    node: Indices
     place: Array
-    follower: NDArray[np.bool_]
+    follower: Mask
     wrench: Array
-    first_node: NDArray[np.int64]
-    second_node: NDArray[np.int64]
+    first_node: Indices
+    second_node: Indices
     first_place: Array
     second_place: Array
     stiffness: Array
     rest: Array
     damping: Array
-    law: NDArray[np.int64]
+    law: Indices
     gas: Array
-    first: NDArray[np.int64]
-    last: NDArray[np.int64]
+    first: Indices
+    last: Indices
     pieces: Array
 
 
@@ -74,7 +73,7 @@ def build_applied_loads(mesh: Mesh) -> AppliedLoads:
     )  # fmt: skip
 
 
-def _list_ends(mesh: Mesh, ends: Sequence[Attachment]) -> tuple[NDArray[np.int64], Array]:
+def _list_ends(mesh: Mesh, ends: Sequence[Attachment]) -> tuple[Indices, Array]:
     """Nodes of the ends of springs, and where these are in their frames, (springs, 3) [m]."""
     nodes = np.array([find_attachment_node(mesh, end) for end in ends], dtype=np.int64)
     return nodes, np.array([end.placement.position for end in ends], dtype=float).reshape(-1, 3)

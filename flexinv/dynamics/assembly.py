@@ -178,7 +178,7 @@ def add_amplitude_forces(topology, state, work, moving, cv, want_tangent):
             work.energy[1] += (stiffness * y + drag) * state.u[at]
             work.energy[2] += drag * state.u[at]
             if want_tangent:
-                work.diagonal[b, column + k, :topology.size[b]] = 0.0
+                work.diagonal[b, column + k, : topology.size[b]] = 0.0
                 work.diagonal[b, column + k, column + k] = stiffness + (cv * shapes.damping[part, k] if moving else 0.0)
 
 

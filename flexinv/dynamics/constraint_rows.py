@@ -21,7 +21,6 @@ from itertools import pairwise
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from flexinv.constraints.closures import Rows, build_constraint_rows
 from flexinv.constraints.equations import compute_fixed_vector, compute_gap
@@ -31,7 +30,7 @@ from flexinv.kernels.jit import jit_inner
 from flexinv.kernels.records import send_by_address
 from flexinv.kernels.vec3 import EYE, ZERO, cross, dot, mat, put, scale, sub, tapply, vec, vec_at
 from flexinv.kinematics.mesh import Mesh, find_attachment_node
-from flexinv.typing import Array, Indices
+from flexinv.typing import Array, Indices, Mask
 
 POSITION = 0
 DIRECTION = 1
@@ -84,7 +83,7 @@ class Ties(NamedTuple):
     """
 
     kind: Indices
-    acting: NDArray[np.bool_]
+    acting: Mask
     a: Indices
     b: Indices
     place_a: Array
@@ -175,7 +174,7 @@ def build_ties(kind: Indices, nodes: Sequence[Indices], vectors: Sequence[Array]
     )  # fmt: skip
 
 
-def update_ties(constraints: Ties, rows: Rows, acting: NDArray[np.bool_]) -> None:
+def update_ties(constraints: Ties, rows: Rows, acting: Mask) -> None:
     """Let the closures of ``acting`` (closures,) act, with the frames [m], [-] that ``rows`` have now; others carry nothing."""
     n = len(rows.closure)
     constraints.acting[:n] = acting[rows.closure]

@@ -13,7 +13,6 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from flexinv.elements.shapes import PartShapes
 from flexinv.errors import InputError
@@ -41,17 +40,17 @@ class Topology(NamedTuple):
     shapes : of meshed links; amplitude : (parts,) column of the first amplitude in the block of the link's frame
     """
 
-    parent: NDArray[np.int64]
-    block: NDArray[np.int64]
-    independent: NDArray[np.bool_]
-    size: NDArray[np.int64]
-    offset: NDArray[np.int64]
-    part: NDArray[np.int64]
-    span: NDArray[np.int64]
-    freedoms: NDArray[np.int64]
-    column: NDArray[np.int64]
-    reach: NDArray[np.int64]
-    triple: NDArray[np.int64]
+    parent: Indices
+    block: Indices
+    independent: Mask
+    size: Indices
+    offset: Indices
+    part: Indices
+    span: Indices
+    freedoms: Indices
+    column: Indices
+    reach: Indices
+    triple: Indices
     slide: Array
     turn: Array
     drives: Array
@@ -61,7 +60,7 @@ class Topology(NamedTuple):
     gravity: Array
     length: float
     shapes: PartShapes
-    amplitude: NDArray[np.int64]
+    amplitude: Indices
 
 
 @make_owner_cache()

@@ -14,7 +14,6 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from flexinv.dynamics.assembly import compute_joint_rotation
 from flexinv.errors import InputError
@@ -22,7 +21,7 @@ from flexinv.kernels.jit import jit, jit_inner
 from flexinv.kernels.records import send_by_address
 from flexinv.kernels.so3 import exp, inverse_tangent
 from flexinv.kernels.vec3 import add_to, apply, mat, mul, put_block, scale, vec, vec_at
-from flexinv.typing import Array
+from flexinv.typing import Array, Indices
 
 DYNAMIC = 0
 STATIC = 1
@@ -115,7 +114,7 @@ def list_early_times(time: Array) -> Array:
     return ends.reshape(-1)
 
 
-def list_early_rows(row: NDArray[np.int64]) -> NDArray[np.int64]:
+def list_early_rows(row: Indices) -> Indices:
     """Return the rows of the histories for `list_early_times`, (parts,) [-], from those of the ends of the steps."""
     rows = np.full((len(row), SUBSTEPS), -1, dtype=np.int64)
     rows[:, -1] = row

@@ -100,11 +100,11 @@ def solve_masses(system, y):
     ties = system.border.ties
     for k in range(len(ties.a)):
         if ties.kind[k] == PULL:
-            ties.across[k, :y.shape[1]] = 0.0
+            ties.across[k, : y.shape[1]] = 0.0
     topology = system.topology
     diagonal = system.work.diagonal
     for b in range(len(topology.size)):
-        diagonal[b, :topology.size[b], :topology.size[b]] = 0.0
+        diagonal[b, : topology.size[b], : topology.size[b]] = 0.0
     _add_node_masses(system)
     for part in range(len(topology.shapes.root)):
         add_point_masses(part, system)

@@ -19,7 +19,6 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from flexinv.constraints.equations import compute_gap
 from flexinv.dynamics.constraint_rows import Ties, fill_gradient
@@ -29,7 +28,7 @@ from flexinv.kernels.records import send_by_address
 from flexinv.kernels.vec3 import add, add_scaled, add_to, apply, cross, dot, mat, put_block, scale, tapply, vec, vec_at
 from flexinv.kinematics.mesh import Mesh, find_attachment_node
 from flexinv.model.attachments import GasLaw, Spring, TableLaw
-from flexinv.typing import Array
+from flexinv.typing import Array, Indices, Mask
 
 TINY = float(np.finfo(float).tiny)
 LINEAR = 0
@@ -47,9 +46,9 @@ class Loads(NamedTuple):
     level : (1,) part of all loads, springs and gravity that acts [-]: 1, less while an equilibrium is approached
     """
 
-    node: NDArray[np.int64]
+    node: Indices
     place: Array
-    follower: NDArray[np.bool_]
+    follower: Mask
     wrench: Array
     effort: Array
     level: Array
@@ -121,14 +120,14 @@ class SpringRows(NamedTuple):
     slope : (springs, 3, 6) dF/dd and dF/dd' side by side [N/m], [N s/m]
     """
 
-    row: NDArray[np.int64]
+    row: Indices
     stiffness: Array
     rest: Array
     damping: Array
-    law: NDArray[np.int64]
+    law: Indices
     gas: Array
-    first: NDArray[np.int64]
-    last: NDArray[np.int64]
+    first: Indices
+    last: Indices
     pieces: Array
     slope: Array
 
@@ -144,7 +143,7 @@ def build_pulls(mesh: Mesh, constraints: Ties) -> SpringRows:
 
 def build_law_tables(
     springs: Sequence[Spring],
-) -> tuple[NDArray[np.int64], Array, NDArray[np.int64], NDArray[np.int64], Array]:
+) -> tuple[Indices, Array, Indices, Indices, Array]:
     """Return law [-], gas [N], [m], [-], first, last [-] and pieces [m], [N/m^3] ... [N] of springs, as of `SpringRows`."""
     laws = [spring.law for spring in springs]
     kind = np.array([LINEAR if x is None else GAS if isinstance(x, GasLaw) else TABLE for x in laws], dtype=np.int64)

@@ -283,7 +283,7 @@ def apply_impact(system, joints, y):
     state = system.state
     evaluate(system, generalized_alpha.ACCELERATIONS, joints, True)
     evaluate_ties(ties, state, system.frames, RATES)
-    system.work.residual[0, :y.shape[1]] = 0.0
+    system.work.residual[0, : y.shape[1]] = 0.0
     copy(ties.multiplier, ties.saved_multiplier)
     for k in range(len(ties.a)):
         if ties.kind[k] == PULL:

@@ -73,7 +73,7 @@ def _solve_element_blocks(topology, elements, variation, work, k, sides):
     system = work.system
     rows = _find_first_row(topology, nodes, count)
     columns = topology.size[topology.block[nodes[0]]]
-    system[:rows, :rows + columns + len(sides)] = 0.0
+    system[:rows, : rows + columns + len(sides)] = 0.0
     for i in range(1, count):
         _fill_block_rows(topology, nodes, count, variation, work, work.tangent[k], i, sides)
     solve_dense(system, rows, rows + columns + len(sides))

@@ -10,9 +10,6 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-import numpy as np
-from numpy.typing import NDArray
-
 from flexinv.elements.beam import (
     add_coupled_derivatives,
     add_rate_derivatives,
@@ -32,7 +29,7 @@ from flexinv.kernels.jit import jit_inner
 from flexinv.kernels.records import send_by_address
 from flexinv.kernels.vec3 import add, block, dot, madd, mat, msub, mul, put, put_block, scale, skew, sub, vec, vec_at
 from flexinv.model.owned_cache import make_read_only
-from flexinv.typing import Array
+from flexinv.typing import Array, Indices
 
 
 @send_by_address
@@ -50,8 +47,8 @@ class Elements(NamedTuple):
     station : (elements, points) fraction of the link's length [-]; link : (elements,) index into mechanism.links
     """
 
-    order: NDArray[np.int64]
-    nodes: NDArray[np.int64]
+    order: Indices
+    nodes: Indices
     stiffness: Array
     damping: Array
     coupling: Array
@@ -62,7 +59,7 @@ class Elements(NamedTuple):
     shape: Array
     slope: Array
     station: Array
-    link: NDArray[np.int64]
+    link: Indices
 
 
 def scale_stiffness(elements: Elements, factor: float) -> Elements:

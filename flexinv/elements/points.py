@@ -12,12 +12,11 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from flexinv.kernels.jit import jit_sums
 from flexinv.kernels.records import send_by_address
 from flexinv.kernels.vec3 import add, add_scaled, apply, cross, mat, put, put_block, sum3, vec
-from flexinv.typing import Array
+from flexinv.typing import Array, Indices
 
 # Points of a part are filled up to a multiple of this many by points that have no mass: vector instructions take so many at once.
 SIDE_BY_SIDE = 8
@@ -35,10 +34,10 @@ class PartPoints(NamedTuple):
     product : (parts, amplitudes, 3, 3, amplitudes) sum m U U^T over the undeformed points of a part [kg]
     """
 
-    first: NDArray[np.int64]
-    node: NDArray[np.int64]
-    row: NDArray[np.int64]
-    stride: NDArray[np.int64]
+    first: Indices
+    node: Indices
+    row: Indices
+    stride: Indices
     place: Array
     slide: Array
     bend: Array

@@ -15,7 +15,6 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from flexinv.elements.beam import compute_curvature_rate, compute_tangent_slope
 from flexinv.elements.points import SIDE_BY_SIDE, PartPoints
@@ -23,7 +22,7 @@ from flexinv.kernels.jit import jit_inner
 from flexinv.kernels.records import send_by_address
 from flexinv.kernels.so3 import coefficients, exp_with, tangent_with
 from flexinv.kernels.vec3 import EYE, ZERO, add, add_scaled, apply, dot, put, put_block, sum3, vec, vec_at
-from flexinv.typing import Array
+from flexinv.typing import Array, Indices, Mask
 
 
 @send_by_address
@@ -40,18 +39,18 @@ class PartShapes(NamedTuple):
     stiffness, damping : (parts, amplitudes) modal [N/m], [N s/m]
     """
 
-    part: NDArray[np.int64]
-    row: NDArray[np.int64]
+    part: Indices
+    row: Indices
     place: Array
     slide: Array
     turn: Array
     bend: Array
     whirl: Array
-    turns: NDArray[np.bool_]
-    root: NDArray[np.int64]
-    size: NDArray[np.int64]
-    soft: NDArray[np.int64]
-    link: NDArray[np.int64]
+    turns: Mask
+    root: Indices
+    size: Indices
+    soft: Indices
+    link: Indices
     stiffness: Array
     damping: Array
     points: PartPoints
@@ -209,9 +208,7 @@ def build_no_shapes(nodes: int) -> PartShapes:
     return build_shapes(np.full(nodes, -1), [], [], [])
 
 
-def build_shapes(
-    part: NDArray[np.int64], nodes: list[ShapedNode], masses: list[ShapedNode], parts: list[PartLaw]
-) -> PartShapes:
+def build_shapes(part: Indices, nodes: list[ShapedNode], masses: list[ShapedNode], parts: list[PartLaw]) -> PartShapes:
     """Return the record of parts [N/m], [N s/m] and of the nodes that their amplitudes move [m], [-], [rad/m].
 
     part : (nodes of the mechanism,) as in `PartShapes`; nodes, masses, parts : in the order of their numbers
@@ -234,9 +231,7 @@ def build_shapes(
     )
 
 
-def _build_points(
-    part: NDArray[np.int64], masses: list[ShapedNode], parts: list[PartLaw], sizes: tuple[int, int]
-) -> PartPoints:
+def _build_points(part: Indices, masses: list[ShapedNode], parts: list[PartLaw], sizes: tuple[int, int]) -> PartPoints:
     """Tables of the point masses, part after part; ``sizes`` : amplitudes, and those with second derivatives."""
     most, softest = sizes
     node = np.array([one.number for one in masses], dtype=np.int64)

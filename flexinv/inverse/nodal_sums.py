@@ -9,14 +9,13 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from flexinv.elements.joint_law import compute_joint_effort, take_joint_law
 from flexinv.kernels.jit import jit, jit_inner
 from flexinv.kernels.records import send_by_address
 from flexinv.kernels.vec3 import add, add_to, apply, cross, dot, mat, put, scale, sub, tapply, vec, vec_at
 from flexinv.kinematics.configuration import read_coordinate
-from flexinv.typing import Array
+from flexinv.typing import Array, Indices
 
 
 @jit_inner
@@ -98,7 +97,7 @@ class Drives(NamedTuple):
     law : (5, nodes) as `mechanism.Mechanism.drive_table`
     """
 
-    freedoms: NDArray[np.int64]
+    freedoms: Indices
     slide: Array
     turn: Array
     law: Array
@@ -158,19 +157,19 @@ class Skeleton(NamedTuple):
     root, end : (beams,) first and last section; straight : (beams, 3) from one to the other, stress-free, in the first [m]
     """
 
-    parent: NDArray[np.int64]
+    parent: Indices
     mass: Array
     inertia: Array
     gravity: Array
-    freedoms: NDArray[np.int64]
-    v_index: NDArray[np.int64]
+    freedoms: Indices
+    v_index: Indices
     slide: Array
     turn: Array
-    joint: NDArray[np.int64]
-    tip: NDArray[np.int64]
+    joint: Indices
+    tip: Indices
     point: Array
-    root: NDArray[np.int64]
-    end: NDArray[np.int64]
+    root: Indices
+    end: Indices
     straight: Array
 
 

@@ -10,13 +10,12 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from flexinv.kernels.fronts import find_least_degree_order
 from flexinv.kernels.jit import jit, jit_inner
 from flexinv.kernels.records import send_by_address
 from flexinv.kernels.vec3 import ZERO, cross, dot, put, scale, transpose, vec_at
-from flexinv.typing import Array, Indices
+from flexinv.typing import Array, Indices, Mask
 
 # --------------------------------------------------------------------------------------------------- Gauss elimination
 
@@ -281,7 +280,7 @@ class Pivots(NamedTuple):
         return cls(row, column, np.zeros(rows))
 
 
-def build_blocks(lengths: Sequence[int], coupled: NDArray[np.bool_]) -> Blocks:
+def build_blocks(lengths: Sequence[int], coupled: Mask) -> Blocks:
     """Return the blocks of rows [-] with these numbers of rows, one behind the other.
 
     coupled : (what they share, blocks) which blocks have a part in it; those that do are coupled to each other

@@ -9,9 +9,6 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-import numpy as np
-from numpy.typing import NDArray
-
 from flexinv.kernels.jit import jit, jit_inner
 from flexinv.kernels.records import send_by_address
 from flexinv.kernels.so3 import quadratic
@@ -19,22 +16,22 @@ from flexinv.kernels.vec3 import ZERO, add, apply, cross, dot, mat, mul, put, pu
 from flexinv.kinematics.mesh import Mesh
 from flexinv.kinematics.tree import Joints, compute_child_motion, take_sample
 from flexinv.model.joint_kinds import CONTINUOUS, FREE, SPHERICAL
-from flexinv.typing import Array
+from flexinv.typing import Array, Indices
 
 
 @send_by_address
 class Nodes(NamedTuple):
     """The nodes of a mesh: see `mesh.Mesh` [-], [m]."""
 
-    parent: NDArray[np.int64]
-    kind: NDArray[np.int64]
+    parent: Indices
+    kind: Indices
     offset: Array
     rotation: Array
-    freedoms: NDArray[np.int64]
+    freedoms: Indices
     slide: Array
     turn: Array
-    q_index: NDArray[np.int64]
-    v_index: NDArray[np.int64]
+    q_index: Indices
+    v_index: Indices
 
 
 def build_nodes(mesh: Mesh) -> Nodes:

@@ -14,7 +14,6 @@ from math import perm
 
 import numpy as np
 import scipy  # its parts are loaded when they are asked for
-from numpy.typing import NDArray
 
 from flexinv.errors import InputError
 from flexinv.kernels.memory import make_adjacent_arrays, make_contiguous
@@ -24,7 +23,7 @@ from flexinv.kinematics.mesh import Mesh, build
 from flexinv.kinematics.tree import Frames, Joints
 from flexinv.model.joint_kinds import CIRCLE, CONTINUOUS, FREE, KINDS, POSE, ROTATION, SPHERICAL
 from flexinv.model.mechanism import Joint, Mechanism
-from flexinv.typing import Array
+from flexinv.typing import Array, Mask
 
 
 @dataclass(frozen=True)
@@ -205,7 +204,7 @@ def compute_nearest_difference(mechanism: Mechanism, first: Array, last: Array) 
     return out
 
 
-def list_sliding_coordinates(mechanism: Mechanism) -> NDArray[np.bool_]:
+def list_sliding_coordinates(mechanism: Mechanism) -> Mask:
     """Return a mask (nv,) [-] of the velocity coordinates that are translations, not rotations."""
     return np.array([slide for joint in mechanism.joints for slide in KINDS[joint.kind].translations], dtype=bool)
 

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from flexinv.dynamics.index1 import MASSLESS, NO_INERTIA
 from flexinv.errors import ConvergenceError, InputError
-from flexinv.typing import Array, Sparse
+from flexinv.typing import Array, Indices, Sparse
 
 # Of w^2 over the largest one, what rounding leaves of a freedom without stiffness.
 SOFT = 1e-12
@@ -209,7 +209,7 @@ def drop_rounded_parts(squared: NDArray[Any], shapes: NDArray[Any], known: Array
     return out, np.where(out.imag == 0.0, np.where(twin, shapes.imag, shapes.real), shapes)
 
 
-def compute_order(squared: NDArray[Any]) -> NDArray[np.int64]:
+def compute_order(squared: NDArray[Any]) -> Indices:
     """Return the order of omega^2 (modes,) [1/s^2]: rising where all are real, by size where some are not.
 
     Of a pair the one comes first whose motion grows with a positive imaginary part, omega^2 = a - i b.

@@ -31,7 +31,7 @@ from flexinv.linearized.eigenvalues import (
 )
 from flexinv.linearized.root_counts import count_missing_roots
 from flexinv.linearized.root_discs import compute_root_discs
-from flexinv.typing import Array, Sparse
+from flexinv.typing import Array, Indices, Sparse
 
 # A pivot of K with a unit diagonal below this part is rounding, that of a motion without stiffness: some hundreds of roundings.
 # That of a beam of n nodes is 1 / (4 n^3).
@@ -228,7 +228,7 @@ def _find_complete_set(
     )
 
 
-def _list_slowest(squared: NDArray[Any], count: int) -> NDArray[np.int64]:
+def _list_slowest(squared: NDArray[Any], count: int) -> Indices:
     """Numbers of the ``count`` slowest modes; of a pair that the count parts both."""
     order = np.argsort(np.abs(squared), kind="stable")
     if count < len(order) and np.isclose(squared[order[count]], squared[order[count - 1]].conj()):

@@ -8,9 +8,6 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-import numpy as np
-from numpy.typing import NDArray
-
 from flexinv.dynamics.constraint_rows import add_ties, compute_border_factors, solve_border
 from flexinv.dynamics.index1 import add_mass_to_block
 from flexinv.kernels.dense import invert_scaled
@@ -19,7 +16,7 @@ from flexinv.kernels.records import send_by_address
 from flexinv.kernels.vec3 import ZERO, add_scaled, add_to, put, vec, vec_at
 from flexinv.planar.constraint_rows import evaluate_ties, fill_right_sides
 from flexinv.planar.tree import fill_pose_variations
-from flexinv.typing import Array
+from flexinv.typing import Array, Indices, Mask
 
 
 @send_by_address
@@ -31,14 +28,14 @@ class BlockMasses(NamedTuple):
     mass, rest, weight, left, change (nodes, 3) : scratch
     """
 
-    single: NDArray[np.int64]
+    single: Indices
     over: Array
-    block: NDArray[np.int64]
-    member: NDArray[np.int64]
+    block: Indices
+    member: Indices
     mass: Array
     rest: Array
     weight: Array
-    left: NDArray[np.bool_]
+    left: Mask
     change: Array
 
 

@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from flexinv.constraints.closures import Rows, build_constraint_rows
 from flexinv.dynamics.constraint_rows import DIRECTION, POSITION, Ties, build_layout, build_ties
@@ -33,8 +32,8 @@ class JointNodes:
     node: Indices
     q: Indices
     v: Indices
-    turns_on: NDArray[np.bool_]
-    prescribed: NDArray[np.bool_]
+    turns_on: Mask
+    prescribed: Mask
 
     def collect_coordinates(self, q: Array, qd: Array, qdd: Array) -> Array:
         """Return q, q', q'' of the joints, (samples, joints, 3) [m, rad, s], from q (samples, nq), qd, qdd (samples, nv)."""

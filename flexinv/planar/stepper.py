@@ -8,7 +8,6 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from flexinv.dynamics import generalized_alpha, stepper
 from flexinv.dynamics.assembly import LARGEST_TURN
@@ -46,7 +45,7 @@ from flexinv.planar.tree import (
     run_forward_pass,
 )
 from flexinv.planar.tree_solver import PlanarFactors, add_element_stiffness, compute_planar_factors, solve_tree
-from flexinv.typing import Array
+from flexinv.typing import Array, Indices
 
 # Newton stops when the estimated remaining error is below the tolerance: increment times the observed rate of contraction (at
 # least SURE_STEP), or its square after a new linearisation (`generalized_alpha.SQUARED`).  Increments below INCREMENT_ROUNDING
@@ -96,7 +95,7 @@ class Embedding(NamedTuple):
     normal: Array
     axle: Array
     side: Array
-    row: NDArray[np.int64]
+    row: Indices
 
 
 @send_by_address

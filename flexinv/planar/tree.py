@@ -13,9 +13,6 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-import numpy as np
-from numpy.typing import NDArray
-
 from flexinv.elements.joint_law import (
     compute_effort_slope,
     compute_joint_effort,
@@ -26,7 +23,7 @@ from flexinv.kernels.jit import jit_inner
 from flexinv.kernels.records import send_by_address
 from flexinv.kernels.simd import cos_sin
 from flexinv.kernels.vec3 import ZERO, add, add_to, put, vec, vec_at
-from flexinv.typing import Array
+from flexinv.typing import Array, Indices, Mask
 
 
 @send_by_address
@@ -43,22 +40,22 @@ class PlanarTree(NamedTuple):
     drives : (5, nodes) as of `dofs.Topology`; springs there are none
     """
 
-    parent: NDArray[np.int64]
-    block: NDArray[np.int64]
-    independent: NDArray[np.bool_]
-    size: NDArray[np.int64]
-    offset: NDArray[np.int64]
-    part: NDArray[np.int64]
-    span: NDArray[np.int64]
-    first_element: NDArray[np.int64]
-    element: NDArray[np.int64]
+    parent: Indices
+    block: Indices
+    independent: Mask
+    size: Indices
+    offset: Indices
+    part: Indices
+    span: Indices
+    first_element: Indices
+    element: Indices
     scale: Array
-    prescribed_column: NDArray[np.int64]
-    column: NDArray[np.int64]
+    prescribed_column: Indices
+    column: Indices
     turn: Array
     slide: Array
     offset_p: Array
-    shifted: NDArray[np.bool_]
+    shifted: Mask
     mass: Array
     inertia: Array
     gravity: Array

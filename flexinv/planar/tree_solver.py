@@ -12,15 +12,12 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-import numpy as np
-from numpy.typing import NDArray
-
 from flexinv.elements.planar_beam import compute_pair_stiffness
 from flexinv.kernels.dense import ROWS_AT_ONCE, inverse_transposed, invert, subtract
 from flexinv.kernels.jit import jit_inner
 from flexinv.kernels.records import send_by_address
 from flexinv.kernels.vec3 import add_to, apply, madd, mat, msub, mul, put, put_block, scale, tapply, transpose, vec_at
-from flexinv.typing import Array
+from flexinv.typing import Array, Indices
 
 ZERO_MATRIX = ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
 
@@ -36,9 +33,9 @@ class PlanarFactors(NamedTuple):
     diagonal : (blocks, columns, columns); line (2, wide), found (elements, wide) : scratch
     """
 
-    rows: NDArray[np.int64]
-    row: NDArray[np.int64]
-    unknowns: NDArray[np.int64]
+    rows: Indices
+    row: Indices
+    unknowns: Indices
     inverse: Array
     to_root: Array
     b: Array

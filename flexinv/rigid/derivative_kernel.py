@@ -24,14 +24,11 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-import numpy as np
-from numpy.typing import NDArray
-
 from flexinv.kernels import vec3
 from flexinv.kernels.jit import jit, jit_inner
 from flexinv.kernels.records import send_by_address
 from flexinv.kernels.vec3 import EYE, add, apply, cross, dot, mat, mat_at, put, scale, sub, tapply, vec, vec_at
-from flexinv.typing import Array
+from flexinv.typing import Array, Indices
 
 
 @send_by_address
@@ -43,10 +40,10 @@ class CarriedBodies(NamedTuple):
     mass, h, inertia : (bodies, ...) about the node, in its frame [kg], [kg m], [kg m^2]
     """
 
-    parent: NDArray[np.int64]
-    node: NDArray[np.int64]
-    first: NDArray[np.int64]
-    freedoms: NDArray[np.int64]
+    parent: Indices
+    node: Indices
+    first: Indices
+    freedoms: Indices
     slide: Array
     turn: Array
     mass: Array

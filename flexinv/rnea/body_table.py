@@ -23,7 +23,7 @@ from flexinv.kernels.simd import BLOCK, row
 from flexinv.kinematics.mesh import Mesh
 from flexinv.model.joint_kinds import CONTINUOUS, FREE, HELICAL, PRISMATIC, REVOLUTE, SPHERICAL
 from flexinv.rnea import recursion
-from flexinv.typing import Array
+from flexinv.typing import Array, Indices
 
 
 def _list_following_rows(first: np.uint64, count: int) -> tuple[np.uint64, ...]:
@@ -76,7 +76,7 @@ class Bodies:
     numbers: Array
     columns: NDArray[np.uint64]
     size: int
-    node: NDArray[np.int64]
+    node: Indices
     axes: Array
 
 
@@ -88,15 +88,15 @@ class _Tree:
         bodies but the world; kinds : of joint, parents : bodies; last : body -> the child that goes on in its state
     """
 
-    node: NDArray[np.int64]
+    node: Indices
     number: dict[int, int]
     above: list[int]
-    kinds: NDArray[np.int64]
+    kinds: Indices
     parents: list[int]
     last: dict[int, int]
 
     @property
-    def moving(self) -> NDArray[np.int64]:
+    def moving(self) -> Indices:
         return self.node[1:]
 
     def is_on(self, i: int) -> bool:
@@ -135,7 +135,7 @@ def _write_placement(row: Array, r: Array, p: Array, on: bool) -> None:
     row[_ZERO] = zero / np.hypot(*zero) if on else (1.0, 0.0)
 
 
-def find_carrier_nodes(mesh: Mesh) -> tuple[NDArray[np.int64], Array, Array]:
+def find_carrier_nodes(mesh: Mesh) -> tuple[Indices, Array, Array]:
     """Return for each node the moving node (-1: the world) that it is fixed on, and R [-], x [m] in that node's frame."""
     carrier = np.full(mesh.size, -1, dtype=np.int64)
     turn = np.tile(np.eye(3), (mesh.size, 1, 1))
@@ -191,7 +191,7 @@ def _add_masses(mesh: Mesh, numbers: Array, body: list[int], axes: list[Array], 
         numbers[i, _SECOND] += second[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]]
 
 
-def _build_tree(mesh: Mesh, carrier: NDArray[np.int64], kept: frozenset[int]) -> _Tree:
+def _build_tree(mesh: Mesh, carrier: Indices, kept: frozenset[int]) -> _Tree:
     """The tree of bodies; a node that a joint hangs on is fixed on that of the parent."""
     moving = np.flatnonzero(mesh.v_index >= 0)
     node = np.concatenate([[-1], moving]).astype(np.int64)
@@ -222,7 +222,7 @@ def _write_placements(numbers: Array, tree: _Tree, placed: list[tuple[Array, Arr
     numbers[1:, _STEP] = numbers[1:, _P] - numbers[tree.parents[1:], _CHILD]
 
 
-def _write_joints(mesh: Mesh, numbers: Array, moving: NDArray[np.int64], passive: bool) -> None:
+def _write_joints(mesh: Mesh, numbers: Array, moving: Indices, passive: bool) -> None:
     """Write the ways of screws, and of each joint rotor inertia, and where asked damping, friction, stiffness and rest."""
     leads = [mesh.slide[n, 0] @ mesh.axis[n] if mesh.kind[n] == HELICAL else 0.0 for n in moving]
     numbers[1:, recursion.BODY_LEAD] = leads
@@ -253,7 +253,7 @@ def _compute_layout(tree: _Tree) -> tuple[NDArray[np.uint64], int]:
     return table, BLOCK * (int(first[-1]) + recursion.STATE_ROWS * slots)
 
 
-def _list_columns(mesh: Mesh, tree: NDArray[np.uint64], moving: NDArray[np.int64]) -> NDArray[np.uint64]:
+def _list_columns(mesh: Mesh, tree: NDArray[np.uint64], moving: Indices) -> NDArray[np.uint64]:
     """Return the offsets of the rows that take the columns of q, qd and qdd: those of the bodies that they move."""
     m = mesh.mechanism
     columns = list[np.uint64]()

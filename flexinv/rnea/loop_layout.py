@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from flexinv.kernels.jit import jit_lanes
 from flexinv.kernels.simd import BLOCK, row
-from flexinv.typing import Array
+from flexinv.typing import Array, Indices
 
 
 class RowLayout:
@@ -232,7 +232,7 @@ class LoopPlan:
     plan: NDArray[np.uint64]
     fixed: Array
     size: int
-    matrix: NDArray[np.int64]
+    matrix: Indices
     sizes: dict[int, list[int]]
     constant: frozenset[int] = frozenset()
     effort: tuple[int, ...] = ()
