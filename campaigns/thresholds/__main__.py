@@ -19,12 +19,14 @@ from pathlib import Path
 import click
 
 from campaigns.thresholds.constants import FACTORS, LOGS, TORQUES, list_thresholds, replace_threshold
+from campaigns.thresholds.kept_effects import keep_effects
 from campaigns.thresholds.kept_rounds import keep_rounds
 from campaigns.thresholds.trials import COUNTED, LISTS, Verdict
 
 FILE = Path(__file__).resolve().parent / "thresholds.csv"
 FIELDS = ("kind", "module", "name", "factor", "value", *COUNTED, "changed", "seconds")
 AS_IT_IS = "as it is"
+KEEP = {LOGS: keep_rounds, TORQUES: keep_effects}
 
 
 def read_results() -> list[dict[str, str]]:
@@ -57,9 +59,8 @@ def run_kind(kind: str, only: str) -> None:
     """Run the faults of a kind with its thresholds as they are, and with each of them times each factor."""
     known = {(row["kind"], row["module"], row["name"], row["factor"]) for row in read_results()}
     begin = time.process_time()
-    with keep_rounds() as kept:
+    with KEEP[kind]() as kept:
         first = LISTS[kind]()
-        kept.is_full = True
         if (kind, "", AS_IT_IS, "1") not in known:
             write_result((kind, "", AS_IT_IS, "1"), "", first, first, begin)
         for threshold, factor in product(list_thresholds(kind), FACTORS):

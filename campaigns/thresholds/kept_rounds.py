@@ -17,7 +17,7 @@ from unittest.mock import patch
 
 import numpy as np
 
-from campaigns.thresholds.constants import TORQUES, Threshold
+from campaigns.thresholds.constants import Threshold
 from crosscheck.identification.causes import name_causes
 from crosscheck.identification.causes.cause import Cause
 from crosscheck.identification.causes.rounds import CauseRound, CauseSearch
@@ -42,9 +42,9 @@ class KeptRounds:
 
     @contextmanager
     def use_for(self, threshold: Threshold) -> Iterator[None]:
-        """Take what is kept while a threshold changes, unless it depends on it."""
-        name = threshold.module.rpartition(".")[2], threshold.name
-        self.used = threshold.kind != TORQUES and name not in USED_INSIDE
+        """Take what is kept while a threshold changes, unless it depends on it, and keep no more."""
+        self.is_full = True
+        self.used = (threshold.module.rpartition(".")[2], threshold.name) not in USED_INSIDE
         yield
         self.used = True
 
