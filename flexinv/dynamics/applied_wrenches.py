@@ -18,7 +18,7 @@ from flexinv.inverse.nodal_sums import add_outboard_forces, fill_instant_forces
 from flexinv.kernels.jit import jit, jit_inner
 from flexinv.kernels.memory import make_contiguous
 from flexinv.kernels.records import send_by_address
-from flexinv.kernels.vec3 import ZERO, add, add_to, apply, cross, dot, mat, put, scale, sub, tapply, vec, vec_at
+from flexinv.kernels.vec3 import ZERO, add, add_pair, apply, cross, dot, mat, put_pair, scale, sub, tapply, vec, vec_at
 from flexinv.kinematics.configuration import build_nodes, move_nodes
 from flexinv.kinematics.mesh import Mesh, find_attachment_node
 from flexinv.kinematics.tree import Frames, Joints, take_sample
@@ -96,8 +96,7 @@ def _add_wrench(frames, n, arm, force, moment, line):
     if n < 0:
         return 0.0
     turn = add(moment, cross(arm, force))
-    add_to(line[n], 0, scale(-1.0, force))
-    add_to(line[n], 3, scale(-1.0, turn))
+    add_pair(line[n], scale(-1.0, force), scale(-1.0, turn))
     return dot(force, vec(frames.v[n])) + dot(turn, apply(mat(frames.r[n]), vec(frames.w[n])))
 
 
@@ -142,8 +141,7 @@ def fill_applied_efforts(nodes, loads, motion, scratch, samples, out):
     for s in range(samples):
         move_nodes(nodes, q[s], qd[s], qdd[s], joints, now)
         for n in range(line.shape[0]):
-            put(line[n], 0, ZERO)
-            put(line[n], 3, ZERO)
+            put_pair(line[n], ZERO, ZERO)
         take_applied_wrenches(loads, now, line)
         add_outboard_forces(nodes.parent, now.x, line)
         for n in range(line.shape[0]):

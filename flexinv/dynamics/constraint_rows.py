@@ -28,7 +28,7 @@ from flexinv.dynamics.dofs import Topology
 from flexinv.kernels.dense import Blocks, Pivots, build_blocks, factorise_blocks, solve_blocks
 from flexinv.kernels.jit import jit_inner
 from flexinv.kernels.records import send_by_address
-from flexinv.kernels.vec3 import EYE, ZERO, cross, dot, mat, put, scale, sub, tapply, vec, vec_at
+from flexinv.kernels.vec3 import EYE, ZERO, cross, dot, mat, put_at, put_pair, scale, sub, tapply, vec, vec_at
 from flexinv.kinematics.mesh import Mesh, find_attachment_node
 from flexinv.typing import Array, Indices, Mask
 
@@ -227,15 +227,17 @@ def fill_gradient(row, constraints, frames, vector, second):
     rb = mat(frames.r[constraints.b[row]]) if constraints.b[row] >= 0 else EYE
     on_a = cross(vec(constraints.u[row]), tapply(ra, second))
     if constraints.kind[row] == DIRECTION:
-        put(constraints.gradient[row], 0, ZERO)
-        put(constraints.gradient[row], 3, on_a)
-        put(constraints.gradient[row], 6, ZERO)
-        put(constraints.gradient[row], 9, cross(vec(constraints.w[row]), tapply(rb, vector)))
+        put_pair(constraints.gradient[row], ZERO, on_a)
+        put_at(constraints.gradient[row], 6, ZERO)
+        put_at(constraints.gradient[row], 9, cross(vec(constraints.w[row]), tapply(rb, vector)))
         return
-    put(constraints.gradient[row], 0, scale(-1.0, vector))
-    put(constraints.gradient[row], 3, sub(on_a, cross(vec(constraints.place_a[row]), tapply(ra, vector))))
-    put(constraints.gradient[row], 6, vector)
-    put(constraints.gradient[row], 9, cross(vec(constraints.place_b[row]), tapply(rb, vector)))
+    put_pair(
+        constraints.gradient[row],
+        scale(-1.0, vector),
+        sub(on_a, cross(vec(constraints.place_a[row]), tapply(ra, vector))),
+    )
+    put_at(constraints.gradient[row], 6, vector)
+    put_at(constraints.gradient[row], 9, cross(vec(constraints.place_b[row]), tapply(rb, vector)))
 
 
 @jit_inner

@@ -20,7 +20,7 @@ from flexinv.errors import InputError
 from flexinv.kernels.jit import jit, jit_inner
 from flexinv.kernels.records import send_by_address
 from flexinv.kernels.so3 import exp, inverse_tangent
-from flexinv.kernels.vec3 import add_to, apply, mat, mul, put_block, scale, vec, vec_at
+from flexinv.kernels.vec3 import add_at, add_to, apply, mat, mul, put_mat, scale, vec, vec_at
 from flexinv.typing import Array, Indices
 
 DYNAMIC = 0
@@ -177,8 +177,8 @@ def apply_increment(topology, scheme, state, y):
     for n in range(len(topology.parent)):
         o = topology.offset[topology.block[n]]
         if topology.independent[n]:
-            add_to(state.d, o, vec_at(y, o))
-            add_to(state.d, o + 3, apply(inverse_tangent(vec_at(state.d, o + 3)), vec_at(y, o + 3)))
+            add_at(state.d, o, vec_at(y, o))
+            add_at(state.d, o + 3, apply(inverse_tangent(vec_at(state.d, o + 3)), vec_at(y, o + 3)))
         elif topology.freedoms[n] > 0:
             first = o + topology.column[n]
             turned = inverse_tangent(compute_joint_rotation(n, topology, state, first))
@@ -186,7 +186,7 @@ def apply_increment(topology, scheme, state, y):
                 state.d[first + k] += y[first + k]
             if topology.triple[n] >= 0:
                 at = first + topology.triple[n]
-                add_to(state.d, at, apply(turned, vec_at(y, at)))
+                add_at(state.d, at, apply(turned, vec_at(y, at)))
     shapes = topology.shapes
     for part in range(len(shapes.root)):
         first = topology.offset[topology.block[shapes.root[part]]] + topology.amplitude[part]
@@ -228,13 +228,13 @@ def end_step(topology, scheme, state):
     for n in range(len(topology.parent)):
         o = topology.offset[topology.block[n]]
         if topology.independent[n]:
-            add_to(state.x[n], 0, vec_at(state.d, o))
-            put_block(state.r[n], 0, 0, mul(mat(state.r[n]), exp(vec_at(state.d, o + 3))))
+            add_to(state.x[n], vec_at(state.d, o))
+            put_mat(state.r[n], mul(mat(state.r[n]), exp(vec_at(state.d, o + 3))))
         elif topology.freedoms[n] > 0:
             first = o + topology.column[n]
             for k in range(topology.freedoms[n]):
-                add_to(state.x[n], 0, scale(state.d[first + k], vec(topology.slide[n, k])))
-            put_block(state.r[n], 0, 0, mul(mat(state.r[n]), exp(compute_joint_rotation(n, topology, state, first))))
+                add_to(state.x[n], scale(state.d[first + k], vec(topology.slide[n, k])))
+            put_mat(state.r[n], mul(mat(state.r[n]), exp(compute_joint_rotation(n, topology, state, first))))
     update_unknowns(scheme, state, topology.scale)
 
 

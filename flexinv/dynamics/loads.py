@@ -25,7 +25,23 @@ from flexinv.dynamics.constraint_rows import Ties, fill_gradient
 from flexinv.kernels import vec3
 from flexinv.kernels.jit import jit_inner
 from flexinv.kernels.records import send_by_address
-from flexinv.kernels.vec3 import add, add_scaled, add_to, apply, cross, dot, mat, put_block, scale, tapply, vec, vec_at
+from flexinv.kernels.vec3 import (
+    add,
+    add_at,
+    add_pair,
+    add_scaled,
+    add_to,
+    apply,
+    cross,
+    dot,
+    mat,
+    put_block,
+    put_mat,
+    scale,
+    tapply,
+    vec,
+    vec_at,
+)
 from flexinv.kinematics.mesh import Mesh, find_attachment_node
 from flexinv.model.attachments import GasLaw, Spring, TableLaw
 from flexinv.typing import Array, Indices, Mask
@@ -96,14 +112,13 @@ def add_loads(topology, frames, variation, loads, work, want_tangent):
         moment = scale(loads.level[0], vec_at(loads.wrench[k], 3))
         local = force if loads.follower[k] else tapply(r, force)
         turn = moment if loads.follower[k] else tapply(r, moment)
-        add_to(work.wrench[n], 0, scale(-1.0, apply(r, local)))
-        add_to(work.wrench[n], 3, scale(-1.0, add(turn, cross(p, local))))
+        add_pair(work.wrench[n], scale(-1.0, apply(r, local)), scale(-1.0, add(turn, cross(p, local))))
         for c in range(topology.size[topology.block[n]] if want_tangent else 0):
             theta = vec(variation.t[n, c])
             if loads.follower[k]:
-                add_to(work.dwrench[n, c], 0, apply(r, cross(local, theta)))
+                add_to(work.dwrench[n, c], apply(r, cross(local, theta)))
             else:  # d(R^T F) = R^T F x theta
-                add_to(work.dwrench[n, c], 3, add(cross(theta, turn), cross(p, cross(theta, local))))
+                add_at(work.dwrench[n, c], 3, add(cross(theta, turn), cross(p, cross(theta, local))))
 
 
 # -------------------------------------------------------------------------------------- springs
@@ -195,7 +210,7 @@ def evaluate_spring_rows(springs, constraints, frames, level):
         # d pull = (k n + c (d' - l' n) / l) . dd + c n . dd'
         by_gap = add_scaled(scale(stiffness - damping * lengthening / length, n), damping / length, rate)
         across = vec3.msub(vec3.mscale(ratio, vec3.EYE), vec3.mscale(ratio, vec3.outer(n, n)))
-        put_block(springs.slope[k], 0, 0, vec3.mscale(-1.0, vec3.madd(vec3.outer(n, by_gap), across)))
+        put_mat(springs.slope[k], vec3.mscale(-1.0, vec3.madd(vec3.outer(n, by_gap), across)))
         put_block(springs.slope[k], 0, 3, vec3.mscale(-damping, vec3.outer(n, n)))
         for i in range(3):
             constraints.value[row + i] = law[i] - constraints.multiplier[row + i]
@@ -247,4 +262,4 @@ def turn_arms(topology, springs, constraints, frames, variation, dwrench):
             if n >= 0:
                 local = tapply(mat(frames.r[n]), scale(sign, vec_at(constraints.multiplier, row)))
                 for c in range(topology.size[topology.block[n]]):
-                    add_to(dwrench[n, c], 3, cross(vec(place), cross(vec(variation.t[n, c]), local)))
+                    add_at(dwrench[n, c], 3, cross(vec(place), cross(vec(variation.t[n, c]), local)))

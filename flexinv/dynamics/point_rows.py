@@ -15,7 +15,7 @@ from __future__ import annotations
 
 from flexinv.elements.points import add_scaled_row, take_point, write_point
 from flexinv.kernels.jit import jit_sums
-from flexinv.kernels.vec3 import add, add_scaled, add_to, apply, cross, mat, scale, sub, sum3, tapply, vec
+from flexinv.kernels.vec3 import add, add_pair, add_scaled, apply, cross, mat, scale, sub, sum3, tapply, vec
 
 
 @jit_sums
@@ -162,13 +162,11 @@ def _add_to_frame(part, system):
     for c in range(topology.reach[root]):
         column = motion.column[c, begin:end]
         pushed = add(_compute_vector_sum(column), cross(vec(system.variation.t[root, c]), total))
-        add_to(work.dwrench[root, c], 0, apply(frame, pushed))
-        add_to(work.dwrench[root, c], 3, _compute_moment_sum(place, column))
+        add_pair(work.dwrench[root, c], apply(frame, pushed), _compute_moment_sum(place, column))
     for c in range(shapes.size[part]):
         column = motion.column[own + c, begin:end]
         moment = add(_compute_moment_sum(place, column), _compute_moment_sum(motion.slide[c, begin:end], force))
-        add_to(work.dwrench[root, own + c], 0, apply(frame, _compute_vector_sum(column)))
-        add_to(work.dwrench[root, own + c], 3, moment)
+        add_pair(work.dwrench[root, own + c], apply(frame, _compute_vector_sum(column)), moment)
 
 
 @jit_sums

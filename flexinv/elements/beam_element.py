@@ -27,7 +27,22 @@ from flexinv.elements.beam_law import compute_coupled_resultants, compute_direct
 from flexinv.kernels import vec3
 from flexinv.kernels.jit import jit_inner
 from flexinv.kernels.records import send_by_address
-from flexinv.kernels.vec3 import add, block, dot, madd, mat, msub, mul, put, put_block, scale, skew, sub, vec, vec_at
+from flexinv.kernels.vec3 import (
+    add,
+    block,
+    dot,
+    madd,
+    mat,
+    msub,
+    mul,
+    put_block,
+    put_pair,
+    scale,
+    skew,
+    sub,
+    vec,
+    vec_at,
+)
 from flexinv.model.owned_cache import make_read_only
 from flexinv.typing import Array, Indices
 
@@ -86,8 +101,7 @@ def _add_point(k, g, count, elements, scratch, rates, internal, want_tangent):
         n = add(n, n_lost)
         m = add(m, m_lost)
         lost = w * (dot(n_lost, rate.gamma) + dot(m_lost, rate.kappa))
-    put(internal, 0, n)
-    put(internal, 3, m)
+    put_pair(internal, n, m)
     couple = vec3.cross(n, point.stretch)
     _add_point_gradient(count, shape, slope, w, point, (n, m, couple), scratch.gradient)
     if want_tangent:
@@ -141,8 +155,7 @@ def _add_point_gradient(count, shape, slope, w, point, resultants, gradient):
     by_dpsi = scale(w, vec3.tapply(point.h, m))
     by_psi = scale(w, add(vec3.tapply(point.h, couple), vec3.tapply(point.bend, m)))
     for i in range(1, count):
-        vec3.add_to(gradient[i], 0, scale(slope[i], by_du))
-        vec3.add_to(gradient[i], 3, add(scale(shape[i], by_psi), scale(slope[i], by_dpsi)))
+        vec3.add_pair(gradient[i], scale(slope[i], by_du), add(scale(shape[i], by_psi), scale(slope[i], by_dpsi)))
 
 
 @jit_inner
@@ -188,12 +201,10 @@ def fill_element_forces(count, scratch):
         inverse = mat(scratch.inverse[i])
         f = vec(scratch.gradient[i])
         by_psi = vec_at(scratch.gradient[i], 3)
-        put(scratch.forces[i], 0, f)
-        put(scratch.forces[i], 3, vec3.tapply(inverse, by_psi))
+        put_pair(scratch.forces[i], f, vec3.tapply(inverse, by_psi))
         force = sub(force, f)
         moment = sub(moment, add(vec3.tapply(r0, vec3.cross(vec(scratch.u[i]), f)), vec3.apply(inverse, by_psi)))
-    put(scratch.forces[0], 0, force)
-    put(scratch.forces[0], 3, moment)
+    put_pair(scratch.forces[0], force, moment)
 
 
 @jit_inner

@@ -15,7 +15,7 @@ import numpy as np
 
 from flexinv.kernels.jit import jit_sums
 from flexinv.kernels.records import send_by_address
-from flexinv.kernels.vec3 import add, add_scaled, apply, cross, mat, put, put_block, sum3, vec
+from flexinv.kernels.vec3 import add, add_scaled, apply, cross, mat, put, put_mat, sum3, vec
 from flexinv.typing import Array, Indices
 
 # Points of a part are filled up to a multiple of this many by points that have no mass: vector instructions take so many at once.
@@ -107,13 +107,13 @@ def fill_point_motion(part, shapes, first, state, frames, joints, motion, want_t
         dp = take_point(motion.drift, row + i, stride)
         wp = cross(w, p)
         pull = sum3(cross(al, p), cross(w, add_scaled(wp, 2.0, dp)), take_point(motion.pull, row + i, stride))
-        put(joints.p[n], 0, p)
-        put(frames.x[n], 0, add(x0, apply(r0, p)))
-        put_block(frames.r[n], 0, 0, r0)
-        put(frames.v[n], 0, add(v0, apply(r0, add(wp, dp))))
-        put(frames.w[n], 0, w)
-        put(frames.a[n], 0, add(a0, apply(r0, pull)))
-        put(frames.al[n], 0, al)
+        put(joints.p[n], p)
+        put(frames.x[n], add(x0, apply(r0, p)))
+        put_mat(frames.r[n], r0)
+        put(frames.v[n], add(v0, apply(r0, add(wp, dp))))
+        put(frames.w[n], w)
+        put(frames.a[n], add(a0, apply(r0, pull)))
+        put(frames.al[n], al)
 
 
 @jit_sums

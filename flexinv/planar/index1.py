@@ -91,8 +91,8 @@ def _update_node_accelerations(tree, frames, by, changes):
         else:
             for i in range(tree.size[tree.block[n]]):
                 change = add_scaled(change, by[first + i], vec(frames.by_pose[n, i]))
-        add_to(frames.acceleration[n], 0, change)
-        put(changes[n], 0, (m * change[0], m * change[1], tree.inertia[n] * change[2]))
+        add_to(frames.acceleration[n], change)
+        put(changes[n], (m * change[0], m * change[1], tree.inertia[n] * change[2]))
 
 
 @jit_inner
@@ -100,10 +100,10 @@ def _add_wrenches(tree, frames, changes):
     """Add to the wrenches of all nodes what changes in them and in what they carry."""
     for n in range(len(tree.parent) - 1, -1, -1):
         f1, f2, mu = vec(changes[n])
-        add_to(frames.wrench[n], 0, (f1, f2, mu))
+        add_to(frames.wrench[n], (f1, f2, mu))
         if tree.parent[n] >= 0 and not tree.independent[n]:
             turned = frames.arm[n, 0] * f2 - frames.arm[n, 1] * f1
-            add_to(changes[tree.parent[n]], 0, (f1, f2, mu + turned))
+            add_to(changes[tree.parent[n]], (f1, f2, mu + turned))
 
 
 @jit_inner

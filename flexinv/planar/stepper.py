@@ -352,7 +352,7 @@ def write_sample(sample, system, out):
     power = _write_resultants(system, out.internal[sample])
     stored = compute_energy(system.elements, work.points)
     lost = planar_beam.compute_dissipated_power(system.elements, work.rates)
-    put(out.energy[sample], 0, (stored, power, lost))
+    put(out.energy[sample], (stored, power, lost))
 
 
 @jit_inner

@@ -16,7 +16,21 @@ from flexinv.elements.planar_beam import compute_pair_stiffness
 from flexinv.kernels.dense import ROWS_AT_ONCE, inverse_transposed, invert, subtract
 from flexinv.kernels.jit import jit_inner
 from flexinv.kernels.records import send_by_address
-from flexinv.kernels.vec3 import add_to, apply, madd, mat, msub, mul, put, put_block, scale, tapply, transpose, vec_at
+from flexinv.kernels.vec3 import (
+    add_at,
+    add_to,
+    apply,
+    madd,
+    mat,
+    msub,
+    mul,
+    put_at,
+    put_mat,
+    scale,
+    tapply,
+    transpose,
+    vec_at,
+)
 from flexinv.typing import Array, Indices
 
 ZERO_MATRIX = ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
@@ -72,7 +86,7 @@ def add_element_stiffness(tree, elements, points, frames, factors):
                         block[c * order + j, a * order + i] = stiffness[a][c]
         of_root = compute_pair_stiffness(k, 0, 0, elements, points) if columns > 0 else ZERO_MATRIX
         for c in range(columns):
-            add_to(frames.dwrench[root, c], 0, apply(of_root, vec_at(frames.by_pose[root, c], 0)))
+            add_to(frames.dwrench[root, c], apply(of_root, vec_at(frames.by_pose[root, c], 0)))
 
 
 @jit_inner
@@ -105,10 +119,10 @@ def _solve_small_element(k, tree, elements, frames, factors):
     inverse = inverse_transposed(madd(mat(factors.inverse[k]), mat(diagonal)))
     b = mul(mat(frames.by_pose[root]), mat(factors.to_root[k]))
     x = mul(b, inverse)
-    put_block(factors.inverse[k], 0, 0, inverse)
-    put_block(factors.b[k], 0, 0, b)
-    put_block(factors.x[k], 0, 0, x)
-    put_block(first, 0, 0, msub(mat(first), mul(b, transpose(x))))
+    put_mat(factors.inverse[k], inverse)
+    put_mat(factors.b[k], b)
+    put_mat(factors.x[k], x)
+    put_mat(first, msub(mat(first), mul(b, transpose(x))))
 
 
 @jit_inner
@@ -196,8 +210,8 @@ def _update_residual(k, tree, elements, factors, residual, y):
     first = tree.offset[tree.block[elements.nodes[k, 0]]]
     if _is_small(k, tree, elements, factors):
         solved = tapply(mat(factors.inverse[k]), vec_at(residual, factors.unknowns[k, 0]))
-        put(y, factors.unknowns[k, 0], scale(-1.0, solved))
-        add_to(residual, first, scale(-1.0, apply(mat(factors.b[k]), solved)))
+        put_at(y, factors.unknowns[k, 0], scale(-1.0, solved))
+        add_at(residual, first, scale(-1.0, apply(mat(factors.b[k]), solved)))
     else:
         _solve_own(k, tree, elements, factors, residual, factors.scratch[k], first)
 
@@ -222,7 +236,7 @@ def _add_root_motion(k, tree, elements, factors, y):
     """Add to an element's own unknowns what its first block moves them by."""
     first = tree.offset[tree.block[elements.nodes[k, 0]]]
     if _is_small(k, tree, elements, factors):
-        add_to(y, factors.unknowns[k, 0], scale(-1.0, tapply(mat(factors.x[k]), vec_at(y, first))))
+        add_at(y, factors.unknowns[k, 0], scale(-1.0, tapply(mat(factors.x[k]), vec_at(y, first))))
     else:
         found = factors.scratch[k]
         for c in range(tree.size[tree.block[elements.nodes[k, 0]]]):

@@ -31,7 +31,7 @@ from flexinv.kernels.dense import solve_tridiagonal
 from flexinv.kernels.jit import jit
 from flexinv.kernels.records import send_by_address
 from flexinv.kernels.so3 import exp_so3, inverse_tangent, log_so3
-from flexinv.kernels.vec3 import mat, put, put_block, vec
+from flexinv.kernels.vec3 import mat, put, put_mat, vec
 from flexinv.kinematics.mesh import Mesh, build
 from flexinv.kinematics.nodal_motion import compute_relative_motion, compute_rigid_motion
 from flexinv.kinematics.tree import Joints
@@ -94,8 +94,8 @@ def evaluate_instants(system, joints, motion, frame, out):
     size = system.topology.size[block]
     for k in range(motion.x.shape[0]):
         for n in range(motion.x.shape[1]):
-            put(state.x[n], 0, vec(motion.x[k, n]))
-            put_block(state.r[n], 0, 0, mat(motion.r[k, n]))
+            put(state.x[n], vec(motion.x[k, n]))
+            put_mat(state.r[n], mat(motion.r[k, n]))
         for i in range(len(state.d)):
             state.d[i] = 0.0
             state.u[i] = motion.u[k, i]
@@ -120,7 +120,7 @@ def evaluate_instants(system, joints, motion, frame, out):
 @jit
 def _fill_inverse_tangents(psi, out):
     for i in range(psi.shape[0]):
-        put_block(out[i], 0, 0, inverse_tangent(vec(psi[i])))
+        put_mat(out[i], inverse_tangent(vec(psi[i])))
 
 
 def compute_inverse_tangents(psi: Array) -> Array:
