@@ -147,7 +147,7 @@ def fill_applied_efforts(nodes, loads, motion, scratch, samples, out):
         for n in range(line.shape[0]):
             if nodes.freedoms[n] > 0:
                 turned = mat(now.r[n])
-                force = tapply(turned, vec_at(line[n], 0))
+                force = tapply(turned, vec(line[n]))
                 moment = tapply(turned, vec_at(line[n], 3))
                 for i in range(nodes.freedoms[n]):
                     effort = dot(vec(nodes.slide[n, i]), force) + dot(vec(nodes.turn[n, i]), moment)

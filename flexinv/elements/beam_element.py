@@ -116,7 +116,7 @@ def _add_point(k, g, count, elements, scratch, rates, internal, want_tangent):
 @jit_inner
 def _compute_resultants(direct, coupling, k, g, gamma, kappa):
     """The stress resultants of strains, or those of damping of their rates, by the law at a point [N], [N m]."""
-    n = compute_direct_resultants(vec_at(direct[k, g], 0), gamma)
+    n = compute_direct_resultants(vec(direct[k, g]), gamma)
     m = compute_direct_resultants(vec_at(direct[k, g], 3), kappa)
     if len(coupling) > 0:
         strain = gamma[0], gamma[1], gamma[2], kappa[0], kappa[1], kappa[2]
@@ -129,7 +129,7 @@ def _compute_resultants(direct, coupling, k, g, gamma, kappa):
 @jit_inner
 def _fill_parts(direct, coupling, k, g, point, stress, w, parts):
     """Fill second derivatives at a point by the law there, of stiffness or of damping [N], [N m]."""
-    fill_point_hessian(point, stress, (vec_at(direct[k, g], 0), vec_at(direct[k, g], 3)), w, parts)
+    fill_point_hessian(point, stress, (vec(direct[k, g]), vec_at(direct[k, g], 3)), w, parts)
     if len(coupling) > 0:
         fill_coupled_part_with_zeros(parts)
         add_coupled_derivatives(point, compute_strain_slopes(point), coupling[k, g], w, parts)
@@ -141,7 +141,7 @@ def _fill_damped_parts(elements, k, g, point, rate, w, parts, by_velocity):
     none = (vec3.ZERO, vec3.ZERO, vec3.ZERO)
     _fill_parts(elements.damping, elements.damping_coupling, k, g, point, none, w, by_velocity)
     slopes = compute_rate_slopes(point, rate)
-    damping = vec_at(elements.damping[k, g], 0), vec_at(elements.damping[k, g], 3)
+    damping = vec(elements.damping[k, g]), vec_at(elements.damping[k, g], 3)
     add_rate_derivatives(point, slopes, damping, w, parts)
     if len(elements.damping_coupling) > 0:
         add_coupled_derivatives(point, slopes, elements.damping_coupling[k, g], w, parts)

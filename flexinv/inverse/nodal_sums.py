@@ -72,7 +72,7 @@ def add_outboard_forces(parent, x, line):
     for n in range(parent.shape[0] - 1, -1, -1):
         m = parent[n]
         if m >= 0:
-            push = vec_at(line[n], 0)
+            push = vec(line[n])
             add_pair(line[m], push, add(vec_at(line[n], 3), cross(sub(vec(x[n]), vec(x[m])), push)))
 
 
@@ -83,7 +83,7 @@ def fill_sums_in_frames(parent, nodes, x, rotation, force, moment, line, out):
         fill_sample_sums(parent, x[s], force[s], moment[s], line)
         for k in range(nodes.shape[0]):
             turn = mat(rotation[s, nodes[k]])
-            put_pair(out[k, s], tapply(turn, vec_at(line[nodes[k]], 0)), tapply(turn, vec_at(line[nodes[k]], 3)))
+            put_pair(out[k, s], tapply(turn, vec(line[nodes[k]])), tapply(turn, vec_at(line[nodes[k]], 3)))
 
 
 @send_by_address
@@ -132,7 +132,7 @@ def fill_projected_efforts(nodes, drives, frames, line, motion, tau):
     for n in range(nodes.parent.shape[0]):
         if drives.freedoms[n] > 0:
             turned = mat(frames.r[n])
-            force = tapply(turned, vec_at(line[n], 0))
+            force = tapply(turned, vec(line[n]))
             moment = tapply(turned, vec_at(line[n], 3))
             law = take_joint_law(drives.law, n)
             place = read_coordinate(n, nodes, q) if law.stiffness != 0.0 else law.rest
@@ -275,9 +275,9 @@ def _fill_efforts(s, skeleton, moving, given, line, out):
     for n in range(len(skeleton.parent)):
         if skeleton.freedoms[n] > 0:
             turned = mat(moving.r[s, n])
-            force = tapply(turned, vec_at(line[n], 0))
+            force = tapply(turned, vec(line[n]))
             moment = tapply(turned, vec_at(line[n], 3))
-            pull = tapply(turned, vec_at(given.wrench[s, n], 0))
+            pull = tapply(turned, vec(given.wrench[s, n]))
             twist = vec_at(given.wrench[s, n], 3)
             for i in range(skeleton.freedoms[n]):
                 v = skeleton.v_index[n] + i
@@ -290,7 +290,7 @@ def _fill_efforts(s, skeleton, moving, given, line, out):
     for j in range(len(skeleton.joint)):
         n = skeleton.joint[j]
         turned = mat(moving.r[s, skeleton.joint[j]])
-        put_pair(out.wrench[j, s], tapply(turned, vec_at(line[n], 0)), tapply(turned, vec_at(line[n], 3)))
+        put_pair(out.wrench[j, s], tapply(turned, vec(line[n])), tapply(turned, vec_at(line[n], 3)))
     return power
 
 
@@ -322,7 +322,7 @@ def _fill_energies(s, skeleton, moving, given, out):
         push = add(push, p)
         turn = add(turn, add(cross(place, p), q))
         if skeleton.parent[n] < 0:
-            force = vec_at(given.wrench[s, n], 0)
+            force = vec(given.wrench[s, n])
             moment = apply(turned, vec_at(given.wrench[s, n], 3))
             base_push = add(base_push, force)
             base_turn = add(base_turn, add(cross(place, force), moment))

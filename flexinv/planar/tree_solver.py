@@ -86,7 +86,7 @@ def add_element_stiffness(tree, elements, points, frames, factors):
                         block[c * order + j, a * order + i] = stiffness[a][c]
         of_root = compute_pair_stiffness(k, 0, 0, elements, points) if columns > 0 else ZERO_MATRIX
         for c in range(columns):
-            add_to(frames.dwrench[root, c], apply(of_root, vec_at(frames.by_pose[root, c], 0)))
+            add_to(frames.dwrench[root, c], apply(of_root, vec(frames.by_pose[root, c])))
 
 
 @jit_inner

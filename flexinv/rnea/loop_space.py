@@ -228,7 +228,7 @@ def _fill_ends(work, closure, closing, lanes, c):
     for j in range(directions):
         u = c[_U + _THREE * positions + _SIX * j :]
         _add_direction_squares(
-            vectors[(positions + j) * layout.VECTOR :], a, b, closing, lanes, vec_at(u, 0), vec_at(u, 3)
+            vectors[(positions + j) * layout.VECTOR :], a, b, closing, lanes, vec(u), vec_at(u, 3)
         )
 
 
