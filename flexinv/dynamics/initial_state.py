@@ -79,10 +79,13 @@ def fill_initial_unknowns(solver: Solver, motion: NodalMotion, joints: Joints, q
 def begin_from_state(state: State) -> None:
     """Let a step start from the present velocities [m/s] and accelerations [m/s^2]."""
     state.u0[:], state.du0[:], state.pseudo[:] = state.u, state.du, state.du
-    state.d[:] = 0.0
-    state.trend[:] = 0.0
-    state.bend[:] = 0.0
-    state.order[:] = 0
+    clear_step(state)
+
+
+def clear_step(state: State) -> None:
+    """Let nothing be known of a step: no increments [m], [rad] and no trend of them."""
+    for part in (state.d, state.trend, state.bend, state.order):
+        part[:] = 0
 
 
 def begin_step(solver: Solver, joints: Joints, scheme: Scheme, when: str) -> bool:

@@ -126,6 +126,19 @@ def read_scalar_coordinate(joint: Joint, q: Array, history: bool = True) -> Arra
     return np.unwrap(np.arctan2(q[:, 1], q[:, 0])) if history else np.arctan2(q[:, 1], q[:, 0])
 
 
+def collect_scalar_places(mechanism: Mechanism, q: Array) -> Array:
+    """Return angles or lengths (samples, nv) [rad], [m] of q (samples, nq), nan of joints that have none: rotations in space."""
+    places = np.full((len(q), mechanism.nv), np.nan)
+    for joint in mechanism.joints:
+        coordinates = q[:, mechanism.q_slices[joint.name]]
+        at = mechanism.v_slices[joint.name]
+        if joint.nv == 1:
+            places[:, at] = read_scalar_coordinate(joint, coordinates)[:, None]
+        elif KINDS[joint.kind].scalar:
+            places[:, at] = coordinates
+    return places
+
+
 def compute_rigid_motion(mesh: Mesh, q: Array, qd: Array, qdd: Array) -> NodalMotion:
     """Return the nodal motion [m, rad, s] of the undeformed mechanism for q (samples, nq), qd, qdd (samples, nv).
 

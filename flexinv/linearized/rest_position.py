@@ -67,11 +67,16 @@ def find_rest_position(solver: Solver, q: Array) -> tuple[Joints, Solver]:
         held.update_loads(0.0, q, nothing, nothing)
     equilibrium = find_equilibrium(held, q, "rest position for modes")
     held.solve_instant(STATICS, equilibrium, "rest position for modes")
+    copy_shape(held, solver)
+    return joints, held
+
+
+def copy_shape(held: Solver, solver: Solver) -> None:
+    """Give a solver the sections [m], [-] and amplitudes [m] of one whose joints are held."""
     sections = solver.topology.independent
     solver.state.x[sections] = held.state.x[sections]
     solver.state.r[sections] = held.state.r[sections]
     solver.state.place[list_amplitudes(solver.topology)] = held.state.place[list_amplitudes(held.topology)]
-    return joints, held
 
 
 def update_spring_forces(solver: Solver, joints: Joints) -> None:

@@ -272,6 +272,11 @@ def find_two_sided_eigenvalues(
     return values, right, left[:, order]
 
 
+def apply_to_columns(operator: Callable[[Array], Array], vectors: NDArray[Any]) -> NDArray[Any]:
+    """Return what a real operator makes of complex columns (size, count) [any unit]."""
+    return np.column_stack([operator(x.real) + 1j * operator(x.imag) for x in vectors.T])
+
+
 def find_gap_beyond(size: Array, count: int) -> float:
     """Return the middle of the widest gap [any unit] between sizes of roots (modes,), beyond the first ``count``."""
     level = np.sort(size)
@@ -304,6 +309,5 @@ def _run_arnoldi(k: Sparse, m: Sparse, shift: float, count: int) -> tuple[NDArra
 
     values, right, left = find_two_sided_eigenvalues(apply_inverse, apply_transposed_inverse, count, start)
     # what fast motions have of rounding is taken away: x = (K + shift M)^-1 M x / mu
-    right = np.column_stack([apply_inverse(x.real) + 1j * apply_inverse(x.imag) for x in right.T]) / values
-    left = np.column_stack([apply_transposed_inverse(x.real) + 1j * apply_transposed_inverse(x.imag) for x in left.T])
-    return 1 / values - shift, right, left
+    right = apply_to_columns(apply_inverse, right) / values
+    return 1 / values - shift, right, apply_to_columns(apply_transposed_inverse, left)

@@ -26,7 +26,6 @@ from numpy.typing import ArrayLike
 
 from flexinv.constraints.allocation import REDUNDANT
 from flexinv.display.card import Card, Shown
-from flexinv.dynamics.dofs import list_amplitudes
 from flexinv.dynamics.generalized_alpha import DYNAMIC, STATICS
 from flexinv.dynamics.initial_state import compute_joint_motion
 from flexinv.dynamics.linearization import Matrices, compute_matrices
@@ -48,6 +47,7 @@ from flexinv.linearized.modes import FEW, SAFETY, Shapes, convert_rates, resolve
 from flexinv.linearized.rest_position import (
     compute_nodal_shapes,
     compute_tied_matrices,
+    copy_shape,
     find_rest_position,
     update_spring_forces,
     update_start,
@@ -116,10 +116,7 @@ def build_steady_motion(mesh: Mesh, q: Array, rates: Mapping[str, float], free: 
     if any(rates.values()):
         if len(held.topology.scale):
             _find_deformed_shape(held, q, rates)
-        sections = solver.topology.independent
-        solver.state.x[sections] = held.state.x[sections]
-        solver.state.r[sections] = held.state.r[sections]
-        solver.state.place[list_amplitudes(solver.topology)] = held.state.place[list_amplitudes(held.topology)]
+        copy_shape(held, solver)
         joints = _apply_rates(solver, q, rates, 1.0)
     solver.evaluate(STATICS, joints)
     along = _build_turning(solver, rates, 1.0)

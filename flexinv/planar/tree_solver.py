@@ -29,6 +29,7 @@ from flexinv.kernels.vec3 import (
     scale,
     tapply,
     transpose,
+    vec,
     vec_at,
 )
 from flexinv.typing import Array, Indices

@@ -39,7 +39,7 @@ from flexinv.kernels.simd import (
     times,
     vec_of,
 )
-from flexinv.kernels.vec3 import mat_at, vec_at
+from flexinv.kernels.vec3 import mat_at, vec, vec_at
 from flexinv.model.joint_kinds import CONTINUOUS, FREE, HELICAL, PRISMATIC, REVOLUTE, SPHERICAL
 
 # Columns of the tables of bodies, and how many there are: see `body_table.Bodies`.
