@@ -69,7 +69,7 @@ def run_forward_pass(topology, state, joints, frames, variation, work, factors, 
             for by in (variation.x, variation.t, variation.v, variation.w, variation.a, variation.al):
                 put(by[n, k], ZERO)
         if topology.independent[n]:
-            _fill_section_motion(n, topology.offset[topology.block[n]], columns, state, frames, variation, cv, ca)
+            _fill_section_motion(n, topology.first[n], columns, state, frames, variation, cv, ca)
         else:
             if topology.freedoms[n] > 0:
                 _fill_passive_motion(n, topology, state, joints, variation, cv, ca, columns)
@@ -78,7 +78,7 @@ def run_forward_pass(topology, state, joints, frames, variation, work, factors, 
             compute_child_motion(n, topology.parent[n], frames, joints)
             add_parent_variation(n, topology.parent[n], columns, frames, joints, variation)
     for part in range(len(shapes.root)):
-        first = topology.offset[topology.block[shapes.root[part]]] + topology.amplitude[part]
+        first = topology.first[shapes.root[part]] + topology.amplitude[part]
         fill_point_motion(part, shapes, first, state, frames, joints, work.points, want_tangent)
 
 
@@ -115,7 +115,7 @@ def compute_joint_rotation(n, topology, state, first):
 @jit_inner
 def _fill_passive_motion(n, topology, state, joints, variation, cv, ca, columns):
     """Relative motion of a passive joint, and with ``columns`` its variation."""
-    first = topology.offset[topology.block[n]] + topology.column[n]
+    first = topology.first[n] + topology.column[n]
     psi = compute_joint_rotation(n, topology, state, first)
     inverse = inverse_tangent(psi)
     p = vec(state.x[n])
@@ -153,7 +153,7 @@ def _fill_shaped_motion(n, topology, state, joints, variation, moved, factors, c
     """Relative motion of a node of a meshed link, and with ``columns`` its variation."""
     shapes = topology.shapes
     column = topology.amplitude[shapes.part[n]]
-    first = topology.offset[topology.block[n]] + column
+    first = topology.first[n] + column
     motion = fill_shaped_motion(n, shapes, first, state, moved, joints)
     if columns > 0:
         fill_shaped_variation(n, shapes, (column, first), state, moved, motion, variation, factors)
@@ -272,7 +272,7 @@ def compute_node_wrenches(topology, frames, variation, level, work, want_tangent
         )
         if not want_tangent or is_point_mass(n, topology.shapes):
             continue
-        for k in range(topology.reach[n], topology.size[topology.block[n]]):
+        for k in range(topology.reach[n], topology.width[n]):
             put_pair(work.dwrench[n, k], ZERO, ZERO)
         for k in range(topology.reach[n]):
             dw = vec(variation.w[n, k])
@@ -328,7 +328,7 @@ def add_elements(topology, elements, frames, variation, work, moving, want_tange
 def _add_diagonal(topology, variation, nodes, count, tangent, dwrench):
     """Add what each node of an element feels of its own motion (and the root of its block's other unknowns)."""
     root = nodes[0]
-    for k in range(topology.size[topology.block[root]]):
+    for k in range(topology.width[root]):
         for i in range(6):
             dwrench[root, k, i] += compute_root_derivative(tangent, i, root, k, variation)
     for node in range(1, count):
@@ -428,7 +428,7 @@ def _fill_passive_rows(n, columns, system, cv, ca):
     state = system.state
     loads = system.loads
     m = topology.parent[n]
-    first = topology.offset[topology.block[n]] + topology.column[n]
+    first = topology.first[n] + topology.column[n]
     frame = mat(system.frames.r[m]) if m >= 0 else EYE
     force = tapply(frame, vec(work.wrench[n]))
     moment = vec_at(work.wrench[n], 3)

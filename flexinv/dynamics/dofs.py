@@ -29,6 +29,7 @@ class Topology(NamedTuple):
 
     parent, block : (nodes,); independent : (nodes,) bool
     size, offset : (blocks,) number of unknowns and first unknown of each block; part : (blocks,) of the mechanism
+    width, first : (nodes,) the same of the block of each node
     span : (parts + 1,) first unknown of each part; the first block of a part has its number
     freedoms, column : (nodes,) passive freedoms of the node's joint and their first column in the block
     reach : (nodes,) columns of the block up to the last that moves the node
@@ -45,6 +46,8 @@ class Topology(NamedTuple):
     independent: Mask
     size: Indices
     offset: Indices
+    width: Indices
+    first: Indices
     part: Indices
     span: Indices
     freedoms: Indices
@@ -95,8 +98,8 @@ def build_topology(mesh: Mesh, passive: frozenset[str]) -> Topology:
     )  # convergence is judged on increments over the length of the mechanism, over 1 for rotations
     scale[_list_translations(independent, freedoms, first, first + column, turn)] = mesh.length
     topology = Topology(
-        mesh.parent, block, independent, size, offset, part, span, freedoms, column, reach, triple, slide, turn,
-        drives, scale, mesh.mass, mesh.inertia, gravity, mesh.length, shapes, amplitude,
+        mesh.parent, block, independent, size, offset, size[block], first, part, span, freedoms, column, reach, triple,
+        slide, turn, drives, scale, mesh.mass, mesh.inertia, gravity, mesh.length, shapes, amplitude,
     )  # fmt: skip
     scale[list_amplitudes(topology)] = mesh.length
     return topology
@@ -178,6 +181,6 @@ def compute_offsets(size: Indices, part: Indices) -> tuple[Indices, Indices]:
 
 def list_amplitudes(topology: Topology) -> Indices:
     """Return the numbers of the unknowns [-] that are amplitudes of meshed links, part after part."""
-    first = topology.offset[topology.block[topology.shapes.root]] + topology.amplitude
+    first = topology.first[topology.shapes.root] + topology.amplitude
     spans = [np.arange(at, at + count) for at, count in zip(first, topology.shapes.size, strict=True)]
     return np.concatenate([*spans, np.empty(0)]).astype(np.int64)

@@ -175,7 +175,7 @@ def apply_increment(topology, scheme, state, y):
             state.du[k] += scheme.ca * y[k]
         return
     for n in range(len(topology.parent)):
-        o = topology.offset[topology.block[n]]
+        o = topology.first[n]
         if topology.independent[n]:
             add_at(state.d, o, vec_at(y, o))
             add_at(state.d, o + 3, apply(inverse_tangent(vec_at(state.d, o + 3)), vec_at(y, o + 3)))
@@ -189,7 +189,7 @@ def apply_increment(topology, scheme, state, y):
                 add_at(state.d, at, apply(turned, vec_at(y, at)))
     shapes = topology.shapes
     for part in range(len(shapes.root)):
-        first = topology.offset[topology.block[shapes.root[part]]] + topology.amplitude[part]
+        first = topology.first[shapes.root[part]] + topology.amplitude[part]
         for k in range(shapes.size[part]):
             state.d[first + k] += y[first + k]
     if scheme.mode == DYNAMIC:
@@ -226,7 +226,7 @@ def update_unknowns(scheme, state, scale):
 def end_step(topology, scheme, state):
     """Finish a step: its end becomes the start of the next [m, rad, s]."""
     for n in range(len(topology.parent)):
-        o = topology.offset[topology.block[n]]
+        o = topology.first[n]
         if topology.independent[n]:
             add_to(state.x[n], vec_at(state.d, o))
             put_mat(state.r[n], mul(mat(state.r[n]), exp(vec_at(state.d, o + 3))))

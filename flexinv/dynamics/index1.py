@@ -131,7 +131,7 @@ def _add_node_masses(system):
         m = topology.mass[n]
         inertia = mat(topology.inertia[n])
         block = diagonal[topology.block[n]]
-        columns = topology.size[topology.block[n]]
+        columns = topology.width[n]
         for k in range(columns):
             moved = vec(variation.x[n, k])
             turned = apply(inertia, vec(variation.t[n, k]))

@@ -113,7 +113,7 @@ def add_loads(topology, frames, variation, loads, work, want_tangent):
         local = force if loads.follower[k] else tapply(r, force)
         turn = moment if loads.follower[k] else tapply(r, moment)
         add_pair(work.wrench[n], scale(-1.0, apply(r, local)), scale(-1.0, add(turn, cross(p, local))))
-        for c in range(topology.size[topology.block[n]] if want_tangent else 0):
+        for c in range(topology.width[n] if want_tangent else 0):
             theta = vec(variation.t[n, c])
             if loads.follower[k]:
                 add_to(work.dwrench[n, c], apply(r, cross(local, theta)))
@@ -225,7 +225,7 @@ def fill_spring_sides(topology, springs, constraints, frames, variation):
         for i in range(3):
             row = springs.row[k] + i
             for n in range(plan.first_part[row], plan.first_part[row + 1]):
-                for j in range(plan.span[plan.part[n]], plan.span[plan.part[n] + 1]):
+                for j in range(plan.begin[n], plan.end[n]):
                     constraints.across[row, j] = 0.0
             a = constraints.a[row]
             b = constraints.b[row]
@@ -241,12 +241,12 @@ def _add_end(topology, n, sign, place, slope, frames, variation, across):
     by_gap = vec(slope)
     by_rate = vec_at(slope, 3)
     r = mat(frames.r[n])
-    o = topology.offset[topology.block[n]]
+    o = topology.first[n]
     along = tapply(r, by_gap)
     rate = tapply(r, by_rate)
     by_turn = add(cross(place, along), cross(cross(vec(frames.w[n]), place), rate))
     by_spin = cross(place, rate)
-    for k in range(topology.size[topology.block[n]]):
+    for k in range(topology.width[n]):
         moved = dot(by_gap, vec(variation.x[n, k])) + dot(by_turn, vec(variation.t[n, k]))
         across[o + k] -= sign * (moved + dot(by_rate, vec(variation.v[n, k])) + dot(by_spin, vec(variation.w[n, k])))
 
@@ -261,5 +261,5 @@ def turn_arms(topology, springs, constraints, frames, variation, dwrench):
         for n, place, sign in ((a, constraints.place_a[row], -1.0), (b, constraints.place_b[row], 1.0)):
             if n >= 0:
                 local = tapply(mat(frames.r[n]), scale(sign, vec_at(constraints.multiplier, row)))
-                for c in range(topology.size[topology.block[n]]):
+                for c in range(topology.width[n]):
                     add_at(dwrench[n, c], 3, cross(vec(place), cross(vec(variation.t[n, c]), local)))

@@ -28,7 +28,7 @@ def add_point_rows(part, system, factors, want_tangent):
     topology = system.topology
     points = topology.shapes.points
     root = topology.shapes.root[part]
-    first = topology.offset[topology.block[root]] + topology.amplitude[part]
+    first = topology.first[root] + topology.amplitude[part]
     frame = mat(system.frames.r[root])
     row = points.row[part]
     stride = points.stride[part]

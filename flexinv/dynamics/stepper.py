@@ -262,11 +262,11 @@ def find_overturned_element(topology, elements, scheme, state, frames):
         root = elements.nodes[k, 0]
         for i in range(1, elements.order[k] + 1):
             n = elements.nodes[k, i]
-            turn = vec_at(state.d, topology.offset[topology.block[n]] + 3)
+            turn = vec_at(state.d, topology.first[n] + 3)
             if dot(turn, turn) > NO_SLIP * NO_SLIP:
                 carried = scale(scheme.h, vec(frames.w[root]))
                 if topology.independent[root]:
-                    carried = vec_at(state.d, topology.offset[topology.block[root]] + 3)
+                    carried = vec_at(state.d, topology.first[root] + 3)
                 apart = sub(turn, tapply(mat(frames.r[n]), apply(mat(frames.r[root]), carried)))
                 if not dot(apart, apart) <= np.pi * np.pi:
                     return k

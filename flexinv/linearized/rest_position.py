@@ -156,7 +156,7 @@ def _fill_point_shapes(solver: Solver, part: int, shapes: NDArray[Any], out: NDA
     points = t.shapes.points
     node = points.node[points.first[part] : points.first[part + 1]]
     at = points.row[part] + points.stride[part] * np.arange(3) + np.arange(len(node))[:, None]  # (point, xyz)
-    first = t.offset[t.block[root]] + t.amplitude[part]
+    first = t.first[root] + t.amplitude[part]
     size = t.shapes.size[part]
     turned = np.cross(out[:, root, None, 3:], motion.place[at])
     moved = turned + np.einsum("kpi,km->mpi", motion.slide[:size, at], shapes[first : first + size])

@@ -234,7 +234,7 @@ def _apply_rates(solver: Solver, q: Array, rates: Mapping[str, float], part: flo
     for name, rate in rates.items():
         qd[mesh.mechanism.v_slices[name]] = part * rate
     for n in np.flatnonzero(t.freedoms == 1):
-        solver.state.u[t.offset[t.block[n]] + t.column[n]] = qd[mesh.v_index[n]]
+        solver.state.u[t.first[n] + t.column[n]] = qd[mesh.v_index[n]]
     return compute_joint_motion(mesh, q, qd, np.zeros(mesh.mechanism.nv))
 
 
@@ -257,7 +257,7 @@ def _move_along(solver: Solver, turning: SteadyRotation) -> None:
     t = solver.topology
     s = solver.state
     for n in np.flatnonzero(t.independent):
-        o = t.offset[t.block[n]]
+        o = t.first[n]
         w = turning.rate[n]
         v = np.cross(w, s.x[n] - turning.centre[n])
         s.u[o : o + 6] = np.concatenate([v, s.r[n].T @ w])
@@ -334,7 +334,7 @@ def _compute_matrices(found: Matrices, solver: Solver, turning: SteadyRotation) 
     by_acceleration, by_rate, by_place = found
     a, b, d = (scipy.sparse.lil_array((len(t.scale), len(t.scale))) for _ in range(3))
     for n in np.flatnonzero(t.independent & turning.rate.any(axis=1)):
-        o = t.offset[t.block[n]]
+        o = t.first[n]
         rate = turning.rate[n]
         place = slice(o, o + 3)
         turn = slice(o + 3, o + 6)

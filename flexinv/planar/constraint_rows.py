@@ -108,13 +108,13 @@ def fill_right_sides(tree, constraints, frames, residual):
         side = constraints.across[r]
         gradient = constraints.gradient[r]
         for n in range(plan.first_part[r], plan.first_part[r + 1]):
-            for i in range(plan.span[plan.part[n]], plan.span[plan.part[n] + 1]):
+            for i in range(plan.begin[n], plan.end[n]):
                 side[i] = 0.0
         for n, g in ((constraints.a[r], vec(gradient)), (constraints.b[r], vec_at(gradient, 3))):
-            for c in range(tree.size[tree.block[n]] if n >= 0 else 0):
-                side[tree.offset[tree.block[n]] + c] -= dot(g, vec(frames.by_pose[n, c]))
+            for c in range(tree.width[n] if n >= 0 else 0):
+                side[tree.first[n] + c] -= dot(g, vec(frames.by_pose[n, c]))
         for n in range(plan.first_part[r], plan.first_part[r + 1]):
-            for i in range(plan.span[plan.part[n]], plan.span[plan.part[n] + 1]):
+            for i in range(plan.begin[n], plan.end[n]):
                 residual[1 + r, i] = side[i]
 
 

@@ -83,13 +83,13 @@ def _solve_single_acceleration(tree, plan, node, over, residual, y):
 def _update_node_accelerations(tree, frames, by, changes):
     """Change the accelerations of all nodes by those of the unknowns; set what that changes their own wrenches by."""
     for n in range(len(tree.parent)):
-        first = tree.offset[tree.block[n]]
+        first = tree.first[n]
         change = ZERO
         m = tree.mass[n]
         if tree.independent[n]:
             change = vec_at(by, first)
         else:
-            for i in range(tree.size[tree.block[n]]):
+            for i in range(tree.width[n]):
                 change = add_scaled(change, by[first + i], vec(frames.by_pose[n, i]))
         add_to(frames.acceleration[n], change)
         put(changes[n], (m * change[0], m * change[1], tree.inertia[n] * change[2]))

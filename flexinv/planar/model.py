@@ -92,8 +92,8 @@ def build_planar_model(mesh: Mesh, passive: frozenset[str]) -> PlanarModel:
 def _build_pick_matrix(mesh: Mesh, topology: Topology, tree: PlanarTree, plane: Plane, space: Embedding) -> Array:
     pick = np.zeros((len(tree.scale), len(topology.scale)))
     for n in range(mesh.size):
-        here = int(tree.offset[tree.block[n]])
-        there = int(topology.offset[topology.block[n]])
+        here = int(tree.first[n])
+        there = int(topology.first[n])
         if tree.independent[n]:
             pick[here : here + 2, there : there + 3] = plane.axes.T[:2]
             pick[here + 2, there + 3 : there + 6] = space.axle[n]
@@ -118,7 +118,7 @@ def _build_tree(mesh: Mesh, topology: Topology, plane: Plane) -> PlanarTree:
     driven = (mesh.v_index >= 0) & ~passive
     return PlanarTree(
         parent=mesh.parent, block=topology.block, independent=topology.independent, size=size, offset=offset,
-        part=topology.part, span=span, first_element=first_element, element=element,
+        width=size[topology.block], first=first, part=topology.part, span=span, first_element=first_element, element=element,
         scale=_build_scales(int(size.sum()), lengths, mesh.length),
         prescribed_column=np.where(driven, np.cumsum(driven) - 1, -1), column=column,
         turn=turn, slide=slide,

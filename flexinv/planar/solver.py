@@ -135,7 +135,7 @@ class PlanarMarch:
         state.x[free] = np.column_stack([x.ravel(), y.ravel(), np.full(len(free), space.height)]) @ space.axes.T
         state.r[free] = np.cos(angle) * space.across[free] + np.sin(angle) * space.along[free] + space.normal[free]
         held = np.flatnonzero(~m.tree.independent & (m.tree.column >= 0))
-        q = here.place[m.tree.offset[m.tree.block[held]] + m.tree.column[held], None]
+        q = here.place[m.tree.first[held] + m.tree.column[held], None]
         state.x[held] = self.mesh.offset[held] + q * m.topology.slide[held, 0]
         state.r[held] = self.mesh.rotation[held] @ exp_so3(q * m.topology.turn[held, 0])
         clear_step(state)
@@ -144,7 +144,7 @@ class PlanarMarch:
         """Independent nodes, and where x, y and theta of each stand among the unknowns, (nodes, 3)."""
         tree = self.model.tree
         free = np.flatnonzero(tree.independent)
-        return free, tree.offset[tree.block[free], None] + np.arange(3)
+        return free, tree.first[free, None] + np.arange(3)
 
     def prepare_arguments(
         self, scheme: Scheme, start: GivenMotion | None, steps: GivenMotion, row: Indices, out: Trajectory

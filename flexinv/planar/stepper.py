@@ -237,9 +237,9 @@ def find_overturned_element(tree, elements, scheme, state, frames):
     for k in range(len(elements.order) if scheme.mode == DYNAMIC else 0):
         root = elements.nodes[k, 0]
         for i in range(1, elements.order[k] + 1):
-            turn = state.d[tree.offset[tree.block[elements.nodes[k, i]]] + 2]
+            turn = state.d[tree.first[elements.nodes[k, i]] + 2]
             if not abs(turn) <= stepper.NO_SLIP:
-                end_turn = state.d[tree.offset[tree.block[root]] + 2]
+                end_turn = state.d[tree.first[root] + 2]
                 if not abs(turn - (end_turn if tree.independent[root] else scheme.h * frames.rate[root, 2])) <= np.pi:
                     return k
     return -1

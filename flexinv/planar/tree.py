@@ -30,7 +30,8 @@ from flexinv.typing import Array, Indices, Mask
 class PlanarTree(NamedTuple):
     """Nodes, blocks and joints of a mechanism in a plane (as `dofs.Topology`).
 
-    parent, block : (nodes,); independent : (nodes,) bool; size, offset, part : (blocks,); span : (parts + 1,)
+    parent, block : (nodes,); independent : (nodes,) bool; size, offset, part : (blocks,); width, first : (nodes,)
+    span : (parts + 1,)
     scale : (unknowns,) [m] or 1; first_element : (parts + 1,) of each part in ``element``, from its root to its leaves
     prescribed_column : (nodes,) column of the prescribed joint coordinate, -1 without;
     column : (nodes,) of the passive one in its block
@@ -45,6 +46,8 @@ class PlanarTree(NamedTuple):
     independent: Mask
     size: Indices
     offset: Indices
+    width: Indices
+    first: Indices
     part: Indices
     span: Indices
     first_element: Indices
@@ -87,7 +90,7 @@ class PlanarFrames(NamedTuple):
 def run_forward_pass(tree, state, given, frames):
     """Set the motion of all nodes from the unknowns and the prescribed coordinates (joints, 3) q, q', q'' [m, rad, s]."""
     for n in range(len(tree.parent)):
-        o = tree.offset[tree.block[n]]
+        o = tree.first[n]
         column = tree.column[n]
         if tree.independent[n]:
             put(frames.pose[n], add(vec_at(state.place, o), vec_at(state.d, o)))
@@ -143,7 +146,7 @@ def _compute_child_motion(n, tree, frames):
 def begin_undeformed(tree, state, joint, frames):
     """Set the unknowns to the rigid motion of the stress-free mechanism whose joints (nodes, 3) are at q, q', q'' [m, rad, s]."""
     for n in range(len(tree.parent)):
-        o = tree.offset[tree.block[n]]
+        o = tree.first[n]
         column = tree.column[n]
         put(frames.joint[n], vec(joint[n]))
         _compute_child_motion(n, tree, frames)
@@ -173,7 +176,7 @@ def fill_independent_variations(tree, frames, cv, ca):
     """Set how independent nodes move with their own unknowns [m, rad, s], once and for all: dv = cv dx, da = ca dx."""
     for n in range(len(tree.parent)):
         if tree.independent[n]:
-            for k in range(tree.size[tree.block[n]]):
+            for k in range(tree.width[n]):
                 for i in range(3):
                     unit = 1.0 if k == i else 0.0
                     frames.by_pose[n, k, i] = unit
@@ -186,7 +189,7 @@ def fill_variations(tree, frames, cv, ca):
     """Set how dependent nodes move with the unknowns of their blocks [m, rad, s]."""
     for n in range(len(tree.parent)):
         m = tree.parent[n]
-        columns = tree.size[tree.block[n]]
+        columns = tree.width[n]
         for k in range(0 if tree.independent[n] else columns):
             for by in (frames.by_pose, frames.by_rate, frames.by_acceleration):
                 put(by[n, k], vec(by[m, k]) if m >= 0 else ZERO)
@@ -198,7 +201,7 @@ def fill_pose_variations(tree, frames):
     """Set how poses of dependent nodes move with unknowns of their blocks [m], [rad]: the first part of `fill_variations`."""
     for n in range(len(tree.parent)):
         m = tree.parent[n]
-        for k in range(0 if tree.independent[n] else tree.size[tree.block[n]]):
+        for k in range(0 if tree.independent[n] else tree.width[n]):
             x, y, turned = vec(frames.by_pose[m, k]) if m >= 0 else ZERO
             unit = 1.0 if k == tree.column[n] else 0.0
             arm = frames.arm[n]
@@ -259,7 +262,7 @@ def fill_wrench_variations(tree, frames):
     for n in range(len(tree.parent)):
         m = tree.mass[n]
         j = tree.inertia[n]
-        for k in range(tree.size[tree.block[n]]):
+        for k in range(tree.width[n]):
             a = frames.by_acceleration[n, k]
             put(frames.dwrench[n, k], (m * a[0], m * a[1], j * a[2]))
 
@@ -269,7 +272,7 @@ def assemble_residual(tree, state, frames, residual):
     """Bring wrenches of dependent nodes back to their blocks: residual (unknowns,) [N], [N m]."""
     for n in range(len(tree.parent) - 1, -1, -1):
         m = tree.parent[n]
-        o = tree.offset[tree.block[n]]
+        o = tree.first[n]
         column = tree.column[n]
         f1, f2, mu = vec(frames.wrench[n])
         if tree.independent[n]:
@@ -294,7 +297,7 @@ def assemble_diagonal(tree, state, frames, diagonal, cv, ca):
         m = tree.parent[n]
         b = tree.block[n]
         column = tree.column[n]
-        columns = tree.size[tree.block[n]]
+        columns = tree.width[n]
         f1, f2, _ = vec(frames.wrench[n])
         r1 = frames.arm[n, 0]
         r2 = frames.arm[n, 1]

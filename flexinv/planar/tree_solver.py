@@ -68,7 +68,7 @@ def add_element_stiffness(tree, elements, points, frames, factors):
         order = elements.order[k]
         root = elements.nodes[k, 0]
         block = factors.inverse[k]
-        columns = tree.size[tree.block[root]]
+        columns = tree.width[root]
         for r in range(3 * order, factors.rows[k]):
             for c in range(factors.rows[k]):
                 block[r, c] = 0.0
@@ -108,7 +108,7 @@ def compute_planar_factors(tree, elements, frames, factors):
 @jit_inner
 def _is_small(k, tree, elements, factors):
     """Return True if an element has three own unknowns and hangs on three: matrices that stay in registers."""
-    return factors.rows[k] == 3 and tree.size[tree.block[elements.nodes[k, 0]]] == 3
+    return factors.rows[k] == 3 and tree.width[elements.nodes[k, 0]] == 3
 
 
 @jit_inner
@@ -208,7 +208,7 @@ def solve_part(tree, elements, factors, part, residual, y):
 @jit_inner
 def _update_residual(k, tree, elements, factors, residual, y):
     """Solve for an element's own unknowns while its first block stands still, and bring what they do to that."""
-    first = tree.offset[tree.block[elements.nodes[k, 0]]]
+    first = tree.first[elements.nodes[k, 0]]
     if _is_small(k, tree, elements, factors):
         solved = tapply(mat(factors.inverse[k]), vec_at(residual, factors.unknowns[k, 0]))
         put_at(y, factors.unknowns[k, 0], scale(-1.0, solved))
@@ -235,12 +235,12 @@ def _solve_world_block(tree, factors, part, residual, y):
 @jit_inner
 def _add_root_motion(k, tree, elements, factors, y):
     """Add to an element's own unknowns what its first block moves them by."""
-    first = tree.offset[tree.block[elements.nodes[k, 0]]]
+    first = tree.first[elements.nodes[k, 0]]
     if _is_small(k, tree, elements, factors):
         add_at(y, factors.unknowns[k, 0], scale(-1.0, tapply(mat(factors.x[k]), vec_at(y, first))))
     else:
         found = factors.scratch[k]
-        for c in range(tree.size[tree.block[elements.nodes[k, 0]]]):
+        for c in range(tree.width[elements.nodes[k, 0]]):
             subtract(found, -y[first + c], factors.x[k, c], 0, factors.rows[k])
         for r in range(factors.rows[k]):
             y[factors.unknowns[k, r]] = -found[r]
@@ -257,5 +257,5 @@ def _solve_own(k, tree, elements, factors, residual, found, first):
     for r in range(rows, -(-rows // ROWS_AT_ONCE) * ROWS_AT_ONCE):
         line[r] = 0.0
     _compute_transposed_product(factors.inverse[k], line, found, rows)
-    for c in range(tree.size[tree.block[elements.nodes[k, 0]]]):
+    for c in range(tree.width[elements.nodes[k, 0]]):
         residual[first + c] -= _dot(factors.b[k, c], found, rows)

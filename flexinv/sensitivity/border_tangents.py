@@ -96,18 +96,18 @@ def _turn_forces(system, r, bent):
     topology = system.topology
     variation = system.variation
     for m, first in ((ties.a[r], True), (ties.b[r], False)):
-        for c in range(topology.size[topology.block[m]] if m >= 0 else 0):
+        for c in range(topology.width[m] if m >= 0 else 0):
             wrenches = _compute_wrench_slopes(
                 ties, r, system.frames, first, vec(variation.x[m, c]), vec(variation.t[m, c])
             )
-            column = topology.offset[topology.block[m]] + c
+            column = topology.first[m] + c
             for n, force, moment in (
                 (ties.a[r], wrenches[0], wrenches[1]),
                 (ties.b[r], wrenches[2], wrenches[3]),
             ):
-                for i in range(topology.size[topology.block[n]] if n >= 0 else 0):
+                for i in range(topology.width[n] if n >= 0 else 0):
                     felt = dot(force, vec(variation.x[n, i])) + dot(moment, vec(variation.t[n, i]))
-                    bent[topology.offset[topology.block[n]] + i, column] -= ties.multiplier[r] * felt
+                    bent[topology.first[n] + i, column] -= ties.multiplier[r] * felt
 
 
 @jit_inner
@@ -243,13 +243,13 @@ def _fill_rate_slope(system, r, into):
         w = compute_fixed_vector(frames, b, vec(ties.w[r]))
     else:
         w = compute_gap(frames, a, b, vec(ties.place_a[r]), vec(ties.place_b[r]))
-    for c in range(topology.size[topology.block[a]] if a >= 0 else 0):
-        at = topology.offset[topology.block[a]] + c
+    for c in range(topology.width[a] if a >= 0 else 0):
+        at = topology.first[a] + c
         into[at] += _join_rates(_compute_vector_slopes(frames, variation, a, c, vec(ties.u[r])), w)
         if not directed:
             into[at] -= _join_rates(_compute_point_slopes(frames, variation, a, c, vec(ties.place_a[r])), u)
-    for c in range(topology.size[topology.block[b]] if b >= 0 else 0):
-        at = topology.offset[topology.block[b]] + c
+    for c in range(topology.width[b] if b >= 0 else 0):
+        at = topology.first[b] + c
         if directed:
             into[at] += _join_rates(_compute_vector_slopes(frames, variation, b, c, vec(ties.w[r])), u)
         else:

@@ -137,7 +137,7 @@ def _list_unknowns(system: FreeSystem, solver: Solver) -> Indices:
     t = solver.topology
     to = np.zeros(len(t.scale), dtype=np.int64)
     sections = np.flatnonzero(t.independent)
-    to[t.offset[t.block[sections]][:, None] + np.arange(6)] = system.first[:, None] + np.arange(6)
+    to[t.first[sections][:, None] + np.arange(6)] = system.first[:, None] + np.arange(6)
     coordinates = build_coordinate_map(solver.mesh, t)
     v, at = np.nonzero(coordinates)
     to[at] = system.unknown[v]

@@ -372,14 +372,14 @@ def _write_tips(system, tips, inputs, k, tangents, out):
     variation = system.variation
     for i in range(len(tips.node)):
         n = tips.node[i]
-        o = topology.offset[topology.block[n]]
+        o = topology.first[n]
         turned = mat(system.frames.r[n])
         place = vec(tips.place[i])
         for a in range(3):
             out.tip[k, i, a] = 0.0
             for q in range(len(inputs.column)):
                 out.tip[k, i, a, inputs.column[q]] += inputs.shifted[k, i, a, q]
-        for c in range(topology.size[topology.block[n]]):
+        for c in range(topology.width[n]):
             moved = add(vec(variation.x[n, c]), apply(turned, cross(vec(variation.t[n, c]), place)))
             for a in range(3):
                 if moved[a] != 0.0:

@@ -160,10 +160,10 @@ class FreeLayout:
         zero = np.zeros(mesh.mechanism.nv)
         self.solver = Solver.build_for(mesh, {joint.name for joint in m.joints if joint.nv})
         self.joints, t = compute_joint_motion(mesh, m.neutral, zero, zero), self.solver.topology
-        first = t.offset[t.block] + np.where(t.independent, 3, t.column + t.triple)
+        first = t.first + np.where(t.independent, 3, t.column + t.triple)
         self.node = np.flatnonzero(t.independent | (t.triple >= 0))
         self.section = np.flatnonzero(t.independent)
-        starts = first[self.node], t.offset[t.block[self.section]]
+        starts = first[self.node], t.first[self.section]
         self.triple, self.place = (part[:, None] + np.arange(3) for part in starts)
         springless = replace(m, joints=tuple(replace(j, stiffness=0.0) for j in m.joints))  # springs stay in the plane
         plane = find_plane(build(springless))
@@ -181,7 +181,7 @@ class FreeLayout:
         flat = np.zeros((len(q), len(t.scale)))
         flat[:, self.place] = motion.x[:, self.section]
         for n in np.flatnonzero(t.freedoms):
-            columns = slice(t.offset[t.block[n]] + t.column[n], t.offset[t.block[n]] + t.column[n] + t.freedoms[n])
+            columns = slice(t.first[n] + t.column[n], t.first[n] + t.column[n] + t.freedoms[n])
             slide = t.slide[n, : t.freedoms[n]]
             turn = t.turn[n, : t.freedoms[n]]
             flat[:, columns] = (rel.p[:, n] - self.joints.p[n]) @ (slide * ~turn.any(axis=1, keepdims=True)).T
@@ -199,7 +199,7 @@ class FreeLayout:
         r = np.tile(self.joints.r, (size, 1, 1, 1))
         x[:, self.section] = at.flat[:, self.place]
         for n in np.flatnonzero(t.freedoms):
-            first = t.offset[t.block[n]] + t.column[n]
+            first = t.first[n] + t.column[n]
             values = at.flat[:, first : first + t.freedoms[n]]
             x[:, n] += values @ t.slide[n, : t.freedoms[n]]
             if t.triple[n] < 0:
@@ -232,7 +232,7 @@ def _build_planar_rows(mesh: Mesh, solver: Solver, plane: Plane) -> Array:
     t = solver.topology
     rows = []
     for n in range(mesh.size):
-        o = t.offset[t.block[n]]
+        o = t.first[n]
         if t.independent[n]:
             block = np.zeros((3, len(t.scale)))
             block[:2, o : o + 3] = plane.axes.T[:2]
