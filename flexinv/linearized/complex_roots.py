@@ -24,11 +24,9 @@ from __future__ import annotations
 
 import warnings
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 import scipy  # its parts are loaded when they are asked for
-from numpy.typing import NDArray
 
 from flexinv.errors import InputError, ModelWarning
 from flexinv.linearized.eigenvalues import (
@@ -42,7 +40,7 @@ from flexinv.linearized.eigenvalues import (
 )
 from flexinv.linearized.first_order import Corrected, PencilRoots, compute_lu_factors, find_all_roots, find_late
 from flexinv.linearized.root_discs import ROUNDED_TERMS
-from flexinv.typing import Array, Complex, Mask, Sparse
+from flexinv.typing import Array, Complex, Mask, RealOrComplex, Sparse
 
 # Of the largest entry of C: what is below is rounding of terms that cancel, and a motion without inertia follows others.
 NO_DAMPER = 1e-12
@@ -122,7 +120,7 @@ def find_roots(mass: Sparse, damping: Sparse, stiffness: Sparse) -> Roots:
     return match_conjugate_roots(*found)
 
 
-def find_circulatory_modes(stiffness: Sparse, mass: Sparse) -> tuple[NDArray[Any], NDArray[Any], Array]:
+def find_circulatory_modes(stiffness: Sparse, mass: Sparse) -> tuple[RealOrComplex, RealOrComplex, Array]:
     """Return omega^2 (modes,) [1/s^2], by size, shapes (freedoms, modes) with unit modal mass, and error bars of omega^2.
 
     K is not symmetric: forces that turn along do work on closed paths, and omega^2 may be complex, in pairs.  Values and shapes

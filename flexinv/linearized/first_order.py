@@ -15,17 +15,15 @@ from __future__ import annotations
 import warnings
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 import scipy  # its parts are loaded when they are asked for
-from numpy.typing import NDArray
 
 from flexinv.errors import ConvergenceError, ModelWarning
 from flexinv.linearized.eigenvalues import choose_shift
 from flexinv.linearized.root_counts import count_missing_roots
 from flexinv.linearized.root_discs import compute_root_discs
-from flexinv.typing import Array, Complex, Mask, Sparse
+from flexinv.typing import Array, Complex, Mask, RealOrComplex, Sparse
 
 # Of A, rows and columns of unit size: a pivot below this part is rounding, that of a motion without stiffness.
 SMALLEST_PIVOT = 1e-13
@@ -39,6 +37,8 @@ NO_DIGIT = 0.1
 SLOW_ENOUGH = 1e-8
 # Places where the ends may part that are tried one after the other, the best first.
 MOST_PLACES = 4
+TINY = float(np.finfo(float).tiny)
+ROUNDING = float(np.finfo(float).eps)
 
 PencilRoots = tuple[Complex, Complex, Complex]
 # Roots, right and left vectors, bars of rounding, and what else is not known of a root.
@@ -155,7 +155,7 @@ def _join_both_ends(slow: PencilRoots, fast: PencilRoots) -> Iterator[tuple[floa
             np.concatenate([s[..., within], f[..., beyond]], axis=-1) for s, f in zip(slow, fast, strict=True)
         )
         yield place, (root, x, y)
-    yield float(np.sqrt(max(size.min(), np.finfo(float).tiny) * size.max())), fast
+    yield float(np.sqrt(max(size.min(), TINY) * size.max())), fast
 
 
 def _list_division_points(slow: Array, fast: Array) -> list[float]:
@@ -163,7 +163,7 @@ def _list_division_points(slow: Array, fast: Array) -> list[float]:
     count = len(fast)
     if count < 2:
         return []
-    floor = max(float(fast[-1]) * np.finfo(float).eps, np.finfo(float).tiny)
+    floor = max(float(fast[-1]) * ROUNDING, TINY)
     level = np.log(np.maximum(fast, floor))
     middle = (level[0] + level[-1]) / 2
     worth = {}
@@ -201,7 +201,7 @@ def _find_circle_radius(place: float, size: Array, bar: Array) -> float | None:
     gaps = outer > (1.0 + NO_GAP) * inner
     if not gaps.any():
         return None
-    floor = max(float(outer.max()) * np.finfo(float).eps, np.finfo(float).tiny)
+    floor = max(float(outer.max()) * ROUNDING, TINY)
     middle = np.sqrt(np.maximum(inner[gaps], floor)) * np.sqrt(outer[gaps])
     return float(middle[np.abs(np.log(middle / place)).argmin()])
 
@@ -217,7 +217,7 @@ def _solve_shift_inverse(a: Array, b: Array, shift: float) -> PencilRoots:
     """Roots of (A - shift B)^-1 B, shift + 1 / mu; of its left vectors u those of the pencil are (A - shift B)^-H u."""
     factors = compute_lu_factors(a - shift * b)
     values, left, right = scipy.linalg.eig(scipy.linalg.lu_solve(factors, b), left=True, right=True)
-    safe = np.where(values == 0.0, np.finfo(float).tiny, values)
+    safe = np.where(values == 0.0, TINY, values)
     return np.asarray(shift + 1 / safe, dtype=complex), right, scipy.linalg.lu_solve(factors, left, trans=2)
 
 
@@ -226,8 +226,8 @@ def _find_slow_roots(a: Array, b: Array, smallest: float) -> tuple[PencilRoots, 
 
     So small a shift as the ``smallest`` hides all but motions without stiffness: near the slowest others all are known.
     """
-    unit = a / np.maximum(np.abs(a).max(axis=1), np.finfo(float).tiny)[:, None]
-    unit = unit / np.maximum(np.abs(unit).max(axis=0), np.finfo(float).tiny)
+    unit = a / np.maximum(np.abs(a).max(axis=1), TINY)[:, None]
+    unit = unit / np.maximum(np.abs(unit).max(axis=0), TINY)
     if np.abs(np.diag(scipy.linalg.lu(unit, permute_l=True)[1])).min() > SMALLEST_PIVOT:
         return _solve_shift_inverse(a, b, 0.0), 0.0
     found = _solve_shift_inverse(a, b, smallest)
@@ -235,11 +235,11 @@ def _find_slow_roots(a: Array, b: Array, smallest: float) -> tuple[PencilRoots, 
     return (found if shift == smallest else _solve_shift_inverse(a, b, shift)), shift
 
 
-def compute_lu_factors(matrix: NDArray[Any]) -> tuple[NDArray[Any], NDArray[Any]]:
+def compute_lu_factors(matrix: RealOrComplex) -> tuple[RealOrComplex, RealOrComplex]:
     """LU of a matrix that may be singular: a pivot of nothing is rounding, and what it belongs to is as large as that."""
     factorise = scipy.linalg.get_lapack_funcs("getrf", (matrix,))
     factors, swaps, _ = factorise(matrix)
     pivots = np.diag(factors)
     nothing = np.flatnonzero(pivots == 0.0)
-    factors[nothing, nothing] = np.finfo(float).eps * np.abs(pivots).max(initial=np.finfo(float).tiny)
+    factors[nothing, nothing] = ROUNDING * np.abs(pivots).max(initial=TINY)
     return factors, swaps

@@ -17,13 +17,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from flexinv.kernels.simd import BLOCK, row
 from flexinv.kinematics.mesh import Mesh
 from flexinv.model.joint_kinds import CONTINUOUS, FREE, HELICAL, PRISMATIC, REVOLUTE, SPHERICAL
 from flexinv.rnea import recursion
-from flexinv.typing import Array, Indices
+from flexinv.typing import Array, Indices, Unsigned
 
 
 def _list_following_rows(first: np.uint64, count: int) -> tuple[np.uint64, ...]:
@@ -72,9 +71,9 @@ class Bodies:
     size : of the work space [-]; node : (bodies,) node of the mesh, -1 the world; axes : (bodies, 3, 3) R_node,body
     """
 
-    tree: NDArray[np.uint64]
+    tree: Unsigned
     numbers: Array
-    columns: NDArray[np.uint64]
+    columns: Unsigned
     size: int
     node: Indices
     axes: Array
@@ -231,7 +230,7 @@ def _write_joints(mesh: Mesh, numbers: Array, moving: Indices, passive: bool) ->
     numbers[1:, recursion.BODY_LAW : recursion.BODY_LAW + count] = laws
 
 
-def _compute_layout(tree: _Tree) -> tuple[NDArray[np.uint64], int]:
+def _compute_layout(tree: _Tree) -> tuple[Unsigned, int]:
     """Offsets of the rows of each body, and of its state: the last child goes on in its parent's, others in a copy."""
     kinds = tree.kinds
     rows = [0, *(recursion.FREE_ROWS if k in (SPHERICAL, FREE) else recursion.SCALAR_ROWS for k in kinds[1:])]
@@ -253,7 +252,7 @@ def _compute_layout(tree: _Tree) -> tuple[NDArray[np.uint64], int]:
     return table, BLOCK * (int(first[-1]) + recursion.STATE_ROWS * slots)
 
 
-def _list_columns(mesh: Mesh, tree: NDArray[np.uint64], moving: Indices) -> NDArray[np.uint64]:
+def _list_columns(mesh: Mesh, tree: Unsigned, moving: Indices) -> Unsigned:
     """Return the offsets of the rows that take the columns of q, qd and qdd: those of the bodies that they move."""
     m = mesh.mechanism
     columns = list[np.uint64]()
