@@ -18,7 +18,7 @@ from pathlib import Path
 
 import click
 
-from campaigns.thresholds.constants import FACTORS, LOGS, TORQUES, list_thresholds, replace_threshold
+from campaigns.thresholds.constants import FACTORS, LOGS, SET_BY, TORQUES, Threshold, list_thresholds, replace_threshold
 from campaigns.thresholds.kept_effects import keep_effects
 from campaigns.thresholds.kept_rounds import keep_rounds
 from campaigns.thresholds.trials import COUNTED, LISTS, Verdict
@@ -73,17 +73,23 @@ def run_kind(kind: str, only: str) -> None:
 
 
 def format_table(results: list[dict[str, str]]) -> str:
-    """Return what stands as a table in Markdown: counts [-] of right, not named, wrong and otherwise named for each."""
+    """Return what stands as a table in Markdown.
+
+    A row for each threshold: its value, the campaign that set it, and for each factor the counts [-] of right, not named,
+    wrong, and otherwise named than with the thresholds as they are.
+    """
     cells: dict[tuple[str, str, str], dict[str, str]] = {}
     for row in results:
         counts = " / ".join(row[word] for word in (*COUNTED, "changed"))
         cells.setdefault((row["kind"], row["module"], row["name"]), {})[row["factor"]] = counts
-    lines = ["| threshold | halved | doubled |", "|---|--:|--:|"]
+    lines = ["| threshold | value | set by | halved | doubled |", "|---|---|---|--:|--:|"]
     for (kind, module, name), found in cells.items():
         if module:
-            lines.append(f"| `{module}.{name}` | {found.get('0.5', '')} | {found.get('2', '')} |")
+            value = Threshold(kind, f"crosscheck.{module}", name).value
+            tried = f"{found.get('0.5', '')} | {found.get('2', '')}"
+            lines.append(f"| `{module}.{name}` | {value} | {SET_BY[kind]} | {tried} |")
         else:
-            lines.append(f"| {kind}, {AS_IT_IS} | {found.get('1', '')} | |")
+            lines.append(f"| {kind}, {AS_IT_IS} | | | {found.get('1', '')} | |")
     return "\n".join(lines)
 
 

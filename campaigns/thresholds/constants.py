@@ -40,6 +40,8 @@ OF_LOGS = {
     "crosscheck.identification.causes.gear_faults": "LARGEST_PLAY LARGEST_PART PASSED FEWEST",
 }
 FACTORS = (0.5, 2.0)
+# The campaigns in which each kind was chosen.
+SET_BY = {TORQUES: "`crosscheck selftest`, `beyond`", LOGS: "`log_faults`"}
 
 
 @dataclass(frozen=True)

@@ -82,7 +82,7 @@ def build_topology(mesh: Mesh, passive: frozenset[str]) -> Topology:
     for node in np.flatnonzero(_find_free(mesh, passive)[mesh.v_index]).tolist():
         freedoms[node] = mesh.freedoms[node]
         column[node] = size[block[node]]
-        size[block[node]] += mesh.freedoms[node]
+        size[block[node]] += freedoms[node]
         slide[node] = mesh.slide[node] @ mesh.rotation[node].T
         turn[node] = mesh.turn[node]
         triple[node] = {SPHERICAL: 0, FREE: 3}.get(int(mesh.kind[node]), -1)
@@ -94,7 +94,7 @@ def build_topology(mesh: Mesh, passive: frozenset[str]) -> Topology:
     gravity = np.array(mesh.mechanism.gravity, dtype=float)
     first = offset[block]
     scale = np.ones(
-        int(size.sum())
+        size.sum()
     )  # convergence is judged on increments over the length of the mechanism, over 1 for rotations
     scale[_list_translations(independent, freedoms, first, first + column, turn)] = mesh.length
     topology = Topology(

@@ -79,10 +79,10 @@ def fill_initial_unknowns(solver: Solver, motion: NodalMotion, joints: Joints, q
 def begin_from_state(state: State) -> None:
     """Let a step start from the present velocities [m/s] and accelerations [m/s^2]."""
     state.u0[:], state.du0[:], state.pseudo[:] = state.u, state.du, state.du
-    clear_step(state)
+    drop_increments(state)
 
 
-def clear_step(state: State) -> None:
+def drop_increments(state: State) -> None:
     """Let nothing be known of a step: no increments [m], [rad] and no trend of them."""
     for part in (state.d, state.trend, state.bend, state.order):
         part[:] = 0

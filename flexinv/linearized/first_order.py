@@ -19,6 +19,7 @@ from dataclasses import dataclass
 import numpy as np
 import scipy  # its parts are loaded when they are asked for
 
+from flexinv.dynamics.loads import TINY
 from flexinv.errors import ConvergenceError, ModelWarning
 from flexinv.linearized.eigenvalues import choose_shift
 from flexinv.linearized.root_counts import count_missing_roots
@@ -37,8 +38,6 @@ NO_DIGIT = 0.1
 SLOW_ENOUGH = 1e-8
 # Places where the ends may part that are tried one after the other, the best first.
 MOST_PLACES = 4
-TINY = float(np.finfo(float).tiny)
-ROUNDING = float(np.finfo(float).eps)
 
 PencilRoots = tuple[Complex, Complex, Complex]
 # Roots, right and left vectors, bars of rounding, and what else is not known of a root.
@@ -163,7 +162,7 @@ def _list_division_points(slow: Array, fast: Array) -> list[float]:
     count = len(fast)
     if count < 2:
         return []
-    floor = max(float(fast[-1]) * ROUNDING, TINY)
+    floor = max(float(fast[-1]) * np.finfo(float).eps, TINY)
     level = np.log(np.maximum(fast, floor))
     middle = (level[0] + level[-1]) / 2
     worth = {}
@@ -201,7 +200,7 @@ def _find_circle_radius(place: float, size: Array, bar: Array) -> float | None:
     gaps = outer > (1.0 + NO_GAP) * inner
     if not gaps.any():
         return None
-    floor = max(float(outer.max()) * ROUNDING, TINY)
+    floor = max(float(outer.max()) * np.finfo(float).eps, TINY)
     middle = np.sqrt(np.maximum(inner[gaps], floor)) * np.sqrt(outer[gaps])
     return float(middle[np.abs(np.log(middle / place)).argmin()])
 
@@ -241,5 +240,5 @@ def compute_lu_factors(matrix: RealOrComplex) -> tuple[RealOrComplex, RealOrComp
     factors, swaps, _ = factorise(matrix)
     pivots = np.diag(factors)
     nothing = np.flatnonzero(pivots == 0.0)
-    factors[nothing, nothing] = ROUNDING * np.abs(pivots).max(initial=TINY)
+    factors[nothing, nothing] = np.finfo(float).eps * np.abs(pivots).max(initial=TINY)
     return factors, swaps

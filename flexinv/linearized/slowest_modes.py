@@ -272,7 +272,7 @@ def find_two_sided_eigenvalues(
 
 
 def apply_to_columns(operator: Callable[[Array], Array], vectors: RealOrComplex) -> RealOrComplex:
-    """Return what a real operator makes of complex columns (size, count) [any unit]."""
+    """Return the images (size, count) of complex columns under a real operator [any unit]."""
     return np.column_stack([operator(x.real) + 1j * operator(x.imag) for x in vectors.T])
 
 

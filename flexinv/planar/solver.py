@@ -10,7 +10,7 @@ import numpy as np
 
 from flexinv.dynamics.constraint_rows import Ties
 from flexinv.dynamics.generalized_alpha import Scheme
-from flexinv.dynamics.initial_state import clear_step
+from flexinv.dynamics.initial_state import drop_increments
 from flexinv.dynamics.system import State, Trajectory
 from flexinv.elements.planar_beam import BEND_BLOCK, COEFFICIENTS, CONSTANTS, COUPLINGS, POINT_BLOCK, RATE_BLOCK
 from flexinv.kernels.dense import ROWS_AT_ONCE
@@ -120,7 +120,7 @@ class PlanarMarch:
         turned = np.einsum("ji,njk,nlk->nil", m.plane.axes, state.r[free], m.plane.frames[free])  # axes^T R frames^T
         here.place[at[:, :2]] = state.x[free] @ m.plane.axes[:, :2]
         here.place[at[:, 2]] = np.arctan2(turned[:, 1, 0] - turned[:, 0, 1], turned[:, 0, 0] + turned[:, 1, 1])
-        clear_step(here)
+        drop_increments(here)
 
     def copy_to_space(self, state: State, ties: Ties) -> None:
         """Copy the state of this march to the spatial solver [m, rad, s, N]."""
@@ -138,7 +138,7 @@ class PlanarMarch:
         q = here.place[m.tree.first[held] + m.tree.column[held], None]
         state.x[held] = self.mesh.offset[held] + q * m.topology.slide[held, 0]
         state.r[held] = self.mesh.rotation[held] @ exp_so3(q * m.topology.turn[held, 0])
-        clear_step(state)
+        drop_increments(state)
 
     def _list_independent_nodes(self) -> tuple[Indices, Indices]:
         """Independent nodes, and where x, y and theta of each stand among the unknowns, (nodes, 3)."""
