@@ -11,6 +11,10 @@ Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 Indices = NDArray[np.int64]
 Complex = NDArray[np.complex128]
+# Values that are real or complex, as a problem has them.
+RealOrComplex = NDArray[Any]
+# Places in a table, as kernels count them that have no negative ones.
+Unsigned = NDArray[np.uint64]
 # A sparse matrix of SciPy, which has no types of its own.
 Sparse = Any
 # A quantity and its first two derivatives by time.

@@ -16,9 +16,9 @@ from reprlib import Repr
 from typing import Any, NoReturn, TypeVar, cast
 
 import numpy as np
-from numpy.typing import NDArray
 
 from flexinv.errors import InputError
+from flexinv.typing import Array
 
 T = TypeVar("T")
 LARGEST_INTEGER = int(np.iinfo(np.int64).max)
@@ -121,7 +121,7 @@ def _convert_to_float(value: object, text: bool = False) -> float | None:
     return None
 
 
-def convert_to_floats(name: str, value: Any) -> NDArray[np.float64]:
+def convert_to_floats(name: str, value: Any) -> Array:
     """Return numbers [any unit] as an array of floats, without a copy where they are one.
 
     Raises InputError for texts, truths, dates, complex numbers, other objects, and for entries that a mask hides.
@@ -145,7 +145,7 @@ def convert_to_floats(name: str, value: Any) -> NDArray[np.float64]:
     raise InputError(f"{name}: expected numbers, got {what}{write}")
 
 
-def check_finite_array(name: str, value: Any, shape: tuple[int | None, ...], unit: str) -> NDArray[np.float64]:
+def check_finite_array(name: str, value: Any, shape: tuple[int | None, ...], unit: str) -> Array:
     """Return finite numbers [any unit] of a shape as an array of floats; None in the shape is any number.
 
     Raises InputError as `convert_to_floats` does, and for another shape or a number that is not finite.

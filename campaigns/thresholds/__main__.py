@@ -13,16 +13,20 @@ from __future__ import annotations
 import csv
 import time
 from collections import Counter
+from itertools import product
 from pathlib import Path
 
 import click
 
-from campaigns.thresholds.constants import FACTORS, LOGS, TORQUES, Threshold, list_thresholds, replace_threshold
-from campaigns.thresholds.trials import COUNTED, COUNTS
+from campaigns.thresholds.constants import FACTORS, LOGS, SET_BY, TORQUES, Threshold, list_thresholds, replace_threshold
+from campaigns.thresholds.kept_effects import keep_effects
+from campaigns.thresholds.kept_rounds import keep_rounds
+from campaigns.thresholds.trials import COUNTED, LISTS, Verdict
 
 FILE = Path(__file__).resolve().parent / "thresholds.csv"
-FIELDS = ("kind", "module", "name", "factor", "value", *COUNTED, "seconds")
+FIELDS = ("kind", "module", "name", "factor", "value", *COUNTED, "changed", "seconds")
 AS_IT_IS = "as it is"
+KEEP = {LOGS: keep_rounds, TORQUES: keep_effects}
 
 
 def read_results() -> list[dict[str, str]]:
@@ -34,39 +38,58 @@ def read_results() -> list[dict[str, str]]:
 
 
 def write_result(
-    kind: str, module: str, name: str, factor: str, value: str, counts: Counter[str], begin: float
+    key: tuple[str, str, str, str], value: str, verdicts: list[Verdict], first: list[Verdict], begin: float
 ) -> None:
-    """Add a line [words, s of processor time] to thresholds.csv; ``begin`` : processor time at its begin [s]."""
-    numbers = [counts[word] for word in COUNTED]
+    """Add a line [words, s of processor time] to thresholds.csv.
+
+    key : kind, module, name and factor; first : verdicts with the thresholds as they are; begin : processor time [s]
+    """
+    counts = Counter(one.word for one in verdicts)
+    changed = sum(one != other for one, other in zip(verdicts, first, strict=True))
     new = not FILE.is_file()
     with FILE.open("a", encoding="utf-8", newline="") as stream:
         writer = csv.writer(stream)
         if new:
             writer.writerow(FIELDS)
-        writer.writerow([kind, module, name, factor, value, *numbers, f"{time.process_time() - begin:.0f}"])
+        numbers = [counts[word] for word in COUNTED]
+        writer.writerow([*key, value, *numbers, changed, f"{time.process_time() - begin:.0f}"])
 
 
-def run_threshold(threshold: Threshold, factor: float) -> None:
-    """Run the faults of a kind with one threshold times a factor [-]."""
+def run_kind(kind: str, only: str) -> None:
+    """Run the faults of a kind with its thresholds as they are, and with each of them times each factor."""
+    known = {(row["kind"], row["module"], row["name"], row["factor"]) for row in read_results()}
     begin = time.process_time()
-    with replace_threshold(threshold, factor) as value:
-        counts = COUNTS[threshold.kind]()
-    module = threshold.module.removeprefix("crosscheck.")
-    write_result(threshold.kind, module, threshold.name, f"{factor:g}", str(value), counts, begin)
+    with KEEP[kind]() as kept:
+        first = LISTS[kind]()
+        if (kind, "", AS_IT_IS, "1") not in known:
+            write_result((kind, "", AS_IT_IS, "1"), "", first, first, begin)
+        for threshold, factor in product(list_thresholds(kind), FACTORS):
+            key = (kind, threshold.module.removeprefix("crosscheck."), threshold.name, f"{factor:g}")
+            if key in known or only not in ("", threshold.name):
+                continue
+            begin = time.process_time()
+            with replace_threshold(threshold, factor) as value, kept.use_for(threshold):
+                write_result(key, str(value), LISTS[kind](), first, begin)
 
 
 def format_table(results: list[dict[str, str]]) -> str:
-    """Return what stands as a table in Markdown: counts [-] of right, not named and wrong for each threshold and factor."""
+    """Return what stands as a table in Markdown.
+
+    A row for each threshold: its value, the campaign that set it, and for each factor the counts [-] of right, not named,
+    wrong, and otherwise named than with the thresholds as they are.
+    """
     cells: dict[tuple[str, str, str], dict[str, str]] = {}
     for row in results:
-        counts = " / ".join(row[word] for word in COUNTED)
+        counts = " / ".join(row[word] for word in (*COUNTED, "changed"))
         cells.setdefault((row["kind"], row["module"], row["name"]), {})[row["factor"]] = counts
-    lines = ["| threshold | halved | doubled |", "|---|--:|--:|"]
+    lines = ["| threshold | value | set by | halved | doubled |", "|---|---|---|--:|--:|"]
     for (kind, module, name), found in cells.items():
         if module:
-            lines.append(f"| `{module}.{name}` | {found.get('0.5', '')} | {found.get('2', '')} |")
+            value = Threshold(kind, f"crosscheck.{module}", name).value
+            tried = f"{found.get('0.5', '')} | {found.get('2', '')}"
+            lines.append(f"| `{module}.{name}` | {value} | {SET_BY[kind]} | {tried} |")
         else:
-            lines.append(f"| {kind}, {AS_IT_IS} | {found.get('1', '')} | |")
+            lines.append(f"| {kind}, {AS_IT_IS} | | | {found.get('1', '')} | |")
     return "\n".join(lines)
 
 
@@ -76,16 +99,8 @@ def format_table(results: list[dict[str, str]]) -> str:
 @click.option("--table", is_flag=True, help="Run nothing: show what stands.")
 def main(kind: tuple[str, ...], only: str, table: bool) -> None:
     """Run the campaign [-]."""
-    known = {(row["kind"], row["module"], row["name"], row["factor"]) for row in read_results()}
     for one in () if table else kind:
-        if (one, "", AS_IT_IS, "1") not in known:
-            begin = time.process_time()
-            write_result(one, "", AS_IT_IS, "1", "", COUNTS[one](), begin)
-        for threshold in list_thresholds(one):
-            for factor in FACTORS:
-                key = (one, threshold.module.removeprefix("crosscheck."), threshold.name, f"{factor:g}")
-                if key not in known and only in ("", threshold.name):
-                    run_threshold(threshold, factor)
+        run_kind(one, only)
     click.echo(format_table(read_results()))
 
 

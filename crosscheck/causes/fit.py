@@ -188,7 +188,7 @@ def _fit_from_guesses(model: Model, residual: Array, candidate: Candidate, total
     target = candidate.target
     seen = model.torque + residual.reshape(model.torque.shape) * model.scale
     sizes = [] if cause.guess is None else cause.guess(model, target, seen)
-    tries = [_evaluate_fit(model, residual, candidate, size / candidate.scale, total) for size in sizes]
+    tries = [_evaluate_fit(model, residual, candidate, size / candidate.scale, total, LARGEST) for size in sizes]
     nothing = _fit(candidate, np.zeros(cause.parameters), 0.0 * residual, residual, total)
     return min((f for f in (nothing, *tries) if f is not None), key=lambda f: f.residual)
 
@@ -297,7 +297,7 @@ def fit_to_remainder(model: Model, one: Fit, left: Array) -> Fit | None:
 
 
 def _solve_size(
-    model: Model, residual: Array, candidate: Candidate, p: Array, rounds: int, enough: float, most: float = LARGEST
+    model: Model, residual: Array, candidate: Candidate, p: Array, rounds: int, enough: float, most: float
 ) -> Fit:
     """Gauss-Newton on the size from p up to ``most`` [-], with halved steps where a full one does not help."""
     total = float(np.linalg.norm(residual))
@@ -384,7 +384,7 @@ def _list_start_sizes(candidate: Candidate) -> list[Array]:
 
 
 def _evaluate_fit(
-    model: Model, residual: Array, candidate: Candidate, p: Array, total: float, most: float = LARGEST
+    model: Model, residual: Array, candidate: Candidate, p: Array, total: float, most: float
 ) -> Fit | None:
     if np.abs(p).max() > most:
         return None

@@ -120,7 +120,9 @@ class Model:
 
     def collect_series(self, subject: Subject) -> Mapping[str, Series]:
         """Return all that flexinv gives for a subject at all sample times, [N], [N m], [m], with the step of the columns."""
-        case = subject.case if subject.mechanism.is_rigid else replace(subject.case, step=find_coarse_step(subject))
+        case = (
+            subject.case if subject.mechanism.is_rigid else replace(subject.case, step=find_coarse_step(subject, STEPS))
+        )
         made = solve_case(case.meshed(subject.mechanism), case)[1]
         return apply_to_record(Record("flexinv", time=sample_times(case), series=made), subject).series
 
@@ -136,7 +138,7 @@ class Model:
         if base.mechanism.is_rigid or "step" in base.options:
             return self
         step = find_coarse_step(base, ROUGH_STEPS)
-        if step == find_coarse_step(base):
+        if step == find_coarse_step(base, STEPS):
             return self
         rough = replace(self, base=base.update_options(step=step))
         return replace(rough, torque=_compute_model_efforts(rough, rough.base))
@@ -254,7 +256,7 @@ def _has_same_motion(base: Subject, subject: Subject) -> bool:
 def _solve_march(subject: Subject, time: Array) -> tuple[Solution, slice]:
     case = subject.case
     spacing = float(time[1] - time[0])
-    step = spacing if subject.mechanism.is_rigid and subject.mechanism.closures else find_coarse_step(subject)
+    step = spacing if subject.mechanism.is_rigid and subject.mechanism.closures else find_coarse_step(subject, STEPS)
     solution = solve(
         case.meshed(subject.mechanism),
         case.motion,
@@ -267,7 +269,7 @@ def _solve_march(subject: Subject, time: Array) -> tuple[Solution, slice]:
     return solution, slice(None, None, round(spacing / step))
 
 
-def find_coarse_step(subject: Subject, fewest: int = STEPS) -> float:
+def find_coarse_step(subject: Subject, fewest: int) -> float:
     """Return a step [s] of the march for columns: what is asked for, or the longest that divides the samples, meets jumps
     and takes ``fewest`` steps or more."""
     case = subject.case

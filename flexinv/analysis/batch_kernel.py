@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from flexinv.dynamics.generalized_alpha import SUBSTEPS, Scheme
 from flexinv.dynamics.stepper import CONVERGED, SUDDEN_START
@@ -18,7 +17,7 @@ from flexinv.kernels.threads.atomics import take
 from flexinv.kinematics.tree import Frames
 from flexinv.planar.stepper import Embedding, PlanarSystem, integrate_planar_motion
 from flexinv.planar.tree import PlanarTree, begin_from_state
-from flexinv.typing import Array
+from flexinv.typing import Array, Indices
 
 
 @send_by_address
@@ -46,14 +45,14 @@ class Tasks(NamedTuple):
     scheme, first_scheme : of the steps, and of the parts of the first ones after a sudden start
     """
 
-    design: NDArray[np.int64]
-    motion: NDArray[np.int64]
+    design: Indices
+    motion: Indices
     joint: Array
     prescribed_motion: Array
     qd: Array
     early: Array
-    early_row: NDArray[np.int64]
-    row: NDArray[np.int64]
+    early_row: Indices
+    row: Indices
     time: Array
     none: Array
     never: Array
@@ -67,7 +66,7 @@ class Results(NamedTuple):
 
     histories: Trajectory
     second_step: SecondStepArrays
-    ended: NDArray[np.int64]
+    ended: Indices
     left: Array
 
 

@@ -6,7 +6,6 @@ from collections.abc import Collection
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from flexinv.analysis.solution import LoopForces, Solution
 from flexinv.analysis.task import Settings
@@ -29,7 +28,7 @@ from flexinv.kinematics.mesh import Mesh, list_tips
 from flexinv.kinematics.nodal_motion import NodalMotion, compute_differenced_motion, compute_rigid_motion
 from flexinv.model.mechanism import Mechanism
 from flexinv.model.owned_cache import make_owner_cache
-from flexinv.typing import Array, Triple
+from flexinv.typing import Array, Indices, Triple
 
 
 @dataclass(frozen=True)
@@ -212,7 +211,7 @@ def _compute_friction_direction(mechanism: Mechanism, qd: Array, smooth_of: Coll
 
 
 @make_owner_cache()
-def list_section_points(mesh: Mesh) -> list[tuple[str, slice, NDArray[np.int64], Array]]:
+def list_section_points(mesh: Mesh) -> list[tuple[str, slice, Indices, Array]]:
     """Return for each beam its name, which elements are its own, their orders, and where their points are, of its length [-]."""
     e = mesh.elements
     out = []

@@ -41,7 +41,7 @@ def compute_extrapolated_rotations(rotations: Sequence[Array], weight: Array) ->
     if len(rotations) == 1:
         return base
     turned = [log_so3(np.swapaxes(base, -1, -2) @ other) for other in rotations[:-1]]
-    return np.asarray(base @ exp_so3(compute_weighted_sum(turned, weight[:-1])))
+    return base @ exp_so3(compute_weighted_sum(turned, weight[:-1]))
 
 
 def compute_extrapolated_step(mechanism: Mechanism, steps: Sequence[FirstStep], weight: Array) -> FirstStep:

@@ -19,7 +19,7 @@ from flexinv.analysis.task import Settings, Task, build_joint_histories
 from flexinv.analysis.trajectory import run_first_step
 from flexinv.errors import InputError
 from flexinv.kernels.smooth_pieces import Pieces, fit_pieces, join_samples
-from flexinv.kinematics.nodal_motion import compute_nearest_difference, read_scalar_coordinate
+from flexinv.kinematics.nodal_motion import collect_scalar_places, compute_nearest_difference
 from flexinv.model.joint_kinds import KINDS
 from flexinv.model.mechanism import Joint, Mechanism
 from flexinv.model.motion import Motion
@@ -162,15 +162,7 @@ def _find_prescribed_columns(solution: Solution, motion: Motion) -> Mask:
 
 def _collect_quantities(mechanism: Mechanism, q: Array, qd: Array, tau: Array) -> dict[str, Array]:
     """Positions (samples, nv), nan of joints that have none, rates and efforts, by quantity."""
-    places = np.full_like(qd, np.nan)
-    for joint in mechanism.joints:
-        coordinates = q[:, mechanism.q_slices[joint.name]]
-        at = mechanism.v_slices[joint.name]
-        if joint.nv == 1:
-            places[:, at] = read_scalar_coordinate(joint, coordinates)[:, None]
-        elif KINDS[joint.kind].scalar:
-            places[:, at] = coordinates
-    return {"upper": places, "velocity": qd, "effort": tau}
+    return {"upper": collect_scalar_places(mechanism, q), "velocity": qd, "effort": tau}
 
 
 def _check_exact_limits(solution: Solution, motion: Motion, queries: list[_LimitQuery]) -> dict[_LimitQuery, LimitUse]:

@@ -68,7 +68,7 @@ def _begin_with_fixed_drives(solver: Solver, q: Array, time: float, when: str) -
     solver.state.x[nodes] = held.state.x[nodes]
     solver.state.r[nodes] = held.state.r[nodes]
     for n in np.flatnonzero(held.topology.freedoms):
-        of, to = (int(part.offset[part.block[n]] + part.column[n]) for part in (held.topology, t))
+        of, to = (int(part.first[n] + part.column[n]) for part in (held.topology, t))
         solver.state.place[to : to + t.freedoms[n]] = held.state.place[of : of + t.freedoms[n]]
     solver.state.place[list_amplitudes(t)] = held.state.place[list_amplitudes(held.topology)]
     solver.frames.x[:] = held.frames.x

@@ -55,7 +55,7 @@ def evaluate_friction(drive: Drive, rate: Array) -> Array:
     """Return f, (samples,) [N m] at the motor's shaft, for its rate (samples,) [rad/s]."""
     more = drive.static - drive.coulomb
     bump = more * np.exp(-((rate / drive.stribeck) ** 2)) if more > 0.0 else np.zeros_like(rate)
-    return np.asarray(drive.viscous * rate + (drive.coulomb + bump) * np.sign(rate))
+    return drive.viscous * rate + (drive.coulomb + bump) * np.sign(rate)
 
 
 def motor_side(solution: Solution) -> dict[str, MotorSide]:

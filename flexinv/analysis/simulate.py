@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from itertools import compress
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -148,7 +149,7 @@ def _collect_start_values(
 def _check_torque_table(mechanism: Mechanism, time: ArrayLike, torque: ArrayLike | None) -> tuple[Array, Array]:
     at = convert_to_floats("simulate: time", time)
     values = np.zeros((len(np.atleast_1d(at)), 0)) if torque is None else convert_to_floats("simulate: torque", torque)
-    names = [n for n, driven in zip(mechanism.velocity_names, mechanism.actuated, strict=True) if driven]
+    names = list(compress(mechanism.velocity_names, mechanism.actuated))
     if not _is_torque_time(at):
         twice = "between the first and the last a time may be given twice, where the torque jumps"
         raise InputError(f"simulate: time has shape {at.shape}, expected two or more times that increase [s]; {twice}")

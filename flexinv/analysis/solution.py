@@ -5,10 +5,11 @@ from __future__ import annotations
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
+from itertools import compress
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from flexinv.constraints.reactions import Impact
 from flexinv.display.card import Card, Shown
@@ -16,11 +17,11 @@ from flexinv.errors import ConvergenceError
 from flexinv.inverse.balance import Balance
 from flexinv.inverse.inverse_dynamics import Factors, NodalForces, compute_torque_factors
 from flexinv.kinematics.mesh import Mesh, find_outboard_nodes
-from flexinv.kinematics.nodal_motion import NodalMotion, read_scalar_coordinate
+from flexinv.kinematics.nodal_motion import NodalMotion, collect_scalar_places
 from flexinv.model.by_value import ByValue
 from flexinv.model.joint_kinds import KINDS
 from flexinv.model.mechanism import Link, Mechanism
-from flexinv.typing import Array
+from flexinv.typing import Array, Indices
 from flexinv.validation import check_names, check_seconds, resolve_index
 
 if TYPE_CHECKING:
@@ -104,7 +105,7 @@ class Solution(Shown, ByValue):
     internal: dict[str, Array]
     internal_stations: dict[str, Array]
     balance: Balance
-    iterations: NDArray[np.int64]
+    iterations: Indices
     settings: dict[str, float | int | str | bool]
     torque_error: Array | None = None
     tip_error: dict[str, Array] | None = None
@@ -125,7 +126,7 @@ class Solution(Shown, ByValue):
     @property
     def torque_names(self) -> tuple[str, ...]:
         """Names of the actuated coordinates."""
-        return tuple(n for n, a in zip(self.mechanism.velocity_names, self.mechanism.actuated, strict=True) if a)
+        return tuple(compress(self.mechanism.velocity_names, self.mechanism.actuated))
 
     @property
     def unactuated(self) -> Array:
@@ -135,7 +136,7 @@ class Solution(Shown, ByValue):
     @property
     def unactuated_names(self) -> tuple[str, ...]:
         """Names of the coordinates without actuator."""
-        return tuple(n for n, a in zip(self.mechanism.velocity_names, self.mechanism.actuated, strict=True) if not a)
+        return tuple(compress(self.mechanism.velocity_names, ~self.mechanism.actuated))
 
     @cached_property
     def root(self) -> dict[str, Array]:
@@ -244,15 +245,11 @@ class Solution(Shown, ByValue):
         """Return joint motion and torque over time [s], one column per coordinate with its unit in the header."""
         m = self.mechanism
         columns = dict[str, Array]()
-        places = np.full_like(self.qd, np.nan)  # angles or lengths; some joints have none (rotations in space)
-        for joint in m.joints:
-            coordinates = self.q[:, m.q_slices[joint.name]]
-            at = m.v_slices[joint.name]
-            if joint.nv == 1:
-                places[:, at] = read_scalar_coordinate(joint, coordinates)[:, None]
-            elif KINDS[joint.kind].scalar:
-                places[:, at] = coordinates
-        series = ("position", "", places), ("rate", "/s", self.qd), ("acceleration", "/s^2", self.qdd)
+        series = (
+            ("position", "", collect_scalar_places(m, self.q)),
+            ("rate", "/s", self.qd),
+            ("acceleration", "/s^2", self.qdd),
+        )
         for label, per, values in series:
             units = (unit for joint in m.joints for unit in KINDS[joint.kind].units)
             for name, unit, column in zip(m.velocity_names, units, values.T, strict=True):
@@ -304,7 +301,7 @@ class Solution(Shown, ByValue):
         m = self.mechanism
         bars = dict[str, Array]()
         if self.torque_error is not None:
-            labels = (label for label, driven in zip(list_effort_labels(m), m.actuated, strict=True) if driven)
+            labels = compress(list_effort_labels(m), m.actuated)
             bars = {f"error of {label}": column for label, column in zip(labels, self.torque_error.T, strict=True)}
         bars |= {f"error of tip {link} [m]": column for link, column in (self.tip_error or {}).items()}
         import pandas

@@ -102,10 +102,15 @@ WRITERS: dict[str, Callable[[pd.DataFrame, Path], None]] = {
 }  # fmt: skip
 
 
+def parse_numbers(text: str) -> list[float]:
+    """Return numbers with commas between them [any unit]; ValueError for other words."""
+    return [float(one) for one in text.split(",")]
+
+
 def parse_start(text: str | None) -> list[float] | None:
     """Return the numbers of --start [rad], [m]; InputError for other words."""
     try:
-        return None if text is None else [float(one) for one in text.split(",")]
+        return None if text is None else parse_numbers(text)
     except ValueError:
         raise InputError(
             f"--start {text}: expected numbers [rad], [m], one for each of q, for example --start 0.5,-1"

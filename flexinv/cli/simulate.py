@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import compress
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -10,7 +11,17 @@ import numpy as np
 
 from flexinv.analysis.simulate import simulate
 from flexinv.analysis.solution import list_effort_labels, list_effort_units
-from flexinv.cli.output import ACCURACY, FILE, MODEL, OVERWRITE, check_outputs, parse_by_joint, write, write_table
+from flexinv.cli.output import (
+    ACCURACY,
+    FILE,
+    MODEL,
+    OVERWRITE,
+    check_outputs,
+    parse_by_joint,
+    parse_numbers,
+    write,
+    write_table,
+)
 from flexinv.errors import InputError
 from flexinv.files.load_mechanism import load_mechanism
 from flexinv.model.mechanism import Mechanism
@@ -50,8 +61,8 @@ def simulate_file(
     mechanism = load_mechanism(model)
     time, efforts = _read_efforts(mechanism, torque, duration)
     initial = "static" if static else "consistent"
-    at = parse_by_joint("--start", start, _parse_numbers, "a joint and its numbers, for example --start hub=0.5")
-    moving = parse_by_joint("--rate", rate, _parse_numbers, "a joint and its numbers, for example --rate hub=0.5")
+    at = parse_by_joint("--start", start, parse_numbers, "a joint and its numbers, for example --start hub=0.5")
+    moving = parse_by_joint("--rate", rate, parse_numbers, "a joint and its numbers, for example --rate hub=0.5")
     solution = simulate(mechanism, time, efforts, step, initial=initial, start=at, start_rate=moving, accuracy=accuracy)
     frame = solution.frame()
     click.echo(f"{mechanism.name}, {len(time)} rows of torques, {time[-1] - time[0]:g} s")
@@ -62,15 +73,11 @@ def simulate_file(
         write(solution.whole_frame(), out)
 
 
-def _parse_numbers(text: str) -> list[float]:
-    return [float(one) for one in text.split(",")]
-
-
 def _read_efforts(mechanism: Mechanism, file: Path | None, duration: float | None) -> tuple[Array, Array | None]:
     """Times [s] and efforts (samples, drives) [N m], [N] of a file, or no efforts over a time."""
     import pandas as pd
 
-    drives = [label for label, driven in zip(list_effort_labels(mechanism), mechanism.actuated, strict=True) if driven]
+    drives = list(compress(list_effort_labels(mechanism), mechanism.actuated))
     if file is None and not drives and duration is not None:
         return np.array([0.0, duration]), None
     if file is None or not drives:

@@ -8,7 +8,7 @@ from pathlib import Path
 import click
 import numpy as np
 
-from flexinv.cli.output import FILE, OVERWRITE, parse_by_joint, write_table
+from flexinv.cli.output import FILE, OVERWRITE, parse_by_joint, parse_numbers, write_table
 from flexinv.errors import InputError
 from flexinv.model.links import Inertia
 from flexinv.sampled.torque_run import ROWS, Friction
@@ -68,8 +68,8 @@ def write_torque_file(
     loads = parse_by_joint(
         "--payload", payload, _parse_load, "a link and a mass in kg, for example --payload tool0=2.5"
     )
-    other = parse_by_joint("--friction", friction, _parse_numbers, "a joint and two numbers: --friction elbow=0.5,0.1")
-    still = parse_by_joint("--hold", hold, _parse_numbers, "a joint and its numbers, for example --hold finger=0.02")
+    other = parse_by_joint("--friction", friction, parse_numbers, "a joint and two numbers: --friction elbow=0.5,0.1")
+    still = parse_by_joint("--hold", hold, parse_numbers, "a joint and its numbers, for example --hold finger=0.02")
     if no_friction and other:
         raise InputError("--no-friction beside --friction: write one of the two")
     losses: Friction = other if other else not no_friction
@@ -95,20 +95,16 @@ def write_torque_file(
 
 def _parse_load(text: str) -> Inertia:
     mass, _, centre = text.partition("@")
-    place = _parse_numbers(centre) if centre else [0.0, 0.0, 0.0]
+    place = parse_numbers(centre) if centre else [0.0, 0.0, 0.0]
     if len(place) != 3:
         raise ValueError
     return Inertia(float(mass), np.array(place))
-
-
-def _parse_numbers(text: str) -> list[float]:
-    return [float(one) for one in text.split(",")]
 
 
 def _parse_gravity(text: str | None) -> Array | None:
     if text is None:
         return None
     try:
-        return np.array(_parse_numbers(text))
+        return np.array(parse_numbers(text))
     except ValueError:
         raise InputError(f"--gravity {text}: expected three numbers [m/s^2]; write --gravity 0,0,-9.81") from None

@@ -32,7 +32,7 @@ from flexinv.kinematics.mesh import Mesh
 from flexinv.kinematics.nodal_motion import NodalMotion
 from flexinv.kinematics.tree import Frames
 from flexinv.model.mechanism import Mechanism
-from flexinv.typing import Array, Mask
+from flexinv.typing import Array, Indices, Mask
 
 # A singular value below this part of the largest is a redundant constraint: rounding leaves 1e-15 of it.
 REDUNDANT = 1e-10
@@ -130,7 +130,7 @@ def _compute_inverses(values: Array) -> Array:
     return np.divide(1.0, values, out=np.zeros_like(values), where=sure)
 
 
-def _compute_condition(values: Array, freedoms: NDArray[np.int64], drives: int) -> Array:
+def _compute_condition(values: Array, freedoms: Indices, drives: int) -> Array:
     """The drives' authority over the motions that are left (samples,), infinite where there is none or nothing moves."""
     smallest = np.where(np.arange(values.shape[1]) < freedoms[:, None], values, 1.0).min(axis=1, initial=1.0)
     condition = np.full(len(values), np.inf)
@@ -149,7 +149,7 @@ def _find_preloads(values: Array, vt: Array, driven: Mask, root: Array) -> Array
     return preload
 
 
-def count_ranks(values: NDArray[np.floating[Any]]) -> NDArray[np.int64]:
+def count_ranks(values: NDArray[np.floating[Any]]) -> Indices:
     """Return the ranks (...) of Jacobians: the number of singular values (..., k) [m/rad], [-] that are not redundant.
 
     A Jacobian that is rounding as a whole is zero already (`closures.without_rounding`).
@@ -193,7 +193,7 @@ class PrescribedLoops:
 
     def _evaluate_closures(
         self, q: Array, qd: Array, qdd: Array, motion: NodalMotion | None = None
-    ) -> tuple[Array, Array, NDArray[np.int64]]:
+    ) -> tuple[Array, Array, Indices]:
         """G, how far the motion is from closed, and where: see `continuation_kernel.jacobian_and_residuals`."""
         g = np.zeros((len(q), len(self.rows.closure), qd.shape[1]))
         worst = np.zeros((3, 2))
@@ -204,7 +204,7 @@ class PrescribedLoops:
         evaluate_jacobians(chain, self.rows.scale, frames, given, g, worst, at)
         return drop_rounding(self.mesh, self.rows.direction, g), worst, at
 
-    def _check_closed(self, worst: Array, at: NDArray[np.int64]) -> None:
+    def _check_closed(self, worst: Array, at: Indices) -> None:
         """Raise InputError where the motion is further from closed than is allowed."""
         for found, (sample, row), (label, most, floor, measure) in zip(worst, at, _KINDS, strict=True):
             if found[0] > most * found[1] + floor or np.isnan(found[0]):
@@ -230,7 +230,7 @@ class PrescribedLoops:
         g = self._evaluate_closures(q[samples], qd[samples], qdd[samples])[0]
         tau[samples] = self._split_samples(g, tau[samples], samples).tau
 
-    def _split_samples(self, g: Array, tau: Array, samples: NDArray[np.int64]) -> AllocatedEfforts:
+    def _split_samples(self, g: Array, tau: Array, samples: Indices) -> AllocatedEfforts:
         m = self.mesh.mechanism
         shares = split_efforts(g, tau, m.actuated, m.weights[m.actuated], self.rows)
         largest = max(np.abs(tau).max(initial=0.0), np.abs(shares.multipliers).max(initial=0.0))

@@ -12,14 +12,13 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from flexinv.kernels import sparse_qr
 from flexinv.kernels.fronts import Fronts, build_fronts
 from flexinv.kernels.jit import jit, jit_inner
 from flexinv.kernels.records import send_by_address
 from flexinv.kernels.sparse_qr import SURE_PIVOT, FrontFactors
-from flexinv.typing import Array
+from flexinv.typing import Array, Indices
 
 # Jacobi's rotations square what is left off the diagonal with every sweep: six reach rounding, these are never needed.
 MOST_SWEEPS = 12
@@ -52,7 +51,7 @@ class AllocationWork(NamedTuple):
     drives : (drives,) velocity coordinates; root : (drives,) square roots of the weights
     """
 
-    drives: NDArray[np.int64]
+    drives: Indices
     root: Array
     fronts: Fronts  # of G
     closing: FrontFactors
@@ -65,7 +64,7 @@ class AllocationWork(NamedTuple):
     turn: Array  # (2, lanes)
 
 
-def make_places(fronts: Fronts, rows: int, drives: NDArray[np.int64], root: Array) -> AllocationWork:
+def make_places(fronts: Fronts, rows: int, drives: Indices, root: Array) -> AllocationWork:
     """Return the arrays of the kernel [any unit] for G of so many rows, with so many freedoms as there are drives at most."""
     nv = fronts.columns
     most = len(drives)

@@ -17,7 +17,6 @@ from itertools import pairwise
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from flexinv.constraints.equations import Rows as Rows
 from flexinv.constraints.equations import fill_closure_samples
@@ -29,7 +28,7 @@ from flexinv.model.attachments import COUPLED_JOINTS
 from flexinv.model.joint_kinds import KINDS
 from flexinv.model.mechanism import CLOSURES, GEARED, Closure, Mechanism
 from flexinv.model.owned_cache import make_owner_cache
-from flexinv.typing import Array, Mask, Triple
+from flexinv.typing import Array, Indices, Mask, Triple
 
 # A switching instant this close to a sample, in parts of the step, is that sample.
 SAME_INSTANT = 1e-6
@@ -85,7 +84,7 @@ def _build_gear(mechanism: Mechanism, closure: Closure) -> Array:
     return gear
 
 
-def _find_places(mechanism: Mechanism) -> NDArray[np.int64]:
+def _find_places(mechanism: Mechanism) -> Indices:
     """Places (nv,) of the coordinates that a coupling may tie, -1 for others."""
     place = np.full(mechanism.nv, -1, dtype=np.int64)
     for joint in mechanism.joints:
@@ -138,7 +137,7 @@ def _list_equations(closure: Closure) -> list[tuple[bool, Array, Array]]:
     return rows
 
 
-def _take_row_frames(motion: NodalMotion, nodes: NDArray[np.int64]) -> tuple[Array, Array]:
+def _take_row_frames(motion: NodalMotion, nodes: Indices) -> tuple[Array, Array]:
     """Place and axes of the rows' nodes at the first sample; the world (-1) stands still."""
     fixed = (nodes < 0)[:, None]
     return np.where(fixed, 0.0, motion.x[0, nodes]), np.where(fixed[..., None], np.eye(3), motion.rotation[0, nodes])
@@ -164,7 +163,7 @@ def compute_constraint_jacobian(mesh: Mesh, motion: NodalMotion, rows: Rows) -> 
     return evaluate_closures(mesh, motion, rows)[1]
 
 
-def _build_jacobian_pattern(mesh: Mesh, a: NDArray[np.int64], b: NDArray[np.int64], gear: Array) -> Mask:
+def _build_jacobian_pattern(mesh: Mesh, a: Indices, b: Indices, gear: Array) -> Mask:
     """Mask (rows, nv) of entries that G may have: joints on one way only from a row's nodes to the world, and of its coupling."""
     jacobian_pattern = np.asarray(gear != 0.0)
     for k, ends in enumerate(zip(a.tolist(), b.tolist(), strict=True)):

@@ -142,6 +142,18 @@ def solve_closed_start(
     return q, qd, qdd
 
 
+def solve_closing_step(mesh: Mesh, rows: Rows, g: Array, opening: Array, free: Mask) -> Array:
+    """Return the least step (nv,) [rad], [m] of ``free`` coordinates that closes an opening (rows,) [m], [-], or its rates.
+
+    Least squares, lengths and slides over the mechanism's length; g : (rows, nv)
+    """
+    sizes = list_velocity_scales(mesh)
+    a = (g * sizes / rows.scale[:, None])[:, free]
+    step = np.zeros(len(free))
+    step[free] = -sizes[free] * np.linalg.lstsq(a, opening / rows.scale, rcond=REDUNDANT)[0]
+    return step
+
+
 def close_rates(
     mesh: Mesh, rows: Rows, q: Array, qd: Array, qdd: Array, sets: Sequence[Mask], orders: tuple[int, ...] = (1, 2)
 ) -> None:
@@ -150,7 +162,6 @@ def close_rates(
     sets : which coordinates (nv,) may change, in the order in which they are tried; of the last what is left open is left
     """
     scale = rows.scale
-    sizes = list_velocity_scales(mesh)
     for order in orders:
         rate = (qd, qdd)[order - 1]
         state = (q[None], qd[None], qdd[None])
@@ -158,9 +169,7 @@ def close_rates(
         opening = phi[0, :, order] + compute_coupling_residuals(rows, *state)[order][0]
         bar = CLOSED_RATE * ((np.abs(g) @ np.abs(rate) + np.abs(opening)) / scale).max(initial=0.0)
         for free in sets:  # by least squares, lengths and slides over the mechanism's length
-            a = (g * sizes / scale[:, None])[:, free]
-            step = np.zeros(len(rate))
-            step[free] = -sizes[free] * np.linalg.lstsq(a, opening / scale, rcond=REDUNDANT)[0]
+            step = solve_closing_step(mesh, rows, g, opening, free)
             if free is sets[-1] or (np.abs(opening + g @ step) <= bar * scale).all():
                 rate += step
                 break

@@ -12,7 +12,6 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from flexinv.constraints.equations import Rows, compute_coupling_terms, fill_closure_residuals, fill_closure_rows
 from flexinv.kernels.fronts import Fronts
@@ -28,7 +27,7 @@ from flexinv.kernels.sparse_qr import (
 )
 from flexinv.kinematics.configuration import Nodes, integrate_coordinates, move_nodes
 from flexinv.kinematics.tree import Frames, Joints, take_sample
-from flexinv.typing import Array
+from flexinv.typing import Array, Indices, Mask
 
 # Newton ends with an increment below this, in radians or metres: its error is about the square, which is rounding.
 LAST_INCREMENT = 1e-9
@@ -72,8 +71,8 @@ class Continuation(NamedTuple):
         where it is not wanted
     """
 
-    unknown: NDArray[np.int64]
-    owner: NDArray[np.bool_]
+    unknown: Indices
+    owner: Mask
     scale: Array
     sizes: Array
     g: Array  # (rows, nv)

@@ -13,15 +13,31 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from flexinv.kernels.fronts import Fronts, build_fronts
 from flexinv.kernels.jit import jit, jit_inner
 from flexinv.kernels.records import send_by_address
-from flexinv.kernels.vec3 import EYE, ZERO, add, add_to, apply, cross, dot, mat, mul, put, scale, sub, tapply, tmul, vec
+from flexinv.kernels.vec3 import (
+    EYE,
+    ZERO,
+    add,
+    add_to,
+    apply,
+    cross,
+    dot,
+    mat,
+    mul,
+    put,
+    put_pair,
+    scale,
+    sub,
+    tapply,
+    tmul,
+    vec,
+)
 from flexinv.kinematics.tree import take_sample
 from flexinv.model.owned_cache import make_read_only
-from flexinv.typing import Array, Mask
+from flexinv.typing import Array, Indices, Mask
 
 
 @send_by_address
@@ -39,10 +55,10 @@ class Rows(NamedTuple):
     place : (nv,) index into q of the scalar coordinates, -1 for others
     """
 
-    closure: NDArray[np.int64]
+    closure: Indices
     direction: Mask
-    a: NDArray[np.int64]
-    b: NDArray[np.int64]
+    a: Indices
+    b: Indices
     place_a: Array
     place_b: Array
     u: Array
@@ -51,8 +67,8 @@ class Rows(NamedTuple):
     offset: Array
     pattern: Mask
     scale: Array
-    last: NDArray[np.int64]
-    place: NDArray[np.int64]
+    last: Indices
+    place: Indices
 
     def take_active(self, active: Mask) -> Rows:
         """Return the rows of the closures that are ``active`` (closures,)."""
@@ -146,9 +162,9 @@ def _fill_residuals(k, rows, place, turned, phi):
         if rows.direction[i]:
             seen = apply(r, vec(rows.w[i]))
             rate = cross(w, seen)
-            put(phi[i], 0, (dot(u, seen), dot(u, rate), dot(u, add(cross(al, seen), cross(w, rate)))))
+            put(phi[i], (dot(u, seen), dot(u, rate), dot(u, add(cross(al, seen), cross(w, rate)))))
         else:
-            put(phi[i], 0, (dot(u, place[0]), dot(u, place[1]), dot(u, place[2])))
+            put(phi[i], (dot(u, place[0]), dot(u, place[1]), dot(u, place[2])))
 
 
 @jit_inner
@@ -208,7 +224,7 @@ def fill_closure_rows(nodes, rows, frames, phi, g):
         turned = _turn_seen(k, rows, frames)
         for i in range(k, rows.last[k]):  # what an angular velocity, or a velocity, of B has a part in
             u = vec(rows.u[i])
-            put(phi[i], 0, cross(apply(turned[0], vec(rows.w[i])), u) if rows.direction[i] else u)
+            put(phi[i], cross(apply(turned[0], vec(rows.w[i])), u) if rows.direction[i] else u)
         place, _, _ = compute_point_motion(frames, b, vec(rows.place_b[k]))
         seen = k, _read_axes(frames, a), place, phi
         while a != b:  # parents come before their children: both ways end where they meet
@@ -236,8 +252,8 @@ class Ends(NamedTuple):
     node : that carries it; second : whether it is the second; place (closures, 3) [m], turn (closures, 3, 3) : in the node
     """
 
-    node: NDArray[np.int64]
-    second: NDArray[np.bool_]
+    node: Indices
+    second: Mask
     place: Array
     turn: Array
 
@@ -255,13 +271,12 @@ def add_multiplier_forces(rows, ends, frames, multipliers, force, moment, wrench
         while k < rows.a.shape[0]:
             push, on_a, on_b = _compute_wrenches(k, rows, f, multipliers[s])
             if rows.b[k] >= 0:
-                add_to(force[s, rows.b[k]], 0, push)
-                add_to(moment[s, rows.b[k]], 0, on_b)
+                add_to(force[s, rows.b[k]], push)
+                add_to(moment[s, rows.b[k]], on_b)
             if rows.a[k] >= 0:
-                add_to(force[s, rows.a[k]], 0, scale(-1.0, push))
-                add_to(moment[s, rows.a[k]], 0, on_a)
-            put(wrench[rows.closure[k], s], 0, push)
-            put(wrench[rows.closure[k], s], 3, on_b if ends.second[rows.closure[k]] else sub(ZERO, on_a))
+                add_to(force[s, rows.a[k]], scale(-1.0, push))
+                add_to(moment[s, rows.a[k]], on_a)
+            put_pair(wrench[rows.closure[k], s], push, on_b if ends.second[rows.closure[k]] else sub(ZERO, on_a))
             k = rows.last[k]
         for n in range(wrench.shape[0]):
             if ends.node[n] >= 0:
@@ -271,8 +286,9 @@ def add_multiplier_forces(rows, ends, frames, multipliers, force, moment, wrench
                 push = vec(shown)
                 turn = vec(shown[3:])
                 axes = mul(turned, mat(ends.turn[n]))
-                put(shown, 0, tapply(axes, push))
-                put(shown, 3, tapply(axes, sub(turn, cross(apply(turned, vec(ends.place[n])), push))))
+                put_pair(
+                    shown, tapply(axes, push), tapply(axes, sub(turn, cross(apply(turned, vec(ends.place[n])), push)))
+                )
 
 
 @jit_inner

@@ -18,14 +18,12 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.polynomial import Polynomial
-from numpy.typing import NDArray
 
 from flexinv.kernels.smooth_pieces import fit_pieces
-from flexinv.typing import Array, Mask
+from flexinv.typing import Array, Indices, Mask, RealOrComplex
 
 
 @dataclass(frozen=True)
@@ -136,7 +134,7 @@ def _find_largest_nearby(change: Array) -> Array:
     return np.asarray(np.maximum(np.maximum(wide[:-2], wide[2:]), change))
 
 
-def _find_doubtful_intervals(branch: Branch, q: Array, intervals: NDArray[np.int64], reach: Array) -> Mask:
+def _find_doubtful_intervals(branch: Branch, q: Array, intervals: Indices, reach: Array) -> Mask:
     """Mask of the intervals that singular values themselves do not exclude, a thousand at a time; reach : of all intervals."""
     out = np.ones(len(intervals), dtype=bool)
     for first in range(0, len(intervals), AT_ONCE):
@@ -333,7 +331,7 @@ def _find_first_zero(fitted: Polynomial, first: float, last: float) -> float | N
     return float(zeros[0]) if len(zeros) else None
 
 
-def _list_roots_between(roots: NDArray[Any], first: float, last: float) -> Array:
+def _list_roots_between(roots: RealOrComplex, first: float, last: float) -> Array:
     """The real ones of some roots in (first, last], in their order."""
     real = roots[np.abs(roots.imag) < SAME_ESTIMATE].real
     return np.sort(real[(real > first) & (real <= last)])

@@ -12,20 +12,19 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from flexinv.dynamics.loads import TINY, build_law_tables, build_load_table, build_loads, evaluate_pull
 from flexinv.inverse.nodal_sums import add_outboard_forces, fill_instant_forces
 from flexinv.kernels.jit import jit, jit_inner
 from flexinv.kernels.memory import make_contiguous
 from flexinv.kernels.records import send_by_address
-from flexinv.kernels.vec3 import ZERO, add, add_to, apply, cross, dot, mat, put, scale, sub, tapply, vec, vec_at
+from flexinv.kernels.vec3 import ZERO, add, add_pair, apply, cross, dot, mat, put_pair, scale, sub, tapply, vec, vec_at
 from flexinv.kinematics.configuration import build_nodes, move_nodes
 from flexinv.kinematics.mesh import Mesh, find_attachment_node
 from flexinv.kinematics.tree import Frames, Joints, take_sample
 from flexinv.model.links import Attachment
 from flexinv.model.owned_cache import make_owner_cache
-from flexinv.typing import Array
+from flexinv.typing import Array, Indices, Mask
 
 
 @send_by_address
@@ -39,21 +38,21 @@ class AppliedLoads(NamedTuple):
     stiffness [N/m], rest [m], damping [N s/m], law .. pieces : as `dynamics.loads.SpringRows`
     """
 
-    node: NDArray[np.int64]
+    node: Indices
     place: Array
-    follower: NDArray[np.bool_]
+    follower: Mask
     wrench: Array
-    first_node: NDArray[np.int64]
-    second_node: NDArray[np.int64]
+    first_node: Indices
+    second_node: Indices
     first_place: Array
     second_place: Array
     stiffness: Array
     rest: Array
     damping: Array
-    law: NDArray[np.int64]
+    law: Indices
     gas: Array
-    first: NDArray[np.int64]
-    last: NDArray[np.int64]
+    first: Indices
+    last: Indices
     pieces: Array
 
 
@@ -74,7 +73,7 @@ def build_applied_loads(mesh: Mesh) -> AppliedLoads:
     )  # fmt: skip
 
 
-def _list_ends(mesh: Mesh, ends: Sequence[Attachment]) -> tuple[NDArray[np.int64], Array]:
+def _list_ends(mesh: Mesh, ends: Sequence[Attachment]) -> tuple[Indices, Array]:
     """Nodes of the ends of springs, and where these are in their frames, (springs, 3) [m]."""
     nodes = np.array([find_attachment_node(mesh, end) for end in ends], dtype=np.int64)
     return nodes, np.array([end.placement.position for end in ends], dtype=float).reshape(-1, 3)
@@ -97,8 +96,7 @@ def _add_wrench(frames, n, arm, force, moment, line):
     if n < 0:
         return 0.0
     turn = add(moment, cross(arm, force))
-    add_to(line[n], 0, scale(-1.0, force))
-    add_to(line[n], 3, scale(-1.0, turn))
+    add_pair(line[n], scale(-1.0, force), scale(-1.0, turn))
     return dot(force, vec(frames.v[n])) + dot(turn, apply(mat(frames.r[n]), vec(frames.w[n])))
 
 
@@ -143,14 +141,13 @@ def fill_applied_efforts(nodes, loads, motion, scratch, samples, out):
     for s in range(samples):
         move_nodes(nodes, q[s], qd[s], qdd[s], joints, now)
         for n in range(line.shape[0]):
-            put(line[n], 0, ZERO)
-            put(line[n], 3, ZERO)
+            put_pair(line[n], ZERO, ZERO)
         take_applied_wrenches(loads, now, line)
         add_outboard_forces(nodes.parent, now.x, line)
         for n in range(line.shape[0]):
             if nodes.freedoms[n] > 0:
                 turned = mat(now.r[n])
-                force = tapply(turned, vec_at(line[n], 0))
+                force = tapply(turned, vec(line[n]))
                 moment = tapply(turned, vec_at(line[n], 3))
                 for i in range(nodes.freedoms[n]):
                     effort = dot(vec(nodes.slide[n, i]), force) + dot(vec(nodes.turn[n, i]), moment)

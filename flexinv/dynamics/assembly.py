@@ -31,6 +31,8 @@ from flexinv.kernels.vec3 import (
     EYE,
     ZERO,
     add,
+    add_at,
+    add_pair,
     add_scaled,
     add_to,
     apply,
@@ -38,6 +40,7 @@ from flexinv.kernels.vec3 import (
     dot,
     mat,
     put,
+    put_pair,
     scale,
     tapply,
     vec,
@@ -64,9 +67,9 @@ def run_forward_pass(topology, state, joints, frames, variation, work, factors, 
         columns = topology.reach[n] if want_tangent else 0
         for k in range(columns):
             for by in (variation.x, variation.t, variation.v, variation.w, variation.a, variation.al):
-                put(by[n, k], 0, ZERO)
+                put(by[n, k], ZERO)
         if topology.independent[n]:
-            _fill_section_motion(n, topology.offset[topology.block[n]], columns, state, frames, variation, cv, ca)
+            _fill_section_motion(n, topology.first[n], columns, state, frames, variation, cv, ca)
         else:
             if topology.freedoms[n] > 0:
                 _fill_passive_motion(n, topology, state, joints, variation, cv, ca, columns)
@@ -75,19 +78,19 @@ def run_forward_pass(topology, state, joints, frames, variation, work, factors, 
             compute_child_motion(n, topology.parent[n], frames, joints)
             add_parent_variation(n, topology.parent[n], columns, frames, joints, variation)
     for part in range(len(shapes.root)):
-        first = topology.offset[topology.block[shapes.root[part]]] + topology.amplitude[part]
+        first = topology.first[shapes.root[part]] + topology.amplitude[part]
         fill_point_motion(part, shapes, first, state, frames, joints, work.points, want_tangent)
 
 
 @jit_inner
 def _fill_section_motion(n, o, columns, state, frames, variation, cv, ca):
     psi = vec_at(state.d, o + 3)
-    put(frames.x[n], 0, add(vec(state.x[n]), vec_at(state.d, o)))
-    vec3.put_block(frames.r[n], 0, 0, vec3.mul(mat(state.r[n]), exp(psi)))
-    put(frames.v[n], 0, vec_at(state.u, o))
-    put(frames.w[n], 0, vec_at(state.u, o + 3))
-    put(frames.a[n], 0, vec_at(state.du, o))
-    put(frames.al[n], 0, vec_at(state.du, o + 3))
+    put(frames.x[n], add(vec(state.x[n]), vec_at(state.d, o)))
+    vec3.put_mat(frames.r[n], vec3.mul(mat(state.r[n]), exp(psi)))
+    put(frames.v[n], vec_at(state.u, o))
+    put(frames.w[n], vec_at(state.u, o + 3))
+    put(frames.a[n], vec_at(state.du, o))
+    put(frames.al[n], vec_at(state.du, o + 3))
     if columns == 0:
         return
     for k in range(3):
@@ -112,7 +115,7 @@ def compute_joint_rotation(n, topology, state, first):
 @jit_inner
 def _fill_passive_motion(n, topology, state, joints, variation, cv, ca, columns):
     """Relative motion of a passive joint, and with ``columns`` its variation."""
-    first = topology.offset[topology.block[n]] + topology.column[n]
+    first = topology.first[n] + topology.column[n]
     psi = compute_joint_rotation(n, topology, state, first)
     inverse = inverse_tangent(psi)
     p = vec(state.x[n])
@@ -131,18 +134,18 @@ def _fill_passive_motion(n, topology, state, joints, variation, cv, ca, columns)
         if columns > 0:
             at = topology.column[n] + k
             rate = apply(inverse, turn) if topology.triple[n] >= 0 else turn  # how the angular velocity follows
-            put(variation.x[n, at], 0, slide)
-            put(variation.t[n, at], 0, turn)
-            put(variation.v[n, at], 0, scale(cv, slide))
-            put(variation.w[n, at], 0, scale(cv, rate))
-            put(variation.a[n, at], 0, scale(ca, slide))
-            put(variation.al[n, at], 0, scale(ca, rate))
-    put(joints.p[n], 0, p)
-    vec3.put_block(joints.r[n], 0, 0, vec3.mul(mat(state.r[n]), exp(psi)))
-    put(joints.dp[n], 0, dp)
-    put(joints.ddp[n], 0, ddp)
-    put(joints.w[n], 0, w)
-    put(joints.al[n], 0, al)
+            put(variation.x[n, at], slide)
+            put(variation.t[n, at], turn)
+            put(variation.v[n, at], scale(cv, slide))
+            put(variation.w[n, at], scale(cv, rate))
+            put(variation.a[n, at], scale(ca, slide))
+            put(variation.al[n, at], scale(ca, rate))
+    put(joints.p[n], p)
+    vec3.put_mat(joints.r[n], vec3.mul(mat(state.r[n]), exp(psi)))
+    put(joints.dp[n], dp)
+    put(joints.ddp[n], ddp)
+    put(joints.w[n], w)
+    put(joints.al[n], al)
 
 
 @jit_inner
@@ -150,7 +153,7 @@ def _fill_shaped_motion(n, topology, state, joints, variation, moved, factors, c
     """Relative motion of a node of a meshed link, and with ``columns`` its variation."""
     shapes = topology.shapes
     column = topology.amplitude[shapes.part[n]]
-    first = topology.offset[topology.block[n]] + column
+    first = topology.first[n] + column
     motion = fill_shaped_motion(n, shapes, first, state, moved, joints)
     if columns > 0:
         fill_shaped_variation(n, shapes, (column, first), state, moved, motion, variation, factors)
@@ -178,8 +181,7 @@ def add_amplitude_forces(topology, state, work, moving, cv, want_tangent):
             work.energy[1] += (stiffness * y + drag) * state.u[at]
             work.energy[2] += drag * state.u[at]
             if want_tangent:
-                for c in range(topology.size[b]):
-                    work.diagonal[b, column + k, c] = 0.0
+                work.diagonal[b, column + k, : topology.size[b]] = 0.0
                 work.diagonal[b, column + k, column + k] = stiffness + (cv * shapes.damping[part, k] if moving else 0.0)
 
 
@@ -263,18 +265,21 @@ def compute_node_wrenches(topology, frames, variation, level, work, want_tangent
         inertia = mat(topology.inertia[n])
         w = vec(frames.w[n])
         spin = apply(inertia, w)
-        put(work.wrench[n], 0, scale(m, vec3.sub(vec(frames.a[n]), gravity)))
-        put(work.wrench[n], 3, add(apply(inertia, vec(frames.al[n])), cross(w, spin)))
+        put_pair(
+            work.wrench[n],
+            scale(m, vec3.sub(vec(frames.a[n]), gravity)),
+            add(apply(inertia, vec(frames.al[n])), cross(w, spin)),
+        )
         if not want_tangent or is_point_mass(n, topology.shapes):
             continue
-        for k in range(topology.reach[n], topology.size[topology.block[n]]):
-            put(work.dwrench[n, k], 0, ZERO)
-            put(work.dwrench[n, k], 3, ZERO)
+        for k in range(topology.reach[n], topology.width[n]):
+            put_pair(work.dwrench[n, k], ZERO, ZERO)
         for k in range(topology.reach[n]):
             dw = vec(variation.w[n, k])
             gyro = add(cross(dw, spin), cross(w, apply(inertia, dw)))
-            put(work.dwrench[n, k], 0, scale(m, vec(variation.a[n, k])))
-            put(work.dwrench[n, k], 3, add(apply(inertia, vec(variation.al[n, k])), gyro))
+            put_pair(
+                work.dwrench[n, k], scale(m, vec(variation.a[n, k])), add(apply(inertia, vec(variation.al[n, k])), gyro)
+            )
 
 
 @jit_inner
@@ -292,14 +297,14 @@ def add_elements(topology, elements, frames, variation, work, moving, want_tange
         count = elements.order[k] + 1
         nodes = elements.nodes[k]
         for i in range(count):
-            put(z.x[i], 0, vec(frames.x[nodes[i]]))
-            vec3.put_block(z.r[i], 0, 0, mat(frames.r[nodes[i]]))
+            put(z.x[i], vec(frames.x[nodes[i]]))
+            vec3.put_mat(z.r[i], mat(frames.r[nodes[i]]))
         if not fill_relative_poses(count, z) <= LARGEST_TURN:
             return k
         if damped:
             for i in range(count):
-                put(work.rates.v[i], 0, vec(frames.v[nodes[i]]))
-                put(work.rates.w[i], 0, vec(frames.w[nodes[i]]))
+                put(work.rates.v[i], vec(frames.v[nodes[i]]))
+                put(work.rates.w[i], vec(frames.w[nodes[i]]))
             fill_relative_rates(count, z, work.rates)
             stored, gone = fill_element_gradient(k, count, elements, z, work.rates, work.internal[k], want_tangent)
         else:
@@ -315,7 +320,7 @@ def add_elements(topology, elements, frames, variation, work, moving, want_tange
                 fill_element_tangent(count, z, work.tangent[k])
                 work.tangent[k, :, 6 * elements.nodes.shape[1] :] = 0.0
             _add_diagonal(topology, variation, nodes, count, work.tangent[k], work.dwrench)
-    put(work.energy, 0, (energy, power, lost))
+    put(work.energy, (energy, power, lost))
     return -1
 
 
@@ -323,7 +328,7 @@ def add_elements(topology, elements, frames, variation, work, moving, want_tange
 def _add_diagonal(topology, variation, nodes, count, tangent, dwrench):
     """Add what each node of an element feels of its own motion (and the root of its block's other unknowns)."""
     root = nodes[0]
-    for k in range(topology.size[topology.block[root]]):
+    for k in range(topology.width[root]):
         for i in range(6):
             dwrench[root, k, i] += compute_root_derivative(tangent, i, root, k, variation)
     for node in range(1, count):
@@ -397,9 +402,9 @@ def _add_variation_to_parent(n, m, columns, system, joints):
         df = vec(work.dwrench[n, k])
         dmu = vec_at(work.dwrench[n, k], 3)
         dlocal = vec3.sub(tapply(r, df), cross(vec(system.variation.t[m, k]), local))
-        add_to(work.dwrench[m, k], 0, df)
+        add_to(work.dwrench[m, k], df)
         turned = apply(rj, add(cross(turn, mu), dmu))
-        add_to(work.dwrench[m, k], 3, add(add(cross(slide, local), cross(p, dlocal)), turned))
+        add_at(work.dwrench[m, k], 3, add(add(cross(slide, local), cross(p, dlocal)), turned))
 
 
 @jit_inner
@@ -409,8 +414,7 @@ def _add_element_forces(count, nodes, forces, frames, wrench, power):
         n = nodes[i]
         force = vec(forces[i])
         moment = vec_at(forces[i], 3)
-        add_to(wrench[n], 0, force)
-        add_to(wrench[n], 3, moment)
+        add_pair(wrench[n], force, moment)
         power += dot(force, vec(frames.v[n])) + dot(moment, vec(frames.w[n]))
     return power
 
@@ -424,7 +428,7 @@ def _fill_passive_rows(n, columns, system, cv, ca):
     state = system.state
     loads = system.loads
     m = topology.parent[n]
-    first = topology.offset[topology.block[n]] + topology.column[n]
+    first = topology.first[n] + topology.column[n]
     frame = mat(system.frames.r[m]) if m >= 0 else EYE
     force = tapply(frame, vec(work.wrench[n]))
     moment = vec_at(work.wrench[n], 3)
@@ -467,6 +471,6 @@ def _fill_passive_derivatives(n, i, columns, system, force, slope):
     if topology.triple[n] >= 0 and i >= topology.triple[n]:  # the turn is unit vector number i - triple
         first = topology.offset[b] + topology.column[n]
         inverse = inverse_tangent(compute_joint_rotation(n, topology, system.state, first))
-        add_to(diagonal[row], topology.column[n] + topology.triple[n], scale(slope, tapply(inverse, turn)))
+        add_at(diagonal[row], topology.column[n] + topology.triple[n], scale(slope, tapply(inverse, turn)))
     else:
         diagonal[row, row] += slope

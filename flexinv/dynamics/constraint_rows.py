@@ -21,7 +21,6 @@ from itertools import pairwise
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from flexinv.constraints.closures import Rows, build_constraint_rows
 from flexinv.constraints.equations import compute_fixed_vector, compute_gap
@@ -29,9 +28,9 @@ from flexinv.dynamics.dofs import Topology
 from flexinv.kernels.dense import Blocks, Pivots, build_blocks, factorise_blocks, solve_blocks
 from flexinv.kernels.jit import jit_inner
 from flexinv.kernels.records import send_by_address
-from flexinv.kernels.vec3 import EYE, ZERO, cross, dot, mat, put, scale, sub, tapply, vec, vec_at
+from flexinv.kernels.vec3 import EYE, ZERO, cross, dot, mat, put_at, put_pair, scale, sub, tapply, vec, vec_at
 from flexinv.kinematics.mesh import Mesh, find_attachment_node
-from flexinv.typing import Array, Indices
+from flexinv.typing import Array, Indices, Mask
 
 POSITION = 0
 DIRECTION = 1
@@ -50,15 +49,15 @@ MOVES_NOTHING = 1e-13
 class Layout(NamedTuple):
     """Parts of the mechanism that the rows of the border have to do with.
 
-    span : (parts + 1,) first unknown of each part; first_part : (rows + 1,) of each row in ``part``
+    first_part : (rows + 1,) of each row in ``begin`` and ``end``, the unknowns of a part from its first to behind its last
     first_unknown : (rows + 1,) of each row in ``unknown``: those that A_k has entries for, of its nodes' blocks or joints
     first_side : (parts + 1,) of each part in ``side``: right sides of its solve, 0 the residual, then 1 + row
     blocks : closures and springs, coupled where they share a part; whole : all of them as one
     """
 
-    span: Indices
     first_part: Indices
-    part: Indices
+    begin: Indices
+    end: Indices
     first_unknown: Indices
     unknown: Indices
     first_side: Indices
@@ -84,7 +83,7 @@ class Ties(NamedTuple):
     """
 
     kind: Indices
-    acting: NDArray[np.bool_]
+    acting: Mask
     a: Indices
     b: Indices
     place_a: Array
@@ -130,7 +129,7 @@ def build_layout(tree: Any, nodes: Sequence[Indices], gear: Array, group: Indice
         (_compute_offsets(one.sum(axis=1)), np.nonzero(one)[1].astype(np.int64)) for one in (touched, entries)
     )
     return Layout(
-        tree.span, first_part, part, first_unknown, unknown,
+        first_part, tree.span[part], tree.span[part + 1], first_unknown, unknown,
         first_side=_compute_offsets([len(side) for side in sides]), side=np.concatenate(sides).astype(np.int64),
         blocks=build_blocks(lengths.tolist(), coupled.reshape(-1, parts).T),
         whole=build_blocks([count], np.ones((1, 1), dtype=bool)),
@@ -175,7 +174,7 @@ def build_ties(kind: Indices, nodes: Sequence[Indices], vectors: Sequence[Array]
     )  # fmt: skip
 
 
-def update_ties(constraints: Ties, rows: Rows, acting: NDArray[np.bool_]) -> None:
+def update_ties(constraints: Ties, rows: Rows, acting: Mask) -> None:
     """Let the closures of ``acting`` (closures,) act, with the frames [m], [-] that ``rows`` have now; others carry nothing."""
     n = len(rows.closure)
     constraints.acting[:n] = acting[rows.closure]
@@ -200,8 +199,7 @@ def evaluate_ties(constraints, state, frames, wanted):
             continue
         if not constraints.acting[k]:
             constraints.value[k] = 0.0
-            for i in range(12):
-                constraints.gradient[k, i] = 0.0
+            constraints.gradient[k] = 0.0
             continue
         a = constraints.a[k]
         b = constraints.b[k]
@@ -229,15 +227,17 @@ def fill_gradient(row, constraints, frames, vector, second):
     rb = mat(frames.r[constraints.b[row]]) if constraints.b[row] >= 0 else EYE
     on_a = cross(vec(constraints.u[row]), tapply(ra, second))
     if constraints.kind[row] == DIRECTION:
-        put(constraints.gradient[row], 0, ZERO)
-        put(constraints.gradient[row], 3, on_a)
-        put(constraints.gradient[row], 6, ZERO)
-        put(constraints.gradient[row], 9, cross(vec(constraints.w[row]), tapply(rb, vector)))
+        put_pair(constraints.gradient[row], ZERO, on_a)
+        put_at(constraints.gradient[row], 6, ZERO)
+        put_at(constraints.gradient[row], 9, cross(vec(constraints.w[row]), tapply(rb, vector)))
         return
-    put(constraints.gradient[row], 0, scale(-1.0, vector))
-    put(constraints.gradient[row], 3, sub(on_a, cross(vec(constraints.place_a[row]), tapply(ra, vector))))
-    put(constraints.gradient[row], 6, vector)
-    put(constraints.gradient[row], 9, cross(vec(constraints.place_b[row]), tapply(rb, vector)))
+    put_pair(
+        constraints.gradient[row],
+        scale(-1.0, vector),
+        sub(on_a, cross(vec(constraints.place_a[row]), tapply(ra, vector))),
+    )
+    put_at(constraints.gradient[row], 6, vector)
+    put_at(constraints.gradient[row], 9, cross(vec(constraints.place_b[row]), tapply(rb, vector)))
 
 
 @jit_inner
@@ -270,21 +270,21 @@ def fill_right_sides(topology, constraints, variation, residual):
     plan = constraints.layout
     for k in range(len(constraints.a)):
         for n in range(plan.first_part[k], plan.first_part[k + 1]):
-            for i in range(plan.span[plan.part[n]], plan.span[plan.part[n] + 1]):
+            for i in range(plan.begin[n], plan.end[n]):
                 constraints.sides[k, i] = -constraints.gear[k, i]
         for n, first in ((constraints.a[k], 0), (constraints.b[k], 6)):
             force = vec_at(constraints.gradient[k], first)
             moment = vec_at(constraints.gradient[k], first + 3)
-            for c in range(topology.size[topology.block[n]] if n >= 0 else 0):
+            for c in range(topology.width[n] if n >= 0 else 0):
                 felt = dot(force, vec(variation.x[n, c])) + dot(moment, vec(variation.t[n, c]))
-                constraints.sides[k, topology.offset[topology.block[n]] + c] -= felt
+                constraints.sides[k, topology.first[n] + c] -= felt
         largest = 0.0
         for n in range(plan.first_part[k], plan.first_part[k + 1]):
-            for i in range(plan.span[plan.part[n]], plan.span[plan.part[n] + 1]):
+            for i in range(plan.begin[n], plan.end[n]):
                 largest = max(largest, abs(constraints.sides[k, i]))
         moves = not largest < MOVES_NOTHING * topology.length
         for n in range(plan.first_part[k], plan.first_part[k + 1]):
-            for i in range(plan.span[plan.part[n]], plan.span[plan.part[n] + 1]):
+            for i in range(plan.begin[n], plan.end[n]):
                 if not moves:
                     constraints.sides[k, i] = 0.0
                 residual[1 + k, i] = constraints.sides[k, i]
@@ -330,7 +330,7 @@ def solve_border(constraints, blocks, unit, y):
     for k in range(len(constraints.a)):
         constraints.multiplier[k] += constraints.step[k]
         for n in range(plan.first_part[k], plan.first_part[k + 1]):
-            for i in range(plan.span[plan.part[n]], plan.span[plan.part[n] + 1]):
+            for i in range(plan.begin[n], plan.end[n]):
                 y[0, i] += constraints.step[k] * y[1 + k, i]
 
 

@@ -13,7 +13,6 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from flexinv.elements.shapes import PartShapes
 from flexinv.errors import InputError
@@ -30,6 +29,7 @@ class Topology(NamedTuple):
 
     parent, block : (nodes,); independent : (nodes,) bool
     size, offset : (blocks,) number of unknowns and first unknown of each block; part : (blocks,) of the mechanism
+    width, first : (nodes,) the same of the block of each node
     span : (parts + 1,) first unknown of each part; the first block of a part has its number
     freedoms, column : (nodes,) passive freedoms of the node's joint and their first column in the block
     reach : (nodes,) columns of the block up to the last that moves the node
@@ -41,17 +41,19 @@ class Topology(NamedTuple):
     shapes : of meshed links; amplitude : (parts,) column of the first amplitude in the block of the link's frame
     """
 
-    parent: NDArray[np.int64]
-    block: NDArray[np.int64]
-    independent: NDArray[np.bool_]
-    size: NDArray[np.int64]
-    offset: NDArray[np.int64]
-    part: NDArray[np.int64]
-    span: NDArray[np.int64]
-    freedoms: NDArray[np.int64]
-    column: NDArray[np.int64]
-    reach: NDArray[np.int64]
-    triple: NDArray[np.int64]
+    parent: Indices
+    block: Indices
+    independent: Mask
+    size: Indices
+    offset: Indices
+    width: Indices
+    first: Indices
+    part: Indices
+    span: Indices
+    freedoms: Indices
+    column: Indices
+    reach: Indices
+    triple: Indices
     slide: Array
     turn: Array
     drives: Array
@@ -61,7 +63,7 @@ class Topology(NamedTuple):
     gravity: Array
     length: float
     shapes: PartShapes
-    amplitude: NDArray[np.int64]
+    amplitude: Indices
 
 
 @make_owner_cache()
@@ -80,7 +82,7 @@ def build_topology(mesh: Mesh, passive: frozenset[str]) -> Topology:
     for node in np.flatnonzero(_find_free(mesh, passive)[mesh.v_index]).tolist():
         freedoms[node] = mesh.freedoms[node]
         column[node] = size[block[node]]
-        size[block[node]] += mesh.freedoms[node]
+        size[block[node]] += freedoms[node]
         slide[node] = mesh.slide[node] @ mesh.rotation[node].T
         turn[node] = mesh.turn[node]
         triple[node] = {SPHERICAL: 0, FREE: 3}.get(int(mesh.kind[node]), -1)
@@ -92,12 +94,12 @@ def build_topology(mesh: Mesh, passive: frozenset[str]) -> Topology:
     gravity = np.array(mesh.mechanism.gravity, dtype=float)
     first = offset[block]
     scale = np.ones(
-        int(size.sum())
+        size.sum()
     )  # convergence is judged on increments over the length of the mechanism, over 1 for rotations
     scale[_list_translations(independent, freedoms, first, first + column, turn)] = mesh.length
     topology = Topology(
-        mesh.parent, block, independent, size, offset, part, span, freedoms, column, reach, triple, slide, turn,
-        drives, scale, mesh.mass, mesh.inertia, gravity, mesh.length, shapes, amplitude,
+        mesh.parent, block, independent, size, offset, size[block], first, part, span, freedoms, column, reach, triple,
+        slide, turn, drives, scale, mesh.mass, mesh.inertia, gravity, mesh.length, shapes, amplitude,
     )  # fmt: skip
     scale[list_amplitudes(topology)] = mesh.length
     return topology
@@ -179,6 +181,6 @@ def compute_offsets(size: Indices, part: Indices) -> tuple[Indices, Indices]:
 
 def list_amplitudes(topology: Topology) -> Indices:
     """Return the numbers of the unknowns [-] that are amplitudes of meshed links, part after part."""
-    first = topology.offset[topology.block[topology.shapes.root]] + topology.amplitude
+    first = topology.first[topology.shapes.root] + topology.amplitude
     spans = [np.arange(at, at + count) for at, count in zip(first, topology.shapes.size, strict=True)]
     return np.concatenate([*spans, np.empty(0)]).astype(np.int64)

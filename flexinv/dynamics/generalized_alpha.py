@@ -14,15 +14,14 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from flexinv.dynamics.assembly import compute_joint_rotation
 from flexinv.errors import InputError
 from flexinv.kernels.jit import jit, jit_inner
 from flexinv.kernels.records import send_by_address
 from flexinv.kernels.so3 import exp, inverse_tangent
-from flexinv.kernels.vec3 import add_to, apply, mat, mul, put_block, scale, vec, vec_at
-from flexinv.typing import Array
+from flexinv.kernels.vec3 import add_at, add_to, apply, mat, mul, put_mat, scale, vec, vec_at
+from flexinv.typing import Array, Indices
 
 DYNAMIC = 0
 STATIC = 1
@@ -112,10 +111,10 @@ def list_early_times(time: Array) -> Array:
     """Return the ends [s] of all parts of the steps between the instants ``time`` (steps + 1,); every last one is an instant."""
     ends = time[:-1, None] + np.diff(time)[:, None] * (np.arange(1, SUBSTEPS + 1) / SUBSTEPS)
     ends[:, -1] = time[1:]
-    return np.asarray(ends.reshape(-1))
+    return ends.reshape(-1)
 
 
-def list_early_rows(row: NDArray[np.int64]) -> NDArray[np.int64]:
+def list_early_rows(row: Indices) -> Indices:
     """Return the rows of the histories for `list_early_times`, (parts,) [-], from those of the ends of the steps."""
     rows = np.full((len(row), SUBSTEPS), -1, dtype=np.int64)
     rows[:, -1] = row
@@ -176,10 +175,10 @@ def apply_increment(topology, scheme, state, y):
             state.du[k] += scheme.ca * y[k]
         return
     for n in range(len(topology.parent)):
-        o = topology.offset[topology.block[n]]
+        o = topology.first[n]
         if topology.independent[n]:
-            add_to(state.d, o, vec_at(y, o))
-            add_to(state.d, o + 3, apply(inverse_tangent(vec_at(state.d, o + 3)), vec_at(y, o + 3)))
+            add_at(state.d, o, vec_at(y, o))
+            add_at(state.d, o + 3, apply(inverse_tangent(vec_at(state.d, o + 3)), vec_at(y, o + 3)))
         elif topology.freedoms[n] > 0:
             first = o + topology.column[n]
             turned = inverse_tangent(compute_joint_rotation(n, topology, state, first))
@@ -187,10 +186,10 @@ def apply_increment(topology, scheme, state, y):
                 state.d[first + k] += y[first + k]
             if topology.triple[n] >= 0:
                 at = first + topology.triple[n]
-                add_to(state.d, at, apply(turned, vec_at(y, at)))
+                add_at(state.d, at, apply(turned, vec_at(y, at)))
     shapes = topology.shapes
     for part in range(len(shapes.root)):
-        first = topology.offset[topology.block[shapes.root[part]]] + topology.amplitude[part]
+        first = topology.first[shapes.root[part]] + topology.amplitude[part]
         for k in range(shapes.size[part]):
             state.d[first + k] += y[first + k]
     if scheme.mode == DYNAMIC:
@@ -227,15 +226,15 @@ def update_unknowns(scheme, state, scale):
 def end_step(topology, scheme, state):
     """Finish a step: its end becomes the start of the next [m, rad, s]."""
     for n in range(len(topology.parent)):
-        o = topology.offset[topology.block[n]]
+        o = topology.first[n]
         if topology.independent[n]:
-            add_to(state.x[n], 0, vec_at(state.d, o))
-            put_block(state.r[n], 0, 0, mul(mat(state.r[n]), exp(vec_at(state.d, o + 3))))
+            add_to(state.x[n], vec_at(state.d, o))
+            put_mat(state.r[n], mul(mat(state.r[n]), exp(vec_at(state.d, o + 3))))
         elif topology.freedoms[n] > 0:
             first = o + topology.column[n]
             for k in range(topology.freedoms[n]):
-                add_to(state.x[n], 0, scale(state.d[first + k], vec(topology.slide[n, k])))
-            put_block(state.r[n], 0, 0, mul(mat(state.r[n]), exp(compute_joint_rotation(n, topology, state, first))))
+                add_to(state.x[n], scale(state.d[first + k], vec(topology.slide[n, k])))
+            put_mat(state.r[n], mul(mat(state.r[n]), exp(compute_joint_rotation(n, topology, state, first))))
     update_unknowns(scheme, state, topology.scale)
 
 

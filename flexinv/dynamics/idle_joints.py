@@ -82,7 +82,7 @@ def _list_passive_columns(solver: Solver) -> tuple[Indices, list[str]]:
     owner = list[str]()
     for joint in mesh.mechanism.joints:
         node = mesh.joint_node[joint.name]
-        first = int(topology.offset[topology.block[node]] + topology.column[node])
+        first = int(topology.first[node] + topology.column[node])
         columns += range(first, first + int(topology.freedoms[node]))
         owner += [joint.name] * int(topology.freedoms[node])
     return np.array(columns, dtype=np.int64), owner

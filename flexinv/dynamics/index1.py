@@ -100,14 +100,11 @@ def solve_masses(system, y):
     ties = system.border.ties
     for k in range(len(ties.a)):
         if ties.kind[k] == PULL:
-            for i in range(y.shape[1]):
-                ties.across[k, i] = 0.0
+            ties.across[k, : y.shape[1]] = 0.0
     topology = system.topology
     diagonal = system.work.diagonal
     for b in range(len(topology.size)):
-        for i in range(topology.size[b]):
-            for k in range(topology.size[b]):
-                diagonal[b, i, k] = 0.0
+        diagonal[b, : topology.size[b], : topology.size[b]] = 0.0
     _add_node_masses(system)
     for part in range(len(topology.shapes.root)):
         add_point_masses(part, system)
@@ -134,7 +131,7 @@ def _add_node_masses(system):
         m = topology.mass[n]
         inertia = mat(topology.inertia[n])
         block = diagonal[topology.block[n]]
-        columns = topology.size[topology.block[n]]
+        columns = topology.width[n]
         for k in range(columns):
             moved = vec(variation.x[n, k])
             turned = apply(inertia, vec(variation.t[n, k]))

@@ -47,7 +47,7 @@ def begin_undeformed(solver: Solver, q: Array, qd: Array, qdd: Array) -> Joints:
     for n in np.flatnonzero((t.freedoms == 1) & (mesh.q_index >= 0)):
         i = mesh.q_index[n]
         angle = np.arctan2(q[i + 1], q[i]) if mesh.kind[n] == CONTINUOUS else q[i]
-        solver.state.place[t.offset[t.block[n]] + t.column[n]] = angle
+        solver.state.place[t.first[n] + t.column[n]] = angle
     joints = compute_joint_motion(mesh, q, qd, qdd)
     fill_initial_unknowns(solver, compute_rigid_motion(mesh, q[None], qd[None], qdd[None]), joints, qd, qdd)
     return joints
@@ -60,7 +60,7 @@ def fill_initial_unknowns(solver: Solver, motion: NodalMotion, joints: Joints, q
     moved = build_coordinate_map(solver.mesh, solver.topology)
     free = np.flatnonzero(t.independent)
     held = t.freedoms > 0
-    at = t.offset[t.block[free], None] + np.arange(6)
+    at = t.first[free, None] + np.arange(6)
     s.x[free] = motion.x[0, free]
     s.r[free] = motion.rotation[0, free]
     s.x[held] = joints.p[held]
@@ -70,7 +70,7 @@ def fill_initial_unknowns(solver: Solver, motion: NodalMotion, joints: Joints, q
     s.u[at] = np.concatenate([motion.v[0, free], motion.omega[0, free]], axis=1)
     s.du[at] = np.concatenate([motion.a[0, free], motion.alpha[0, free]], axis=1)
     for n in np.flatnonzero(t.triple == 3):  # of a free joint the march takes p' in the joint frame
-        rows = t.offset[t.block[n]] + t.column[n] + np.arange(3)
+        rows = t.first[n] + t.column[n] + np.arange(3)
         s.u[rows] = joints.dp[n] @ solver.mesh.rotation[n]
         s.du[rows] = joints.ddp[n] @ solver.mesh.rotation[n]
     begin_from_state(s)
@@ -79,10 +79,13 @@ def fill_initial_unknowns(solver: Solver, motion: NodalMotion, joints: Joints, q
 def begin_from_state(state: State) -> None:
     """Let a step start from the present velocities [m/s] and accelerations [m/s^2]."""
     state.u0[:], state.du0[:], state.pseudo[:] = state.u, state.du, state.du
-    state.d[:] = 0.0
-    state.trend[:] = 0.0
-    state.bend[:] = 0.0
-    state.order[:] = 0
+    drop_increments(state)
+
+
+def drop_increments(state: State) -> None:
+    """Let nothing be known of a step: no increments [m], [rad] and no trend of them."""
+    for part in (state.d, state.trend, state.bend, state.order):
+        part[:] = 0
 
 
 def begin_step(solver: Solver, joints: Joints, scheme: Scheme, when: str) -> bool:

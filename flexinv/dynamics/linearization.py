@@ -66,7 +66,7 @@ def count_entries(solver: Solver) -> int:
     e = solver.elements
     count = int((t.size**2).sum())
     for k, order in enumerate(e.order):
-        sizes = t.size[t.block[e.nodes[k, : order + 1]]].copy()
+        sizes = t.width[e.nodes[k, : order + 1]].copy()
         sizes[1:] = 6
         count += int(sizes.sum() ** 2 - (sizes**2).sum())
     return count
@@ -117,14 +117,12 @@ def fill_sparse_entries(system, at, values):
             for q in range(count):
                 if i == q:
                     continue
-                rows = topology.size[topology.block[nodes[i]]] if i == 0 else 6
-                columns = topology.size[topology.block[nodes[q]]] if q == 0 else 6
-                for r in range(rows):
-                    for c in range(columns):
-                        work.system[r, c] = 0.0
+                rows = topology.width[nodes[i]] if i == 0 else 6
+                columns = topology.width[nodes[q]] if q == 0 else 6
+                work.system[:rows, :columns] = 0.0
                 _add_coupling(topology, system.variation, nodes, i, q, work.tangent[k], (0, 0), work.system)
-                of = topology.offset[topology.block[nodes[i]]]
-                by = topology.offset[topology.block[nodes[q]]]
+                of = topology.first[nodes[i]]
+                by = topology.first[nodes[q]]
                 n = _list(work.system, (of, rows), (by, columns), at, values, n)
 
 
@@ -165,8 +163,8 @@ def fill(system, which, out):
             for q in range(count):
                 if i != q:
                     nodes = elements.nodes[k]
-                    rows = topology.offset[topology.block[nodes[i]]]
-                    columns = topology.offset[topology.block[nodes[q]]]
+                    rows = topology.first[nodes[i]]
+                    columns = topology.first[nodes[q]]
                     _add_coupling(topology, variation, nodes, i, q, work.tangent[k], (rows, columns), whole)
     for r in range(whole.shape[0]):
         for c in range(whole.shape[1]):
@@ -182,7 +180,7 @@ def _add_coupling(topology, variation, nodes, first, second, tangent, at, out):
     """Add B_i^T K_iq B_q from row and column ``at`` on; the first node moves with all of its block, others with their six."""
     root = nodes[0]
     rows, columns = at
-    for r in range(topology.size[topology.block[root]] if first == 0 else 6):
+    for r in range(topology.width[root] if first == 0 else 6):
         by_x = vec_at(tangent[6 * first + r % 6], 6 * second)
         by_t = vec_at(tangent[6 * first + r % 6], 6 * second + 3)
         if first == 0:
@@ -198,5 +196,5 @@ def _add_coupling(topology, variation, nodes, first, second, tangent, at, out):
                 out[rows + r, columns + a] += by_x[a]
                 out[rows + r, columns + 3 + a] += by_t[a]
         else:
-            for c in range(topology.size[topology.block[root]]):
+            for c in range(topology.width[root]):
                 out[rows + r, columns + c] += compute_root_derivative(tangent, 6 * first + r, root, c, variation)

@@ -20,7 +20,7 @@ from flexinv.inverse.balance import add_step, compute_instant_energies
 from flexinv.inverse.nodal_sums import add_outboard_forces, fill_instant_forces, fill_projected_efforts
 from flexinv.kernels.jit import jit, jit_inner
 from flexinv.kernels.records import send_by_address
-from flexinv.kernels.vec3 import ZERO, add, add_to, apply, cross, mat, scale, sub, vec
+from flexinv.kernels.vec3 import ZERO, add, add_pair, apply, cross, mat, scale, sub, vec
 from flexinv.kinematics.configuration import read_coordinate
 from flexinv.kinematics.mesh import Mesh
 from flexinv.model.joint_kinds import CONTINUOUS
@@ -51,8 +51,7 @@ def build_instant_loads(mesh: Mesh, multipliers: Array) -> InstantLoads:
 def _take_wrench(frames, n, arm, force, moment, line):
     """Take a force at a lever arm and a moment, all in the world, off the wrench of a node."""
     if n >= 0:
-        add_to(line[n], 0, scale(-1.0, force))
-        add_to(line[n], 3, scale(-1.0, add(moment, cross(arm, force))))
+        add_pair(line[n], scale(-1.0, force), scale(-1.0, add(moment, cross(arm, force))))
 
 
 @jit_inner

@@ -19,17 +19,32 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from flexinv.constraints.equations import compute_gap
 from flexinv.dynamics.constraint_rows import Ties, fill_gradient
 from flexinv.kernels import vec3
 from flexinv.kernels.jit import jit_inner
 from flexinv.kernels.records import send_by_address
-from flexinv.kernels.vec3 import add, add_scaled, add_to, apply, cross, dot, mat, put_block, scale, tapply, vec, vec_at
+from flexinv.kernels.vec3 import (
+    add,
+    add_at,
+    add_pair,
+    add_scaled,
+    add_to,
+    apply,
+    cross,
+    dot,
+    mat,
+    put_block,
+    put_mat,
+    scale,
+    tapply,
+    vec,
+    vec_at,
+)
 from flexinv.kinematics.mesh import Mesh, find_attachment_node
 from flexinv.model.attachments import GasLaw, Spring, TableLaw
-from flexinv.typing import Array
+from flexinv.typing import Array, Indices, Mask
 
 TINY = float(np.finfo(float).tiny)
 LINEAR = 0
@@ -47,9 +62,9 @@ class Loads(NamedTuple):
     level : (1,) part of all loads, springs and gravity that acts [-]: 1, less while an equilibrium is approached
     """
 
-    node: NDArray[np.int64]
+    node: Indices
     place: Array
-    follower: NDArray[np.bool_]
+    follower: Mask
     wrench: Array
     effort: Array
     level: Array
@@ -97,14 +112,13 @@ def add_loads(topology, frames, variation, loads, work, want_tangent):
         moment = scale(loads.level[0], vec_at(loads.wrench[k], 3))
         local = force if loads.follower[k] else tapply(r, force)
         turn = moment if loads.follower[k] else tapply(r, moment)
-        add_to(work.wrench[n], 0, scale(-1.0, apply(r, local)))
-        add_to(work.wrench[n], 3, scale(-1.0, add(turn, cross(p, local))))
-        for c in range(topology.size[topology.block[n]] if want_tangent else 0):
+        add_pair(work.wrench[n], scale(-1.0, apply(r, local)), scale(-1.0, add(turn, cross(p, local))))
+        for c in range(topology.width[n] if want_tangent else 0):
             theta = vec(variation.t[n, c])
             if loads.follower[k]:
-                add_to(work.dwrench[n, c], 0, apply(r, cross(local, theta)))
+                add_to(work.dwrench[n, c], apply(r, cross(local, theta)))
             else:  # d(R^T F) = R^T F x theta
-                add_to(work.dwrench[n, c], 3, add(cross(theta, turn), cross(p, cross(theta, local))))
+                add_at(work.dwrench[n, c], 3, add(cross(theta, turn), cross(p, cross(theta, local))))
 
 
 # -------------------------------------------------------------------------------------- springs
@@ -121,14 +135,14 @@ class SpringRows(NamedTuple):
     slope : (springs, 3, 6) dF/dd and dF/dd' side by side [N/m], [N s/m]
     """
 
-    row: NDArray[np.int64]
+    row: Indices
     stiffness: Array
     rest: Array
     damping: Array
-    law: NDArray[np.int64]
+    law: Indices
     gas: Array
-    first: NDArray[np.int64]
-    last: NDArray[np.int64]
+    first: Indices
+    last: Indices
     pieces: Array
     slope: Array
 
@@ -144,7 +158,7 @@ def build_pulls(mesh: Mesh, constraints: Ties) -> SpringRows:
 
 def build_law_tables(
     springs: Sequence[Spring],
-) -> tuple[NDArray[np.int64], Array, NDArray[np.int64], NDArray[np.int64], Array]:
+) -> tuple[Indices, Array, Indices, Indices, Array]:
     """Return law [-], gas [N], [m], [-], first, last [-] and pieces [m], [N/m^3] ... [N] of springs, as of `SpringRows`."""
     laws = [spring.law for spring in springs]
     kind = np.array([LINEAR if x is None else GAS if isinstance(x, GasLaw) else TABLE for x in laws], dtype=np.int64)
@@ -196,7 +210,7 @@ def evaluate_spring_rows(springs, constraints, frames, level):
         # d pull = (k n + c (d' - l' n) / l) . dd + c n . dd'
         by_gap = add_scaled(scale(stiffness - damping * lengthening / length, n), damping / length, rate)
         across = vec3.msub(vec3.mscale(ratio, vec3.EYE), vec3.mscale(ratio, vec3.outer(n, n)))
-        put_block(springs.slope[k], 0, 0, vec3.mscale(-1.0, vec3.madd(vec3.outer(n, by_gap), across)))
+        put_mat(springs.slope[k], vec3.mscale(-1.0, vec3.madd(vec3.outer(n, by_gap), across)))
         put_block(springs.slope[k], 0, 3, vec3.mscale(-damping, vec3.outer(n, n)))
         for i in range(3):
             constraints.value[row + i] = law[i] - constraints.multiplier[row + i]
@@ -211,7 +225,7 @@ def fill_spring_sides(topology, springs, constraints, frames, variation):
         for i in range(3):
             row = springs.row[k] + i
             for n in range(plan.first_part[row], plan.first_part[row + 1]):
-                for j in range(plan.span[plan.part[n]], plan.span[plan.part[n] + 1]):
+                for j in range(plan.begin[n], plan.end[n]):
                     constraints.across[row, j] = 0.0
             a = constraints.a[row]
             b = constraints.b[row]
@@ -227,12 +241,12 @@ def _add_end(topology, n, sign, place, slope, frames, variation, across):
     by_gap = vec(slope)
     by_rate = vec_at(slope, 3)
     r = mat(frames.r[n])
-    o = topology.offset[topology.block[n]]
+    o = topology.first[n]
     along = tapply(r, by_gap)
     rate = tapply(r, by_rate)
     by_turn = add(cross(place, along), cross(cross(vec(frames.w[n]), place), rate))
     by_spin = cross(place, rate)
-    for k in range(topology.size[topology.block[n]]):
+    for k in range(topology.width[n]):
         moved = dot(by_gap, vec(variation.x[n, k])) + dot(by_turn, vec(variation.t[n, k]))
         across[o + k] -= sign * (moved + dot(by_rate, vec(variation.v[n, k])) + dot(by_spin, vec(variation.w[n, k])))
 
@@ -247,5 +261,5 @@ def turn_arms(topology, springs, constraints, frames, variation, dwrench):
         for n, place, sign in ((a, constraints.place_a[row], -1.0), (b, constraints.place_b[row], 1.0)):
             if n >= 0:
                 local = tapply(mat(frames.r[n]), scale(sign, vec_at(constraints.multiplier, row)))
-                for c in range(topology.size[topology.block[n]]):
-                    add_to(dwrench[n, c], 3, cross(vec(place), cross(vec(variation.t[n, c]), local)))
+                for c in range(topology.width[n]):
+                    add_at(dwrench[n, c], 3, cross(vec(place), cross(vec(variation.t[n, c]), local)))

@@ -10,7 +10,6 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from flexinv.constraints.allocation_kernel import AllocatedEfforts, AllocationWork, make_places
 from flexinv.constraints.closures import compute_gradient_rounding
@@ -21,7 +20,7 @@ from flexinv.kernels.jit import jit
 from flexinv.kernels.records import send_by_address
 from flexinv.kinematics.mesh import Mesh
 from flexinv.kinematics.tree import take_sample
-from flexinv.typing import Array
+from flexinv.typing import Array, Indices
 
 
 @send_by_address
@@ -41,7 +40,7 @@ class LoopSample(NamedTuple):
     g: Array
     tree: Array
     out: AllocatedEfforts
-    width: NDArray[np.int64]
+    width: Indices
     line: Array
 
 

@@ -15,7 +15,7 @@ from __future__ import annotations
 
 from flexinv.elements.points import add_scaled_row, take_point, write_point
 from flexinv.kernels.jit import jit_sums
-from flexinv.kernels.vec3 import add, add_scaled, add_to, apply, cross, mat, scale, sub, sum3, tapply, vec
+from flexinv.kernels.vec3 import add, add_pair, add_scaled, apply, cross, mat, scale, sub, sum3, tapply, vec
 
 
 @jit_sums
@@ -28,7 +28,7 @@ def add_point_rows(part, system, factors, want_tangent):
     topology = system.topology
     points = topology.shapes.points
     root = topology.shapes.root[part]
-    first = topology.offset[topology.block[root]] + topology.amplitude[part]
+    first = topology.first[root] + topology.amplitude[part]
     frame = mat(system.frames.r[root])
     row = points.row[part]
     stride = points.stride[part]
@@ -88,8 +88,7 @@ def _fill_force_columns(part, system, law, factors):
     by_rate = ((cv, -w[2], w[1]), (w[2], cv, -w[0]), (-w[1], w[0], cv))
     for c in range(shapes.size[part]):
         column = motion.column[own + c, begin:end]
-        for i in range(len(column)):
-            column[i] = 0.0
+        column[:] = 0.0
         _add_turned(law, mass, motion.slide[c, begin:end], column)
         if c < shapes.soft[part]:
             _add_turned(by_rate, mass, motion.rate[c, begin:end], column)
@@ -163,13 +162,11 @@ def _add_to_frame(part, system):
     for c in range(topology.reach[root]):
         column = motion.column[c, begin:end]
         pushed = add(_compute_vector_sum(column), cross(vec(system.variation.t[root, c]), total))
-        add_to(work.dwrench[root, c], 0, apply(frame, pushed))
-        add_to(work.dwrench[root, c], 3, _compute_moment_sum(place, column))
+        add_pair(work.dwrench[root, c], apply(frame, pushed), _compute_moment_sum(place, column))
     for c in range(shapes.size[part]):
         column = motion.column[own + c, begin:end]
         moment = add(_compute_moment_sum(place, column), _compute_moment_sum(motion.slide[c, begin:end], force))
-        add_to(work.dwrench[root, own + c], 0, apply(frame, _compute_vector_sum(column)))
-        add_to(work.dwrench[root, own + c], 3, moment)
+        add_pair(work.dwrench[root, own + c], apply(frame, _compute_vector_sum(column)), moment)
 
 
 @jit_sums

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from flexinv.elements.beam import fill_relative_poses, make_point
 from flexinv.kernels.jit import jit
-from flexinv.kernels.vec3 import apply, mat, put, put_block, sub, vec
+from flexinv.kernels.vec3 import apply, mat, put, put_mat, put_pair, sub, vec
 
 
 @jit
@@ -16,10 +16,13 @@ def fill_section_strains(elements, frames, scratch, out):
     for k in range(len(elements.order)):
         count = elements.order[k] + 1
         for i in range(count):
-            put(scratch.x[i], 0, vec(frames.x[elements.nodes[k, i]]))
-            put_block(scratch.r[i], 0, 0, mat(frames.r[elements.nodes[k, i]]))
+            put(scratch.x[i], vec(frames.x[elements.nodes[k, i]]))
+            put_mat(scratch.r[i], mat(frames.r[elements.nodes[k, i]]))
         fill_relative_poses(count, scratch)
         for g in range(count - 1):
             point = make_point(count, elements.shape[k, g], elements.slope[k, g], scratch)
-            put(out[k, g], 0, sub(point.stretch, vec(elements.gamma0[k, g])))
-            put(out[k, g], 3, sub(apply(point.h, point.dpsi), vec(elements.kappa0[k, g])))
+            put_pair(
+                out[k, g],
+                sub(point.stretch, vec(elements.gamma0[k, g])),
+                sub(apply(point.h, point.dpsi), vec(elements.kappa0[k, g])),
+            )

@@ -35,7 +35,7 @@ def build_coordinate_map(mesh: Mesh, topology: Topology) -> Array:
     out = np.zeros((mesh.mechanism.nv, len(topology.scale)))
     for n in np.flatnonzero(topology.freedoms):
         k = np.arange(topology.freedoms[n])
-        out[mesh.v_index[n] + k, topology.offset[topology.block[n]] + topology.column[n] + k] = 1.0
+        out[mesh.v_index[n] + k, topology.first[n] + topology.column[n] + k] = 1.0
     return out
 
 
@@ -54,7 +54,7 @@ def _make_work(mesh: Mesh, topology: Topology, tied: Ties) -> Work:
     """Scratch of a step: one right side of the tree, and one for each row of the border."""
     widest = _find_widest_block(topology)
     elements, count = mesh.elements.nodes.shape if mesh.elements.nodes.size else (0, 1)
-    size = np.append(topology.size[topology.block], 0)  # of the block of each node, and of no node, -1
+    size = np.append(topology.width, 0)  # of the block of each node, and of no node, -1
     rows = int(size[mesh.elements.nodes[:, 1:]].sum(axis=1).max(initial=0))
     damped = len(mesh.elements.damping) > 0
     sides = int(np.diff(tied.layout.first_side).max(initial=1))
@@ -199,7 +199,7 @@ class Solver:
         """
         if self.efforts is None:
             return np.empty((len(time), 0))
-        return np.asarray(self.efforts(time, before) @ build_coordinate_map(self.mesh, self.topology))
+        return self.efforts(time, before) @ build_coordinate_map(self.mesh, self.topology)
 
     def make_step_error(self, status: int, count: int, size: float, when: str, step: float = 0.0) -> ConvergenceError:
         """Return the error that says where and how the solve failed, see `make_solve_error`; size [-], step [s]."""

@@ -36,7 +36,7 @@ from flexinv.dynamics.index1 import add_missing_masses, solve_masses, update_acc
 from flexinv.dynamics.loads import add_loads, evaluate_spring_rows, fill_spring_sides, turn_arms, update_loads
 from flexinv.dynamics.tree_solver import solve_tree
 from flexinv.kernels.jit import jit, jit_inner
-from flexinv.kernels.vec3 import apply, dot, mat, put, put_block, scale, sub, tapply, vec, vec_at
+from flexinv.kernels.vec3 import apply, dot, mat, put, put_mat, scale, sub, tapply, vec, vec_at
 from flexinv.kinematics.tree import Joints
 
 # Newton stops when an increment, relative to the mechanism's length or in radians, is below this; one evaluation follows, and as
@@ -231,7 +231,7 @@ def _begin_instant(system, instants, sample):
     """Set the loads, the efforts of drives and the terms of couplings of an instant."""
     update_loads(system.loads, instants.table[sample], instants.efforts[sample])
     for k in range(instants.coupling_terms.shape[1]):
-        put(system.border.ties.coupling_terms[k], 0, vec(instants.coupling_terms[sample, k]))
+        put(system.border.ties.coupling_terms[k], vec(instants.coupling_terms[sample, k]))
 
 
 @jit_inner
@@ -262,11 +262,11 @@ def find_overturned_element(topology, elements, scheme, state, frames):
         root = elements.nodes[k, 0]
         for i in range(1, elements.order[k] + 1):
             n = elements.nodes[k, i]
-            turn = vec_at(state.d, topology.offset[topology.block[n]] + 3)
+            turn = vec_at(state.d, topology.first[n] + 3)
             if dot(turn, turn) > NO_SLIP * NO_SLIP:
                 carried = scale(scheme.h, vec(frames.w[root]))
                 if topology.independent[root]:
-                    carried = vec_at(state.d, topology.offset[topology.block[root]] + 3)
+                    carried = vec_at(state.d, topology.first[root] + 3)
                 apart = sub(turn, tapply(mat(frames.r[n]), apply(mat(frames.r[root]), carried)))
                 if not dot(apart, apart) <= np.pi * np.pi:
                     return k
@@ -283,8 +283,7 @@ def apply_impact(system, joints, y):
     state = system.state
     evaluate(system, generalized_alpha.ACCELERATIONS, joints, True)
     evaluate_ties(ties, state, system.frames, RATES)
-    for i in range(y.shape[1]):
-        system.work.residual[0, i] = 0.0
+    system.work.residual[0, : y.shape[1]] = 0.0
     copy(ties.multiplier, ties.saved_multiplier)
     for k in range(len(ties.a)):
         if ties.kind[k] == PULL:
@@ -301,15 +300,15 @@ def apply_impact(system, joints, y):
 def write_sample(sample, frames, work, out):
     """Copy one instant into the histories [m, rad, s, N, J]."""
     for n in range(frames.x.shape[0]):
-        put_block(out.r[sample, n], 0, 0, mat(frames.r[n]))
+        put_mat(out.r[sample, n], mat(frames.r[n]))
         for history, now in (
             (out.x, frames.x), (out.v, frames.v), (out.w, frames.w), (out.a, frames.a), (out.al, frames.al),
         ):  # fmt: skip
-            put(history[sample, n], 0, vec(now[n]))
+            put(history[sample, n], vec(now[n]))
         for i in range(6):
             out.wrench[sample, n, i] = work.wrench[n, i]
     for k in range(work.internal.shape[0]):
         for point in range(work.internal.shape[1]):
             for i in range(6):
                 out.internal[sample, k, point, i] = work.internal[k, point, i]
-    put(out.energy[sample], 0, vec(work.energy))
+    put(out.energy[sample], vec(work.energy))

@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from flexinv.dynamics.constraint_rows import Ties
 from flexinv.dynamics.dofs import Topology
@@ -18,7 +17,7 @@ from flexinv.kernels.records import send_by_address
 from flexinv.kinematics.mesh import Mesh
 from flexinv.kinematics.nodal_motion import NodalMotion
 from flexinv.kinematics.tree import Frames, Joints, Variation
-from flexinv.typing import Array
+from flexinv.typing import Array, Indices, Mask
 
 
 @send_by_address
@@ -48,7 +47,7 @@ class State(NamedTuple):
     du0: Array
     saved_acceleration: Array
     place: Array
-    order: NDArray[np.int64]
+    order: Indices
 
     @classmethod
     def build_for(cls, nodes: int, unknowns: int) -> State:
@@ -151,7 +150,7 @@ class Trajectory(NamedTuple):
     internal: Array
     energy: Array
     multipliers: Array
-    iterations: NDArray[np.int64]
+    iterations: Indices
 
     @property
     def motion(self) -> NodalMotion:
@@ -162,7 +161,7 @@ class Trajectory(NamedTuple):
         """Return the samples from ``first`` to before ``last``, not copied [m, rad, s, N, J]."""
         return Trajectory._make(part[first:last] for part in self)
 
-    def write_samples(self, rows: NDArray[np.int64], other: Trajectory, mask: NDArray[np.bool_]) -> None:
+    def write_samples(self, rows: Indices, other: Trajectory, mask: Mask) -> None:
         """Write the samples of another trajectory that are ``mask`` into ``rows`` of this one [m, rad, s, N, J]."""
         for history, values in zip(self, other, strict=True):
             history[rows] = values[mask]

@@ -61,7 +61,7 @@ def _find_first_row(topology, nodes, i):
     """First row of node i among the unknowns of an element's own blocks; for i = count their number."""
     row = topology.size[0] - topology.size[0]  # zero, of the type of the sizes: one compiled version serves every call
     for q in range(1, i):
-        row += topology.size[topology.block[nodes[q]]]
+        row += topology.width[nodes[q]]
     return row
 
 
@@ -72,10 +72,8 @@ def _solve_element_blocks(topology, elements, variation, work, k, sides):
     count = elements.order[k] + 1
     system = work.system
     rows = _find_first_row(topology, nodes, count)
-    columns = topology.size[topology.block[nodes[0]]]
-    for r in range(rows):
-        for c in range(rows + columns + len(sides)):
-            system[r, c] = 0.0
+    columns = topology.width[nodes[0]]
+    system[:rows, : rows + columns + len(sides)] = 0.0
     for i in range(1, count):
         _fill_block_rows(topology, nodes, count, variation, work, work.tangent[k], i, sides)
     solve_dense(system, rows, rows + columns + len(sides))
@@ -90,7 +88,7 @@ def _fill_block_rows(topology, nodes, count, variation, work, tangent, i, sides)
     """Fill the rows of the block of node i: its own linearisation, other nodes', the first block's, and right sides."""
     system = work.system
     rows = _find_first_row(topology, nodes, count)
-    columns = topology.size[topology.block[nodes[0]]]
+    columns = topology.width[nodes[0]]
     b = topology.block[nodes[i]]
     at = _find_first_row(topology, nodes, i)
     for r in range(topology.size[b]):

@@ -42,6 +42,7 @@ from flexinv.kernels.vec3 import (
     mul,
     outer,
     put,
+    put_at,
     rows,
     scale,
     skew,
@@ -140,9 +141,9 @@ def fill_relative_poses(count, scratch):
     x0 = vec(scratch.x[0])
     for i in range(count):
         psi = log(tmul(first, mat(scratch.r[i])))
-        put(scratch.u[i], 0, vec3.sub(vec(scratch.x[i]), x0))
-        put(scratch.psi[i], 0, psi)
-        vec3.put_block(scratch.inverse[i], 0, 0, inverse_tangent(psi))
+        put(scratch.u[i], vec3.sub(vec(scratch.x[i]), x0))
+        put(scratch.psi[i], psi)
+        vec3.put_mat(scratch.inverse[i], inverse_tangent(psi))
         largest = max(largest, np.sqrt(dot(psi, psi)))
     return largest
 
@@ -212,9 +213,9 @@ def fill_point_hessian(point, stress, stiffness, w, parts):
 @jit_inner
 def write_part(numbers, row, column, m):
     """Write a matrix into a (6, 6) block that is stored as 36 numbers [any unit]."""
-    put(numbers, 6 * row + column, m[0])
-    put(numbers, 6 * row + 6 + column, m[1])
-    put(numbers, 6 * row + 12 + column, m[2])
+    put_at(numbers, 6 * row + column, m[0])
+    put_at(numbers, 6 * row + 6 + column, m[1])
+    put_at(numbers, 6 * row + 12 + column, m[2])
 
 
 @jit_inner
@@ -282,15 +283,15 @@ def fill_relative_rates(count, scratch, rates):
     v0 = vec(rates.v[0])
     w0 = vec(rates.w[0])
     world = apply(first, w0)
-    vec3.put_block(rates.spin, 0, 0, skew(world))
+    vec3.put_mat(rates.spin, skew(world))
     for i in range(count):
         inverse = mat(scratch.inverse[i])
         carried = vec3.tapply(mat(scratch.r[i]), world)  # w_0 in the frame of node i
         g = vec3.sub(vec(rates.w[i]), carried)
-        put(rates.du[i], 0, vec3.sub(vec3.sub(vec(rates.v[i]), v0), vec3.cross(world, vec(scratch.u[i]))))
-        put(rates.dpsi[i], 0, apply(inverse, g))
+        put(rates.du[i], vec3.sub(vec3.sub(vec(rates.v[i]), v0), vec3.cross(world, vec(scratch.u[i]))))
+        put(rates.dpsi[i], apply(inverse, g))
         by_psi = mul(compute_inverse_slope(vec(scratch.psi[i]), g, 1.0), inverse)
-        vec3.put_block(rates.turned[i], 0, 0, vec3.msub(by_psi, mul(inverse, skew(carried))))
+        vec3.put_mat(rates.turned[i], vec3.msub(by_psi, mul(inverse, skew(carried))))
 
 
 @jit_inner

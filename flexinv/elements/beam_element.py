@@ -10,9 +10,6 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-import numpy as np
-from numpy.typing import NDArray
-
 from flexinv.elements.beam import (
     add_coupled_derivatives,
     add_rate_derivatives,
@@ -30,9 +27,24 @@ from flexinv.elements.beam_law import compute_coupled_resultants, compute_direct
 from flexinv.kernels import vec3
 from flexinv.kernels.jit import jit_inner
 from flexinv.kernels.records import send_by_address
-from flexinv.kernels.vec3 import add, block, dot, madd, mat, msub, mul, put, put_block, scale, skew, sub, vec, vec_at
+from flexinv.kernels.vec3 import (
+    add,
+    block,
+    dot,
+    madd,
+    mat,
+    msub,
+    mul,
+    put_block,
+    put_pair,
+    scale,
+    skew,
+    sub,
+    vec,
+    vec_at,
+)
 from flexinv.model.owned_cache import make_read_only
-from flexinv.typing import Array
+from flexinv.typing import Array, Indices
 
 
 @send_by_address
@@ -50,8 +62,8 @@ class Elements(NamedTuple):
     station : (elements, points) fraction of the link's length [-]; link : (elements,) index into mechanism.links
     """
 
-    order: NDArray[np.int64]
-    nodes: NDArray[np.int64]
+    order: Indices
+    nodes: Indices
     stiffness: Array
     damping: Array
     coupling: Array
@@ -62,7 +74,7 @@ class Elements(NamedTuple):
     shape: Array
     slope: Array
     station: Array
-    link: NDArray[np.int64]
+    link: Indices
 
 
 def scale_stiffness(elements: Elements, factor: float) -> Elements:
@@ -89,8 +101,7 @@ def _add_point(k, g, count, elements, scratch, rates, internal, want_tangent):
         n = add(n, n_lost)
         m = add(m, m_lost)
         lost = w * (dot(n_lost, rate.gamma) + dot(m_lost, rate.kappa))
-    put(internal, 0, n)
-    put(internal, 3, m)
+    put_pair(internal, n, m)
     couple = vec3.cross(n, point.stretch)
     _add_point_gradient(count, shape, slope, w, point, (n, m, couple), scratch.gradient)
     if want_tangent:
@@ -105,7 +116,7 @@ def _add_point(k, g, count, elements, scratch, rates, internal, want_tangent):
 @jit_inner
 def _compute_resultants(direct, coupling, k, g, gamma, kappa):
     """The stress resultants of strains, or those of damping of their rates, by the law at a point [N], [N m]."""
-    n = compute_direct_resultants(vec_at(direct[k, g], 0), gamma)
+    n = compute_direct_resultants(vec(direct[k, g]), gamma)
     m = compute_direct_resultants(vec_at(direct[k, g], 3), kappa)
     if len(coupling) > 0:
         strain = gamma[0], gamma[1], gamma[2], kappa[0], kappa[1], kappa[2]
@@ -118,7 +129,7 @@ def _compute_resultants(direct, coupling, k, g, gamma, kappa):
 @jit_inner
 def _fill_parts(direct, coupling, k, g, point, stress, w, parts):
     """Fill second derivatives at a point by the law there, of stiffness or of damping [N], [N m]."""
-    fill_point_hessian(point, stress, (vec_at(direct[k, g], 0), vec_at(direct[k, g], 3)), w, parts)
+    fill_point_hessian(point, stress, (vec(direct[k, g]), vec_at(direct[k, g], 3)), w, parts)
     if len(coupling) > 0:
         fill_coupled_part_with_zeros(parts)
         add_coupled_derivatives(point, compute_strain_slopes(point), coupling[k, g], w, parts)
@@ -130,7 +141,7 @@ def _fill_damped_parts(elements, k, g, point, rate, w, parts, by_velocity):
     none = (vec3.ZERO, vec3.ZERO, vec3.ZERO)
     _fill_parts(elements.damping, elements.damping_coupling, k, g, point, none, w, by_velocity)
     slopes = compute_rate_slopes(point, rate)
-    damping = vec_at(elements.damping[k, g], 0), vec_at(elements.damping[k, g], 3)
+    damping = vec(elements.damping[k, g]), vec_at(elements.damping[k, g], 3)
     add_rate_derivatives(point, slopes, damping, w, parts)
     if len(elements.damping_coupling) > 0:
         add_coupled_derivatives(point, slopes, elements.damping_coupling[k, g], w, parts)
@@ -144,8 +155,7 @@ def _add_point_gradient(count, shape, slope, w, point, resultants, gradient):
     by_dpsi = scale(w, vec3.tapply(point.h, m))
     by_psi = scale(w, add(vec3.tapply(point.h, couple), vec3.tapply(point.bend, m)))
     for i in range(1, count):
-        vec3.add_to(gradient[i], 0, scale(slope[i], by_du))
-        vec3.add_to(gradient[i], 3, add(scale(shape[i], by_psi), scale(slope[i], by_dpsi)))
+        vec3.add_pair(gradient[i], scale(slope[i], by_du), add(scale(shape[i], by_psi), scale(slope[i], by_dpsi)))
 
 
 @jit_inner
@@ -171,8 +181,7 @@ def fill_element_gradient(k, count, elements, scratch, rates, internal, want_tan
 @jit_inner
 def _fill_zeros(count, gradient, pairs, want_tangent):
     for i in range(count):
-        for k in range(6):
-            gradient[i, k] = 0.0
+        gradient[i, :6] = 0.0
         for j in range(count if want_tangent else 0):
             for k in range(36):
                 pairs[i, j, k] = 0.0
@@ -192,12 +201,10 @@ def fill_element_forces(count, scratch):
         inverse = mat(scratch.inverse[i])
         f = vec(scratch.gradient[i])
         by_psi = vec_at(scratch.gradient[i], 3)
-        put(scratch.forces[i], 0, f)
-        put(scratch.forces[i], 3, vec3.tapply(inverse, by_psi))
+        put_pair(scratch.forces[i], f, vec3.tapply(inverse, by_psi))
         force = sub(force, f)
         moment = sub(moment, add(vec3.tapply(r0, vec3.cross(vec(scratch.u[i]), f)), vec3.apply(inverse, by_psi)))
-    put(scratch.forces[0], 0, force)
-    put(scratch.forces[0], 3, moment)
+    put_pair(scratch.forces[0], force, moment)
 
 
 @jit_inner

@@ -24,13 +24,12 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from flexinv.elements.beam_law import compute_direct_resultants, compute_planar_coupling, compute_planar_work
 from flexinv.kernels.jit import jit_inner
 from flexinv.kernels.records import send_by_address
 from flexinv.kernels.simd import cos_sin_unfused
-from flexinv.typing import Array
+from flexinv.typing import Array, Indices
 
 POINTS_AT_ONCE = 8  # points of a block
 _LANES = np.uint64(POINTS_AT_ONCE)
@@ -70,8 +69,8 @@ class PlanarElements(NamedTuple):
     coupling : (blocks * COUPLINGS,) of all points, empty where no section is coupled [N], [N m], [N s], [N m s]
     """
 
-    order: NDArray[np.int64]
-    nodes: NDArray[np.int64]
+    order: Indices
+    nodes: Indices
     shape: Array
     slope: Array
     bend: Array

@@ -12,12 +12,11 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from flexinv.kernels.jit import jit_sums
 from flexinv.kernels.records import send_by_address
-from flexinv.kernels.vec3 import add, add_scaled, apply, cross, mat, put, put_block, sum3, vec
-from flexinv.typing import Array
+from flexinv.kernels.vec3 import add, add_scaled, apply, cross, mat, put, put_mat, sum3, vec
+from flexinv.typing import Array, Indices
 
 # Points of a part are filled up to a multiple of this many by points that have no mass: vector instructions take so many at once.
 SIDE_BY_SIDE = 8
@@ -35,10 +34,10 @@ class PartPoints(NamedTuple):
     product : (parts, amplitudes, 3, 3, amplitudes) sum m U U^T over the undeformed points of a part [kg]
     """
 
-    first: NDArray[np.int64]
-    node: NDArray[np.int64]
-    row: NDArray[np.int64]
-    stride: NDArray[np.int64]
+    first: Indices
+    node: Indices
+    row: Indices
+    stride: Indices
     place: Array
     slide: Array
     bend: Array
@@ -108,13 +107,13 @@ def fill_point_motion(part, shapes, first, state, frames, joints, motion, want_t
         dp = take_point(motion.drift, row + i, stride)
         wp = cross(w, p)
         pull = sum3(cross(al, p), cross(w, add_scaled(wp, 2.0, dp)), take_point(motion.pull, row + i, stride))
-        put(joints.p[n], 0, p)
-        put(frames.x[n], 0, add(x0, apply(r0, p)))
-        put_block(frames.r[n], 0, 0, r0)
-        put(frames.v[n], 0, add(v0, apply(r0, add(wp, dp))))
-        put(frames.w[n], 0, w)
-        put(frames.a[n], 0, add(a0, apply(r0, pull)))
-        put(frames.al[n], 0, al)
+        put(joints.p[n], p)
+        put(frames.x[n], add(x0, apply(r0, p)))
+        put_mat(frames.r[n], r0)
+        put(frames.v[n], add(v0, apply(r0, add(wp, dp))))
+        put(frames.w[n], w)
+        put(frames.a[n], add(a0, apply(r0, pull)))
+        put(frames.al[n], al)
 
 
 @jit_sums
@@ -167,8 +166,7 @@ def _fill_bent_change(part, shapes, first, state, motion):
     soft = shapes.soft[part]
     for c in range(soft):
         change = motion.change[c, begin:end]
-        for i in range(len(change)):
-            change[i] = 0.0
+        change[:] = 0.0
         for j in range(soft):
             add_scaled_row(state.du[first + j], points.bend[j, c, begin:end], change)
 

@@ -15,15 +15,14 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from flexinv.elements.beam import compute_curvature_rate, compute_tangent_slope
 from flexinv.elements.points import SIDE_BY_SIDE, PartPoints
 from flexinv.kernels.jit import jit_inner
 from flexinv.kernels.records import send_by_address
 from flexinv.kernels.so3 import coefficients, exp_with, tangent_with
-from flexinv.kernels.vec3 import EYE, ZERO, add, add_scaled, apply, dot, put, put_block, sum3, vec, vec_at
-from flexinv.typing import Array
+from flexinv.kernels.vec3 import EYE, ZERO, add, add_scaled, apply, dot, put, put_at, put_mat, sum3, vec, vec_at
+from flexinv.typing import Array, Indices, Mask
 
 
 @send_by_address
@@ -40,18 +39,18 @@ class PartShapes(NamedTuple):
     stiffness, damping : (parts, amplitudes) modal [N/m], [N s/m]
     """
 
-    part: NDArray[np.int64]
-    row: NDArray[np.int64]
+    part: Indices
+    row: Indices
     place: Array
     slide: Array
     turn: Array
     bend: Array
     whirl: Array
-    turns: NDArray[np.bool_]
-    root: NDArray[np.int64]
-    size: NDArray[np.int64]
-    soft: NDArray[np.int64]
-    link: NDArray[np.int64]
+    turns: Mask
+    root: Indices
+    size: Indices
+    soft: Indices
+    link: Indices
     stiffness: Array
     damping: Array
     points: PartPoints
@@ -94,15 +93,15 @@ def fill_shaped_motion(n, shapes, first, state, moved, joints):
         p = add_scaled(p, 0.5 * y, add(vec(shapes.slide[row, k]), slide))
         dp = add_scaled(dp, u, slide)
         ddp = add_scaled(add_scaled(ddp, du, slide), u, slide_rate)
-        put(moved[row, k], 0, slide)
+        put(moved[row, k], slide)
         if turns:
             psi = add_scaled(psi, 0.5 * y, add(vec(shapes.turn[row, k]), turn))
             rate = add_scaled(rate, u, turn)
             change = add_scaled(add_scaled(change, du, turn), u, turn_rate)
-            put(moved[row, k], 3, turn)
-    put(joints.p[n], 0, p)
-    put(joints.dp[n], 0, dp)
-    put(joints.ddp[n], 0, ddp)
+            put_at(moved[row, k], 3, turn)
+    put(joints.p[n], p)
+    put(joints.dp[n], dp)
+    put(joints.ddp[n], ddp)
     motion = Turn(psi, rate, change, coefficients(dot(psi, psi)))
     _write_turn(n, turns, motion, joints)
     return motion
@@ -114,13 +113,13 @@ def _write_turn(n, turns, motion, joints):
     psi, rate, change, q = motion
     if turns:
         tangent = tangent_with(psi, q)
-        put_block(joints.r[n], 0, 0, exp_with(psi, q))
-        put(joints.w[n], 0, apply(tangent, rate))
-        put(joints.al[n], 0, add(apply(tangent, change), apply(compute_tangent_slope(psi, rate, q, 1.0), rate)))
+        put_mat(joints.r[n], exp_with(psi, q))
+        put(joints.w[n], apply(tangent, rate))
+        put(joints.al[n], add(apply(tangent, change), apply(compute_tangent_slope(psi, rate, q, 1.0), rate)))
     else:
-        put_block(joints.r[n], 0, 0, EYE)
-        put(joints.w[n], 0, ZERO)
-        put(joints.al[n], 0, ZERO)
+        put_mat(joints.r[n], EYE)
+        put(joints.w[n], ZERO)
+        put(joints.al[n], ZERO)
 
 
 @jit_inner
@@ -181,18 +180,18 @@ def fill_shaped_variation(n, shapes, columns, state, moved, motion, variation, f
     for k in range(shapes.size[shapes.part[n]]):
         slide_rate, slide_change, turn_rate, turn_change = _compute_shape_rates(n, k, shapes, first, state)
         slide = vec(moved[row, k])
-        put(variation.x[n, column + k], 0, slide)
-        put(variation.v[n, column + k], 0, add_scaled(slide_rate, cv, slide))
-        put(variation.a[n, column + k], 0, add_scaled(add_scaled(slide_change, 2.0 * cv, slide_rate), ca, slide))
+        put(variation.x[n, column + k], slide)
+        put(variation.v[n, column + k], add_scaled(slide_rate, cv, slide))
+        put(variation.a[n, column + k], add_scaled(add_scaled(slide_change, 2.0 * cv, slide_rate), ca, slide))
         if shapes.turns[row]:
             turn = vec_at(moved[row, k], 3)
             of_rate = add_scaled(turn_rate, cv, turn)
             of_change = add_scaled(add_scaled(turn_change, 2.0 * cv, turn_rate), ca, turn)
             across = add(apply(compute_tangent_slope(psi, of_rate, q, 1.0), rate), apply(by_rate, of_rate))
-            put(variation.t[n, column + k], 0, apply(tangent, turn))
-            put(variation.w[n, column + k], 0, add(apply(by_rate, turn), apply(tangent, of_rate)))
+            put(variation.t[n, column + k], apply(tangent, turn))
+            put(variation.w[n, column + k], add(apply(by_rate, turn), apply(tangent, of_rate)))
             still = sum3(apply(tangent, of_change), apply(by_change, turn), apply(twice, turn))
-            put(variation.al[n, column + k], 0, add(still, across))
+            put(variation.al[n, column + k], add(still, across))
 
 
 @jit_inner
@@ -201,7 +200,7 @@ def turn_shapes(n, shapes, motion, moved):
     row = shapes.row[n]
     tangent = tangent_with(motion.psi, motion.q)
     for k in range(shapes.size[shapes.part[n]]):
-        put(moved[row, k], 3, apply(tangent, vec_at(moved[row, k], 3)))
+        put_at(moved[row, k], 3, apply(tangent, vec_at(moved[row, k], 3)))
 
 
 def build_no_shapes(nodes: int) -> PartShapes:
@@ -209,9 +208,7 @@ def build_no_shapes(nodes: int) -> PartShapes:
     return build_shapes(np.full(nodes, -1), [], [], [])
 
 
-def build_shapes(
-    part: NDArray[np.int64], nodes: list[ShapedNode], masses: list[ShapedNode], parts: list[PartLaw]
-) -> PartShapes:
+def build_shapes(part: Indices, nodes: list[ShapedNode], masses: list[ShapedNode], parts: list[PartLaw]) -> PartShapes:
     """Return the record of parts [N/m], [N s/m] and of the nodes that their amplitudes move [m], [-], [rad/m].
 
     part : (nodes of the mechanism,) as in `PartShapes`; nodes, masses, parts : in the order of their numbers
@@ -234,9 +231,7 @@ def build_shapes(
     )
 
 
-def _build_points(
-    part: NDArray[np.int64], masses: list[ShapedNode], parts: list[PartLaw], sizes: tuple[int, int]
-) -> PartPoints:
+def _build_points(part: Indices, masses: list[ShapedNode], parts: list[PartLaw], sizes: tuple[int, int]) -> PartPoints:
     """Tables of the point masses, part after part; ``sizes`` : amplitudes, and those with second derivatives."""
     most, softest = sizes
     node = np.array([one.number for one in masses], dtype=np.int64)

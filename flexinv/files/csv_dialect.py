@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 from flexinv.errors import InputError
 from flexinv.files.toml_tables import make_input_error
+from flexinv.validation import find_nearest_word
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -81,6 +82,11 @@ def read_csv_head(path: Path, dialect: CsvDialect, rows: int) -> pd.DataFrame:
     options: dict[str, Any] = {"header": 0, "index_col": False, "nrows": rows, "dtype": str, "keep_default_na": False}
     with path.open("rb") as stream:
         return _run_pandas(path, dialect, lambda: pd.read_csv(stream, **_make_options(path, dialect), **options))
+
+
+def find_nearest_csv(path: Path) -> str | None:
+    """Return the name of the CSV file beside a path that is most like its own [words], None where none is."""
+    return find_nearest_word(path.name, sorted(p.name for p in path.parent.glob("*.csv")))
 
 
 def _make_options(path: Path, dialect: CsvDialect) -> dict[str, Any]:

@@ -19,6 +19,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from flexinv.files import case_schema as schema
+from flexinv.files.csv_dialect import find_nearest_csv
 from flexinv.files.toml_tables import Location, check_table, check_table_names, make_input_error, read_bytes
 from flexinv.files.values import UNITS
 from flexinv.model import rules
@@ -375,11 +376,7 @@ def read_samples(path: Path, mechanism: Mechanism, largest_gap: float | None) ->
 
 def _read_rows(path: Path) -> Iterator[tuple[int, list[str]]]:
     """Lines that are not empty, with their numbers."""
-    near = (
-        find_nearest_word(path.name, sorted(p.name for p in path.parent.glob("*.csv")))
-        if path.parent.is_dir()
-        else None
-    )
+    near = find_nearest_csv(path)
     data = read_bytes(path, LARGEST_FILE, "a CSV file", near or "the name of a file that exists", "fewer samples")
     try:
         reader = csv.reader(io.StringIO(data.decode("utf-8-sig"), newline=""), strict=True)

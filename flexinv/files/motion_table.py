@@ -15,7 +15,14 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from flexinv.errors import InputError
-from flexinv.files.csv_dialect import CsvDialect, Share, read_csv_dialect, read_csv_head, read_csv_parts
+from flexinv.files.csv_dialect import (
+    CsvDialect,
+    Share,
+    find_nearest_csv,
+    read_csv_dialect,
+    read_csv_head,
+    read_csv_parts,
+)
 from flexinv.files.header_words import SLOW_SAMPLES, TIMES, find_header_unit, find_time_unit
 from flexinv.files.motion_columns import (
     SENSES,
@@ -31,7 +38,7 @@ from flexinv.files.toml_tables import make_input_error
 from flexinv.model.joint_kinds import KINDS
 from flexinv.model.mechanism import Mechanism
 from flexinv.typing import Array
-from flexinv.validation import check_finite_array, check_number, find_nearest_word
+from flexinv.validation import check_finite_array, check_number
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -273,11 +280,7 @@ def _check_motion_file(path: Path) -> None:
     words = describe_kind(path)
     if not words and path.name.lower().endswith((".csv", ".csv.gz", ".txt")):
         return
-    near = (
-        find_nearest_word(path.name, sorted(p.name for p in path.parent.glob("*.csv")))
-        if path.parent.is_dir()
-        else None
-    )
+    near = find_nearest_csv(path)
     if words:
         said = "there is no such file" if words == MISSING else words
         raise make_input_error(str(path), said, "a motion as a CSV file", near or "the name of a file that exists")

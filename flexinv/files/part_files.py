@@ -15,12 +15,11 @@ from typing import Any
 
 import numpy as np
 import scipy  # its parts are loaded when they are asked for
-from numpy.typing import NDArray
 
 from flexinv.files.regular_files import NotRegularFile, read_regular
 from flexinv.files.toml_tables import make_input_error
 from flexinv.model.part import CELL_KINDS, SparseMatrix
-from flexinv.typing import Array
+from flexinv.typing import Array, Indices
 
 LARGEST_MESH = 1 << 29  # bytes: some 5e6 nodes as text, far beyond what is factored here
 FORMATS = {
@@ -48,8 +47,8 @@ class FileMesh:
     """
 
     points: Array
-    cells: tuple[tuple[str, NDArray[np.int64], tuple[str, ...]], ...]
-    sets: Mapping[str, NDArray[np.int64]]
+    cells: tuple[tuple[str, Indices, tuple[str, ...]], ...]
+    sets: Mapping[str, Indices]
     notes: tuple[str, ...]
 
 
@@ -78,7 +77,7 @@ def _list_solids(path: Path, mesh: Any) -> list[int]:
     return solid
 
 
-def _collect_sets(mesh: Any, by_cell: Mapping[str, list[NDArray[np.int64]]]) -> dict[str, NDArray[np.int64]]:
+def _collect_sets(mesh: Any, by_cell: Mapping[str, list[Indices]]) -> dict[str, Indices]:
     """Sets of nodes by name: those of the file, and the nodes of its sets of cells."""
     sets = {name: np.unique(nodes).astype(np.int64) for name, nodes in mesh.point_sets.items()}
     for name, parts in by_cell.items():
@@ -89,8 +88,8 @@ def _collect_sets(mesh: Any, by_cell: Mapping[str, list[NDArray[np.int64]]]) -> 
 
 
 def _split_block(
-    block: Any, number: int, by_cell: Mapping[str, list[NDArray[np.int64]]]
-) -> list[tuple[str, NDArray[np.int64], tuple[str, ...]]]:
+    block: Any, number: int, by_cell: Mapping[str, list[Indices]]
+) -> list[tuple[str, Indices, tuple[str, ...]]]:
     """The cells of a block in groups that are in the same sets."""
     member = np.zeros((len(block.data), len(by_cell)), dtype=bool)
     for column, parts in enumerate(by_cell.values()):

@@ -7,7 +7,6 @@ from collections.abc import Mapping
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import Field
 
 from flexinv.errors import InputError, ModelWarning
@@ -18,7 +17,7 @@ from flexinv.files.toml_tables import Location, Table, check_table, format_toml,
 from flexinv.files.values import Name, NotNegative, Number, Positive, Text, Vector
 from flexinv.model.links import Placement
 from flexinv.model.part import Cells, Material, MeshedPart, PartInterface, SparseMatrix
-from flexinv.typing import Array
+from flexinv.typing import Array, Indices
 from flexinv.validation import find_nearest_word
 
 # Beyond these a number is in another system of units, as a rule mm, t and s.
@@ -219,7 +218,7 @@ def _read_matrices(table: MeshLinkTable, place: Placement, where: Location) -> t
 
 
 def _choose_material(
-    block: tuple[str, NDArray[np.int64], tuple[str, ...]],
+    block: tuple[str, Indices, tuple[str, ...]],
     materials: Mapping[str, Material],
     general: Material | None,
     where: Location,
@@ -317,11 +316,11 @@ def _compute_distances(table: InterfaceTable, points: Array, where: Location) ->
     return np.asarray(np.maximum(low - points, points - high).max(axis=1).clip(0.0))
 
 
-def _read_direction(vector: Any, key: str, where: Location) -> NDArray[np.float64]:
+def _read_direction(vector: Any, key: str, where: Location) -> Array:
     given = np.array([read_finite_number(part) for part in vector])
     length = float(np.linalg.norm(given))
     if length == 0.0:
         raise where.make_error(
             key, f"{key} = {format_toml(list(vector))}", "a direction other than zero [-]", f"{key} = [1, 0, 0]"
         )
-    return np.asarray(given / length)
+    return given / length

@@ -121,7 +121,7 @@ def compute_drive_efforts(
     """Return rotor_inertia qdd, if ``passive`` + damping qd + friction direction (sign(qd) or given), (samples, nv) [N m, N]."""
     law = build_joint_laws(mechanism)
     if not passive:
-        return np.asarray(law.rotor * qdd)
+        return law.rotor * qdd
     effort = np.asarray(compute_moving_effort(law, qd, qdd))
     if np.any(law.friction):
         effort += compute_resisting_effort(

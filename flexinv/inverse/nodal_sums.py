@@ -9,14 +9,13 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from flexinv.elements.joint_law import compute_joint_effort, take_joint_law
 from flexinv.kernels.jit import jit, jit_inner
 from flexinv.kernels.records import send_by_address
-from flexinv.kernels.vec3 import add, add_to, apply, cross, dot, mat, put, scale, sub, tapply, vec, vec_at
+from flexinv.kernels.vec3 import add, add_pair, apply, cross, dot, mat, put, put_pair, scale, sub, tapply, vec, vec_at
 from flexinv.kinematics.configuration import read_coordinate
-from flexinv.typing import Array
+from flexinv.typing import Array, Indices
 
 
 @jit_inner
@@ -48,8 +47,8 @@ def fill_nodal_forces(masses, frames, force, moment):
             a = frames.a[s, n]
             al = frames.al[s, n]
             p, q = compute_nodal_force(masses.mass[n], masses.inertia[n], gravity, r, w, a, al)
-            put(force[s, n], 0, p)
-            put(moment[s, n], 0, q)
+            put(force[s, n], p)
+            put(moment[s, n], q)
 
 
 @jit
@@ -63,8 +62,7 @@ def fill_outboard_sums(parent, x, force, moment, out):
 def fill_sample_sums(parent, x, force, moment, line):
     """Set ``line`` (nodes, 6) to the force [N] and moment [N m] on and beyond every node at one sample, moments about it."""
     for n in range(parent.shape[0]):
-        put(line[n], 0, vec(force[n]))
-        put(line[n], 3, vec(moment[n]))
+        put_pair(line[n], vec(force[n]), vec(moment[n]))
     add_outboard_forces(parent, x, line)
 
 
@@ -74,9 +72,8 @@ def add_outboard_forces(parent, x, line):
     for n in range(parent.shape[0] - 1, -1, -1):
         m = parent[n]
         if m >= 0:
-            push = vec_at(line[n], 0)
-            add_to(line[m], 0, push)
-            add_to(line[m], 3, add(vec_at(line[n], 3), cross(sub(vec(x[n]), vec(x[m])), push)))
+            push = vec(line[n])
+            add_pair(line[m], push, add(vec_at(line[n], 3), cross(sub(vec(x[n]), vec(x[m])), push)))
 
 
 @jit
@@ -86,8 +83,7 @@ def fill_sums_in_frames(parent, nodes, x, rotation, force, moment, line, out):
         fill_sample_sums(parent, x[s], force[s], moment[s], line)
         for k in range(nodes.shape[0]):
             turn = mat(rotation[s, nodes[k]])
-            put(out[k, s], 0, tapply(turn, vec_at(line[nodes[k]], 0)))
-            put(out[k, s], 3, tapply(turn, vec_at(line[nodes[k]], 3)))
+            put_pair(out[k, s], tapply(turn, vec(line[nodes[k]])), tapply(turn, vec_at(line[nodes[k]], 3)))
 
 
 @send_by_address
@@ -98,7 +94,7 @@ class Drives(NamedTuple):
     law : (5, nodes) as `mechanism.Mechanism.drive_table`
     """
 
-    freedoms: NDArray[np.int64]
+    freedoms: Indices
     slide: Array
     turn: Array
     law: Array
@@ -126,8 +122,7 @@ def fill_instant_forces(masses, frames, line):
         a = frames.a[n]
         al = frames.al[n]
         force, moment = compute_nodal_force(masses.mass[n], masses.inertia[n], gravity, r, w, a, al)
-        put(line[n], 0, force)
-        put(line[n], 3, moment)
+        put_pair(line[n], force, moment)
 
 
 @jit_inner
@@ -137,7 +132,7 @@ def fill_projected_efforts(nodes, drives, frames, line, motion, tau):
     for n in range(nodes.parent.shape[0]):
         if drives.freedoms[n] > 0:
             turned = mat(frames.r[n])
-            force = tapply(turned, vec_at(line[n], 0))
+            force = tapply(turned, vec(line[n]))
             moment = tapply(turned, vec_at(line[n], 3))
             law = take_joint_law(drives.law, n)
             place = read_coordinate(n, nodes, q) if law.stiffness != 0.0 else law.rest
@@ -158,19 +153,19 @@ class Skeleton(NamedTuple):
     root, end : (beams,) first and last section; straight : (beams, 3) from one to the other, stress-free, in the first [m]
     """
 
-    parent: NDArray[np.int64]
+    parent: Indices
     mass: Array
     inertia: Array
     gravity: Array
-    freedoms: NDArray[np.int64]
-    v_index: NDArray[np.int64]
+    freedoms: Indices
+    v_index: Indices
     slide: Array
     turn: Array
-    joint: NDArray[np.int64]
-    tip: NDArray[np.int64]
+    joint: Indices
+    tip: Indices
     point: Array
-    root: NDArray[np.int64]
-    end: NDArray[np.int64]
+    root: Indices
+    end: Indices
     straight: Array
 
 
@@ -230,11 +225,11 @@ def fill_second_step(skeleton, moving, given, line, out):
         tau = _fill_efforts(s, skeleton, moving, given, line, out)
         for i in range(len(skeleton.tip)):
             n = skeleton.tip[i]
-            put(out.tip[i, s], 0, add(vec(moving.x[s, n]), apply(mat(moving.r[s, n]), vec(skeleton.point[i]))))
+            put(out.tip[i, s], add(vec(moving.x[s, n]), apply(mat(moving.r[s, n]), vec(skeleton.point[i]))))
         for i in range(len(skeleton.root)):
             n = skeleton.root[i]
             along = tapply(mat(moving.r[s, n]), sub(vec(moving.x[s, skeleton.end[i]]), vec(moving.x[s, n])))
-            put(out.deflection[i, s], 0, sub(along, vec(skeleton.straight[i])))
+            put(out.deflection[i, s], sub(along, vec(skeleton.straight[i])))
         kinetic, potential, moved = _fill_energies(s, skeleton, moving, given, out)
         energy = kinetic + potential + given.energy[s, 0]
         before = supplied
@@ -268,8 +263,8 @@ def _fill_forces(s, skeleton, moving, given, out):
             power += dot(force, vec(moving.v[s, n])) + dot(moment, apply(mat(r), vec(w)))
             p = sub(p, force)
             q = sub(q, moment)
-        put(out.force[s, n], 0, p)
-        put(out.moment[s, n], 0, q)
+        put(out.force[s, n], p)
+        put(out.moment[s, n], q)
     return power
 
 
@@ -280,9 +275,9 @@ def _fill_efforts(s, skeleton, moving, given, line, out):
     for n in range(len(skeleton.parent)):
         if skeleton.freedoms[n] > 0:
             turned = mat(moving.r[s, n])
-            force = tapply(turned, vec_at(line[n], 0))
+            force = tapply(turned, vec(line[n]))
             moment = tapply(turned, vec_at(line[n], 3))
-            pull = tapply(turned, vec_at(given.wrench[s, n], 0))
+            pull = tapply(turned, vec(given.wrench[s, n]))
             twist = vec_at(given.wrench[s, n], 3)
             for i in range(skeleton.freedoms[n]):
                 v = skeleton.v_index[n] + i
@@ -295,8 +290,7 @@ def _fill_efforts(s, skeleton, moving, given, line, out):
     for j in range(len(skeleton.joint)):
         n = skeleton.joint[j]
         turned = mat(moving.r[s, skeleton.joint[j]])
-        put(out.wrench[j, s], 0, tapply(turned, vec_at(line[n], 0)))
-        put(out.wrench[j, s], 3, tapply(turned, vec_at(line[n], 3)))
+        put_pair(out.wrench[j, s], tapply(turned, vec(line[n])), tapply(turned, vec_at(line[n], 3)))
     return power
 
 
@@ -328,10 +322,9 @@ def _fill_energies(s, skeleton, moving, given, out):
         push = add(push, p)
         turn = add(turn, add(cross(place, p), q))
         if skeleton.parent[n] < 0:
-            force = vec_at(given.wrench[s, n], 0)
+            force = vec(given.wrench[s, n])
             moment = apply(turned, vec_at(given.wrench[s, n], 3))
             base_push = add(base_push, force)
             base_turn = add(base_turn, add(cross(place, force), moment))
-    put(out.momentum[s], 0, sub(base_push, push))
-    put(out.momentum[s], 3, sub(base_turn, turn))
+    put_pair(out.momentum[s], sub(base_push, push), sub(base_turn, turn))
     return kinetic, potential, power

@@ -13,7 +13,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from flexinv.errors import ConvergenceError, InputError
 from flexinv.inverse.inverse_dynamics import NodalForces, compute_nodal_forces, compute_projected_efforts
@@ -23,7 +22,7 @@ from flexinv.parts.craig_bampton import Reduction
 from flexinv.parts.part_stress import compute_stress_shapes, compute_von_mises
 from flexinv.parts.point_masses import build_point_masses
 from flexinv.parts.reductions import find_reduction
-from flexinv.typing import Array
+from flexinv.typing import Array, Indices
 
 # Samples at which every solution compares both ways: a part of 1e5 nodes takes some milliseconds for each.
 COMPARED = 12
@@ -114,9 +113,9 @@ def _list_meshed(mesh: Mesh) -> list[int]:
     return [links.index(one.name) for one in mesh.mechanism.meshed]
 
 
-def _find_point_masses(mesh: Mesh, number: int) -> NDArray[np.int64]:
+def _find_point_masses(mesh: Mesh, number: int) -> Indices:
     of_parts = mesh.shapes.points
-    return np.asarray(of_parts.node[of_parts.first[number] : of_parts.first[number + 1]])
+    return of_parts.node[of_parts.first[number] : of_parts.first[number + 1]]
 
 
 def _find_amplitudes(mesh: Mesh, motion: NodalMotion, number: int, reduced: Reduction) -> PartMotion:
@@ -129,7 +128,7 @@ def _find_amplitudes(mesh: Mesh, motion: NodalMotion, number: int, reduced: Redu
     al = motion.alpha[:, root, None]
 
     def convert_to_frame(vector: Array) -> Array:
-        return np.asarray((back @ (vector[:, points] - vector[:, root, None])[..., None])[..., 0])
+        return (back @ (vector[:, points] - vector[:, root, None])[..., None])[..., 0]
 
     p = convert_to_frame(motion.x)
     dp = convert_to_frame(motion.v) - np.cross(w, p)

@@ -10,13 +10,12 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from flexinv.kernels.fronts import find_least_degree_order
 from flexinv.kernels.jit import jit, jit_inner
 from flexinv.kernels.records import send_by_address
-from flexinv.kernels.vec3 import ZERO, cross, dot, put, scale, transpose, vec_at
-from flexinv.typing import Array, Indices
+from flexinv.kernels.vec3 import ZERO, cross, dot, put_at, scale, transpose, vec_at
+from flexinv.typing import Array, Indices, Mask
 
 # --------------------------------------------------------------------------------------------------- Gauss elimination
 
@@ -116,9 +115,9 @@ def invert(a, size):
         two = a[k + 1]
         three = a[k + 2]
         p, q, r = transpose(inverse_transposed((vec_at(one, k), vec_at(two, k), vec_at(three, k))))
-        put(one, k, (1.0, 0.0, 0.0))
-        put(two, k, (0.0, 1.0, 0.0))
-        put(three, k, (0.0, 0.0, 1.0))
+        put_at(one, k, (1.0, 0.0, 0.0))
+        put_at(two, k, (0.0, 1.0, 0.0))
+        put_at(three, k, (0.0, 0.0, 1.0))
         for c in range(size):
             v = one[c], two[c], three[c]
             one[c] = dot(p, v)
@@ -127,7 +126,7 @@ def invert(a, size):
         for i in range(size):
             if i < k or i > k + 2:
                 x, y, z = vec_at(a[i], k)
-                put(a[i], k, ZERO)
+                put_at(a[i], k, ZERO)
                 for c in range(size):
                     a[i, c] -= x * one[c] + y * two[c] + z * three[c]
     for k in range(threes, size):
@@ -281,7 +280,7 @@ class Pivots(NamedTuple):
         return cls(row, column, np.zeros(rows))
 
 
-def build_blocks(lengths: Sequence[int], coupled: NDArray[np.bool_]) -> Blocks:
+def build_blocks(lengths: Sequence[int], coupled: Mask) -> Blocks:
     """Return the blocks of rows [-] with these numbers of rows, one behind the other.
 
     coupled : (what they share, blocks) which blocks have a part in it; those that do are coupled to each other

@@ -7,10 +7,9 @@ from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from flexinv.kernels.records import send_by_address
-from flexinv.typing import Indices
+from flexinv.typing import Indices, Mask
 
 SMALL = 6  # a front of no more columns takes its child in: one loop of a chain, and no more zeros than that
 
@@ -40,7 +39,7 @@ class Fronts(NamedTuple):
     entry: Indices
 
 
-def build_fronts(pattern: NDArray[np.bool_], last: NDArray[np.bool_] | None = None) -> Fronts:
+def build_fronts(pattern: Mask, last: Mask | None = None) -> Fronts:
     """Return the fronts of a matrix [-] whose entries may stand where ``pattern`` (rows, columns) says.
 
     last : (columns,) that are eliminated after all others, and so are free where columns depend on each other
@@ -83,7 +82,7 @@ def _build_fronts(shape: tuple[int, int], entries: bytes, last: bytes) -> Fronts
     )
 
 
-def _list_rows(pattern: NDArray[np.bool_], front: dict[int, int], fronts: int) -> list[list[int]]:
+def _list_rows(pattern: Mask, front: dict[int, int], fronts: int) -> list[list[int]]:
     """Rows of the matrix of each front: a row belongs to the first that eliminates one of its columns."""
     rows: list[list[int]] = [[] for _ in range(fronts)]
     for r, row in enumerate(pattern):
@@ -108,7 +107,7 @@ def _list_sources(
 
 
 def _list_entries(
-    pattern: NDArray[np.bool_], rows: list[list[int]], local: list[dict[int, int]], start: Indices, tall: Indices
+    pattern: Mask, rows: list[list[int]], local: list[dict[int, int]], start: Indices, tall: Indices
 ) -> Indices:
     """Row and column of every entry of the matrix, and its value's place, column by column of its front."""
     entry = [
@@ -120,9 +119,7 @@ def _list_entries(
     return np.array(entry, dtype=np.int64).reshape(-1, 3)
 
 
-def find_least_degree_order(
-    pattern: NDArray[np.bool_], last: NDArray[np.bool_] | None = None
-) -> tuple[list[int], list[set[int]]]:
+def find_least_degree_order(pattern: Mask, last: Mask | None = None) -> tuple[list[int], list[set[int]]]:
     """Return columns of a pattern (rows, columns) in an order of least degree [-], and with each what is coupled to it later.
 
     last : (columns,) that come after all others

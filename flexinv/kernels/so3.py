@@ -16,7 +16,7 @@ from math import factorial
 import numpy as np
 
 from flexinv.kernels.jit import jit, jit_vector
-from flexinv.kernels.vec3 import dot, mat, put, put_block, vec
+from flexinv.kernels.vec3 import dot, mat, put, put_mat, vec
 from flexinv.typing import Array
 
 # Power series in s = t^2: A = sum (-s)^k / (2k+2)!, B = sum (-s)^k / (2k+3)!, c = sum |B_2k| s^(k-1) / (2k)!.
@@ -153,13 +153,13 @@ def log(r):
 @jit
 def _exp_many(psi, out):
     for i in range(psi.shape[0]):
-        put_block(out[i], 0, 0, exp(vec(psi[i])))
+        put_mat(out[i], exp(vec(psi[i])))
 
 
 @jit
 def _log_many(r, out):
     for i in range(r.shape[0]):
-        put(out[i], 0, log(mat(r[i])))
+        put(out[i], log(mat(r[i])))
 
 
 def exp_so3(psi: Array) -> Array:
@@ -193,4 +193,4 @@ def from_quaternion(q: Array) -> Array:
     q = np.asarray(q, dtype=float)
     q = q / np.linalg.norm(q, axis=-1, keepdims=True)
     skew = np.cross(np.eye(3), q[..., None, :3])  # (..., row, column)
-    return np.asarray(np.eye(3) + 2.0 * (q[..., 3, None, None] * skew + skew @ skew))
+    return np.eye(3) + 2.0 * (q[..., 3, None, None] * skew + skew @ skew)

@@ -14,12 +14,11 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from flexinv.kernels.fronts import Fronts
 from flexinv.kernels.jit import jit_inner
 from flexinv.kernels.records import send_by_address
-from flexinv.typing import Array
+from flexinv.typing import Array, Indices
 
 # What is left of a column over the longest column: above SURE_PIVOT it counts, below NO_PIVOT it repeats others (rounding of
 # 1e-16 in some tens of columns); between them singular values decide, whose own limit, 1e-10, lies well inside.
@@ -42,8 +41,8 @@ class FrontFactors(NamedTuple):
     scale: Array
     beta: Array
     diagonal: Array
-    pivot: NDArray[np.int64]
-    top: NDArray[np.int64]
+    pivot: Indices
+    top: Indices
     line: Array
     sums: Array
 
@@ -132,8 +131,7 @@ def _factorise_front(fronts, qr, f):
 @jit_inner
 def _compute_squares(column, top, squares):
     """Set the squares of a column (rows, lanes) from row ``top`` on."""
-    for k in range(squares.shape[0]):
-        squares[k] = 0.0
+    squares[:] = 0.0
     for i in range(top, column.shape[0]):
         for k in range(squares.shape[0]):
             squares[k] += column[i, k] * column[i, k]

@@ -36,13 +36,26 @@ def mat_at(a, first):
 
 
 @jit_vector
-def put(a, first, v):
+def put_at(a, first, v):
     """Write a vector into a one-dimensional array from ``first`` on [any unit]."""
     a[first], a[first + 1], a[first + 2] = v
 
 
 @jit_vector
-def add_to(a, first, v):
+def put(a, v):
+    """Write a vector into the first three entries of a one-dimensional array [any unit]."""
+    put_at(a, 0, v)
+
+
+@jit_vector
+def put_pair(a, v, w):
+    """Write two vectors, as of a wrench, into the first six entries of a one-dimensional array [any unit]."""
+    put_at(a, 0, v)
+    put_at(a, 3, w)
+
+
+@jit_vector
+def add_at(a, first, v):
     """Add a vector to three entries of a one-dimensional array [any unit]."""
     a[first] += v[0]
     a[first + 1] += v[1]
@@ -50,11 +63,30 @@ def add_to(a, first, v):
 
 
 @jit_vector
+def add_to(a, v):
+    """Add a vector to the first three entries of a one-dimensional array [any unit]."""
+    add_at(a, 0, v)
+
+
+@jit_vector
+def add_pair(a, v, w):
+    """Add two vectors, as of a wrench, to the first six entries of a one-dimensional array [any unit]."""
+    add_at(a, 0, v)
+    add_at(a, 3, w)
+
+
+@jit_vector
 def put_block(a, row, column, m):
     """Write a matrix into a two-dimensional array at ``row``, ``column`` [any unit]."""
-    put(a[row], column, m[0])
-    put(a[row + 1], column, m[1])
-    put(a[row + 2], column, m[2])
+    put_at(a[row], column, m[0])
+    put_at(a[row + 1], column, m[1])
+    put_at(a[row + 2], column, m[2])
+
+
+@jit_vector
+def put_mat(a, m):
+    """Write a matrix into the first three rows and columns of a two-dimensional array [any unit]."""
+    put_block(a, 0, 0, m)
 
 
 @jit_vector

@@ -9,32 +9,29 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-import numpy as np
-from numpy.typing import NDArray
-
 from flexinv.kernels.jit import jit, jit_inner
 from flexinv.kernels.records import send_by_address
 from flexinv.kernels.so3 import quadratic
-from flexinv.kernels.vec3 import ZERO, add, apply, cross, dot, mat, mul, put, put_block, scale, vec, vec_at
+from flexinv.kernels.vec3 import ZERO, add, apply, cross, dot, mat, mul, put, put_at, put_mat, scale, vec, vec_at
 from flexinv.kinematics.mesh import Mesh
 from flexinv.kinematics.tree import Joints, compute_child_motion, take_sample
 from flexinv.model.joint_kinds import CONTINUOUS, FREE, SPHERICAL
-from flexinv.typing import Array
+from flexinv.typing import Array, Indices
 
 
 @send_by_address
 class Nodes(NamedTuple):
     """The nodes of a mesh: see `mesh.Mesh` [-], [m]."""
 
-    parent: NDArray[np.int64]
-    kind: NDArray[np.int64]
+    parent: Indices
+    kind: Indices
     offset: Array
     rotation: Array
-    freedoms: NDArray[np.int64]
+    freedoms: Indices
     slide: Array
     turn: Array
-    q_index: NDArray[np.int64]
-    v_index: NDArray[np.int64]
+    q_index: Indices
+    v_index: Indices
 
 
 def build_nodes(mesh: Mesh) -> Nodes:
@@ -105,12 +102,12 @@ def _move_scalar_joint(n, nodes, q, qd, qdd, joints):
 
 @jit_inner
 def _write_joint(n, joints, p, dp, ddp, turn, w, al):
-    put(joints.p[n], 0, p)
-    put(joints.dp[n], 0, dp)
-    put(joints.ddp[n], 0, ddp)
-    put_block(joints.r[n], 0, 0, turn)
-    put(joints.w[n], 0, w)
-    put(joints.al[n], 0, al)
+    put(joints.p[n], p)
+    put(joints.dp[n], dp)
+    put(joints.ddp[n], ddp)
+    put_mat(joints.r[n], turn)
+    put(joints.w[n], w)
+    put(joints.al[n], al)
 
 
 @jit_inner
@@ -132,7 +129,7 @@ def _turn(q, first, d):
     vector = add(add(scale(real, step), scale(c, imaginary)), cross(imaginary, step))
     scalar = real * c - dot(imaginary, step)
     size = 1.0 / math.sqrt(dot(vector, vector) + scalar * scalar)
-    put(q, first, scale(size, vector))
+    put_at(q, first, scale(size, vector))
     q[first + 3] = size * scalar
 
 
@@ -162,7 +159,7 @@ def integrate_coordinates(nodes, q, d):
             move = vec_at(d, k)
             psi = vec_at(d, k + 3)
             if dot(move, move) + dot(psi, psi) > 0.0:
-                put(q, i, add(vec_at(q, i), apply(turn_of(q, i + 3), move)))
+                put_at(q, i, add(vec_at(q, i), apply(turn_of(q, i + 3), move)))
                 _turn(q, i + 3, psi)
         else:
             q[i] += d[k]

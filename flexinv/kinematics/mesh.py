@@ -17,7 +17,6 @@ from itertools import pairwise
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from flexinv.elements.beam_element import Elements
 from flexinv.elements.beam_law import split_coupling
@@ -32,7 +31,7 @@ from flexinv.model.part import MeshedPart
 from flexinv.model.section_matrices import split_mass_matrix
 from flexinv.parts.point_masses import build_point_masses
 from flexinv.parts.reductions import find_reduction
-from flexinv.typing import Array
+from flexinv.typing import Array, Indices, Mask
 
 # Axis, first coordinate in q and in the velocities, and motion subspace of a node without a joint.
 _NO_JOINT = np.zeros(3), -1, -1, np.zeros((0, 3)), np.zeros((0, 3))
@@ -56,7 +55,7 @@ class MeshPlaces:
     mechanism: Mechanism
     joint_node: dict[str, int]
     tip_node: dict[str, int]
-    section_nodes: dict[str, NDArray[np.int64]]
+    section_nodes: dict[str, Indices]
     section_stations: dict[str, Array]
     body_node: dict[tuple[str, str], int]
     interface_node: dict[tuple[str, str], int]
@@ -81,19 +80,19 @@ class Mesh(MeshPlaces):
     shapes : of meshed links, whose amplitudes move their nodes
     """
 
-    parent: NDArray[np.int64]
-    kind: NDArray[np.int64]
+    parent: Indices
+    kind: Indices
     offset: Array
     rotation: Array
     axis: Array
-    q_index: NDArray[np.int64]
-    v_index: NDArray[np.int64]
-    freedoms: NDArray[np.int64]
+    q_index: Indices
+    v_index: Indices
+    freedoms: Indices
     slide: Array
     turn: Array
     mass: Array
     inertia: Array
-    link: NDArray[np.int64]
+    link: Indices
     elements: Elements
     shapes: PartShapes
 
@@ -449,9 +448,9 @@ def find_attachment_node(mesh: MeshPlaces, at: Attachment) -> int:
     return next(mesh.joint_node[j.name] for j in mesh.mechanism.joints if j.child == at.link)
 
 
-def find_outboard_nodes(mesh: Mesh, node: int) -> NDArray[np.bool_]:
+def find_outboard_nodes(mesh: Mesh, node: int) -> Mask:
     """Return a mask (nodes,) [-] of the nodes that a node carries, itself among them."""
-    out: NDArray[np.bool_] = np.arange(mesh.size) == node
+    out: Mask = np.arange(mesh.size) == node
     for n in range(node + 1, mesh.size):
         out[n] = mesh.parent[n] >= 0 and out[mesh.parent[n]]
     return out

@@ -14,7 +14,6 @@ from math import perm
 
 import numpy as np
 import scipy  # its parts are loaded when they are asked for
-from numpy.typing import NDArray
 
 from flexinv.errors import InputError
 from flexinv.kernels.memory import make_adjacent_arrays, make_contiguous
@@ -24,7 +23,7 @@ from flexinv.kinematics.mesh import Mesh, build
 from flexinv.kinematics.tree import Frames, Joints
 from flexinv.model.joint_kinds import CIRCLE, CONTINUOUS, FREE, KINDS, POSE, ROTATION, SPHERICAL
 from flexinv.model.mechanism import Joint, Mechanism
-from flexinv.typing import Array
+from flexinv.typing import Array, Mask
 
 
 @dataclass(frozen=True)
@@ -127,6 +126,19 @@ def read_scalar_coordinate(joint: Joint, q: Array, history: bool = True) -> Arra
     return np.unwrap(np.arctan2(q[:, 1], q[:, 0])) if history else np.arctan2(q[:, 1], q[:, 0])
 
 
+def collect_scalar_places(mechanism: Mechanism, q: Array) -> Array:
+    """Return angles or lengths (samples, nv) [rad], [m] of q (samples, nq), nan of joints that have none: rotations in space."""
+    places = np.full((len(q), mechanism.nv), np.nan)
+    for joint in mechanism.joints:
+        coordinates = q[:, mechanism.q_slices[joint.name]]
+        at = mechanism.v_slices[joint.name]
+        if joint.nv == 1:
+            places[:, at] = read_scalar_coordinate(joint, coordinates)[:, None]
+        elif KINDS[joint.kind].scalar:
+            places[:, at] = coordinates
+    return places
+
+
 def compute_rigid_motion(mesh: Mesh, q: Array, qd: Array, qdd: Array) -> NodalMotion:
     """Return the nodal motion [m, rad, s] of the undeformed mechanism for q (samples, nq), qd, qdd (samples, nv).
 
@@ -205,7 +217,7 @@ def compute_nearest_difference(mechanism: Mechanism, first: Array, last: Array) 
     return out
 
 
-def list_sliding_coordinates(mechanism: Mechanism) -> NDArray[np.bool_]:
+def list_sliding_coordinates(mechanism: Mechanism) -> Mask:
     """Return a mask (nv,) [-] of the velocity coordinates that are translations, not rotations."""
     return np.array([slide for joint in mechanism.joints for slide in KINDS[joint.kind].translations], dtype=bool)
 

@@ -20,14 +20,14 @@ from flexinv.kernels.jit import jit, jit_inner
 from flexinv.kernels.records import send_by_address
 from flexinv.kernels.vec3 import (
     add,
+    add_pair,
     add_scaled,
-    add_to,
     apply,
     cross,
     mat,
     mul,
     put,
-    put_block,
+    put_mat,
     sum3,
     tapply,
     vec,
@@ -103,12 +103,12 @@ def compute_child_motion(n, m, frames, joints):
 
 @jit_inner
 def _write_frame(n, frames, position, rotation, velocity, omega, acceleration, alpha):
-    put(frames.x[n], 0, position)
-    put_block(frames.r[n], 0, 0, rotation)
-    put(frames.v[n], 0, velocity)
-    put(frames.w[n], 0, omega)
-    put(frames.a[n], 0, acceleration)
-    put(frames.al[n], 0, alpha)
+    put(frames.x[n], position)
+    put_mat(frames.r[n], rotation)
+    put(frames.v[n], velocity)
+    put(frames.w[n], omega)
+    put(frames.a[n], acceleration)
+    put(frames.al[n], alpha)
 
 
 @jit_inner
@@ -148,12 +148,12 @@ def add_parent_variation(n, m, columns, frames, joints, variation):
         dy2 = add_scaled(dwp, 2.0, own_v)
         dz = add(sum3(cross(dal, p), cross(al, own_x), cross(dw, y2)), add(cross(w, dy2), own_a))
         de = add(tapply(rj, dal), cross(e, own_t))
-        put(variation.x[n, k], 0, add(vec(variation.x[m, k]), apply(r, add(cross(t, p), own_x))))
-        put(variation.t[n, k], 0, add(tapply(rj, t), own_t))
-        put(variation.v[n, k], 0, add(vec(variation.v[m, k]), apply(r, add(cross(t, y), dy))))
-        put(variation.w[n, k], 0, add(dc, own_w))
-        put(variation.a[n, k], 0, add(vec(variation.a[m, k]), apply(r, add(cross(t, z), dz))))
-        put(variation.al[n, k], 0, add(sum3(de, own_al, cross(dc, wj)), cross(c, own_w)))
+        put(variation.x[n, k], add(vec(variation.x[m, k]), apply(r, add(cross(t, p), own_x))))
+        put(variation.t[n, k], add(tapply(rj, t), own_t))
+        put(variation.v[n, k], add(vec(variation.v[m, k]), apply(r, add(cross(t, y), dy))))
+        put(variation.w[n, k], add(dc, own_w))
+        put(variation.a[n, k], add(vec(variation.a[m, k]), apply(r, add(cross(t, z), dz))))
+        put(variation.al[n, k], add(sum3(de, own_al, cross(dc, wj)), cross(c, own_w)))
 
 
 @jit_inner
@@ -161,8 +161,7 @@ def add_wrench_to_parent(n, m, frames, joints, wrench):
     """Add the wrench of node n, [N] world and [N m] own frame, to that of its parent m."""
     force = vec(wrench[n])
     arm = cross(vec(joints.p[n]), tapply(mat(frames.r[m]), force))
-    add_to(wrench[m], 0, force)
-    add_to(wrench[m], 3, add(arm, apply(mat(joints.r[n]), vec_at(wrench[n], 3))))
+    add_pair(wrench[m], force, add(arm, apply(mat(joints.r[n]), vec_at(wrench[n], 3))))
 
 
 @jit_inner

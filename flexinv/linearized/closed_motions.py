@@ -36,7 +36,7 @@ def compute_tie_stiffness(solver: Solver, joints: Joints) -> Sparse:
         solver.state.d[unknown] = step * solver.topology.scale[unknown]
         solver.evaluate(STATICS, joints)
         solver.state.d[unknown] = 0.0
-        return np.asarray(solver.border.ties.sides[:n].T @ force)
+        return solver.border.ties.sides[:n].T @ force
 
     plan = solver.border.ties.layout  # the gradient of a row moves with the unknowns of its own nodes only
     for unknown in np.unique(plan.unknown[: plan.first_unknown[n]]).tolist():

@@ -24,11 +24,9 @@ from __future__ import annotations
 
 import warnings
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 import scipy  # its parts are loaded when they are asked for
-from numpy.typing import NDArray
 
 from flexinv.errors import InputError, ModelWarning
 from flexinv.linearized.eigenvalues import (
@@ -42,7 +40,7 @@ from flexinv.linearized.eigenvalues import (
 )
 from flexinv.linearized.first_order import Corrected, PencilRoots, compute_lu_factors, find_all_roots, find_late
 from flexinv.linearized.root_discs import ROUNDED_TERMS
-from flexinv.typing import Array, Complex, Mask, Sparse
+from flexinv.typing import Array, Complex, Mask, RealOrComplex, Sparse
 
 # Of the largest entry of C: what is below is rounding of terms that cancel, and a motion without inertia follows others.
 NO_DAMPER = 1e-12
@@ -122,7 +120,7 @@ def find_roots(mass: Sparse, damping: Sparse, stiffness: Sparse) -> Roots:
     return match_conjugate_roots(*found)
 
 
-def find_circulatory_modes(stiffness: Sparse, mass: Sparse) -> tuple[NDArray[Any], NDArray[Any], Array]:
+def find_circulatory_modes(stiffness: Sparse, mass: Sparse) -> tuple[RealOrComplex, RealOrComplex, Array]:
     """Return omega^2 (modes,) [1/s^2], by size, shapes (freedoms, modes) with unit modal mass, and error bars of omega^2.
 
     K is not symmetric: forces that turn along do work on closed paths, and omega^2 may be complex, in pairs.  Values and shapes
@@ -284,7 +282,7 @@ def _update_roots_by_newton(
 
 
 def _scale_to_unit(vector: Complex) -> Complex:
-    return np.asarray(vector / np.linalg.norm(vector))
+    return vector / np.linalg.norm(vector)
 
 
 def update_roots(parts: list[Sparse], root: Complex, x: Complex, y: Complex, shift: float) -> Corrected:
@@ -321,7 +319,7 @@ def _compute_root_change(parts: list[Sparse], terms: Array, root: Complex, x: Co
     slope = np.abs(2 * root * _compute_bilinear_form(y, parts[0], x) + _compute_bilinear_form(y, parts[1], x))
     first = _compute_quotient(terms, slope)
     second = np.sqrt(_compute_quotient(terms, np.abs(_compute_bilinear_form(y, parts[0], x))))
-    return np.asarray(np.minimum(first, second))
+    return np.minimum(first, second)
 
 
 def _compute_correction(parts: list[Sparse], s: Complex, x: Complex, y: Complex) -> Complex:
@@ -340,7 +338,7 @@ def _evaluate_residual(parts: list[Sparse], s: Complex, x: Complex, y: Complex) 
 def _compute_quotient(terms: Array, slope: Array) -> Array:
     """A quotient, infinite where it cannot be written."""
     there = slope > SMALLEST_SLOPE * terms
-    return np.asarray(np.where(there, terms / np.where(there, slope, 1.0), np.inf))
+    return np.where(there, terms / np.where(there, slope, 1.0), np.inf)
 
 
 def _compute_bilinear_form(y: Complex, part: Sparse, x: Complex) -> Complex:

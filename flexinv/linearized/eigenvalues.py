@@ -6,15 +6,14 @@ motions are found exactly where K is positive definite; what moves without stiff
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import scipy  # its parts are loaded when they are asked for
-from numpy.typing import NDArray
 
 from flexinv.dynamics.index1 import MASSLESS, NO_INERTIA
 from flexinv.errors import ConvergenceError, InputError
-from flexinv.typing import Array, Sparse
+from flexinv.typing import Array, Indices, RealOrComplex, Sparse
 
 # Of w^2 over the largest one, what rounding leaves of a freedom without stiffness.
 SOFT = 1e-12
@@ -74,12 +73,12 @@ def split_by_inertia(mass: Sparse) -> Split:
     return Split(_build_basis(massive, len(size)), _build_basis(massless, len(size)))
 
 
-def _build_columns(which: NDArray[Any], size: Array) -> tuple[NDArray[Any], ...]:
+def _build_columns(which: RealOrComplex, size: Array) -> tuple[RealOrComplex, ...]:
     """Columns of freedoms alone, of unit inertia as those of sets: thresholds compare entries of all of them."""
     return which, np.arange(len(which)), 1.0 / size[which]
 
 
-def _build_basis(parts: list[tuple[NDArray[Any], ...]], size: int) -> Sparse:
+def _build_basis(parts: list[tuple[RealOrComplex, ...]], size: int) -> Sparse:
     """Columns of all parts side by side."""
     first = 0
     shifted = []
@@ -189,7 +188,7 @@ def _compute_smallest_shift(k: Array, m: Array) -> float:
     return max(SOFT * float(np.abs(k).max(initial=0.0)) / max(float(np.abs(m).max(initial=0.0)), tiny), tiny)
 
 
-def choose_shift(squared: NDArray[Any], shift: float) -> float:
+def choose_shift(squared: RealOrComplex, shift: float) -> float:
     """Return a shift [1/s^2] as large as the slowest motion with stiffness, of omega^2 (modes,) that a small shift has shown."""
     size = np.abs(squared)
     slow = size <= shift
@@ -198,7 +197,9 @@ def choose_shift(squared: NDArray[Any], shift: float) -> float:
     return OFF_ROOT * float(size[~slow].min())
 
 
-def drop_rounded_parts(squared: NDArray[Any], shapes: NDArray[Any], known: Array) -> tuple[NDArray[Any], NDArray[Any]]:
+def drop_rounded_parts(
+    squared: RealOrComplex, shapes: RealOrComplex, known: Array
+) -> tuple[RealOrComplex, RealOrComplex]:
     """Return omega^2 (modes,) [1/s^2] that are zero or real but for what they are ``known`` to, and their shapes, real ones.
 
     A real double root comes as a pair a +- i b of shapes, of which a and b are shapes of its own.
@@ -209,7 +210,7 @@ def drop_rounded_parts(squared: NDArray[Any], shapes: NDArray[Any], known: Array
     return out, np.where(out.imag == 0.0, np.where(twin, shapes.imag, shapes.real), shapes)
 
 
-def compute_order(squared: NDArray[Any]) -> NDArray[np.int64]:
+def compute_order(squared: RealOrComplex) -> Indices:
     """Return the order of omega^2 (modes,) [1/s^2]: rising where all are real, by size where some are not.
 
     Of a pair the one comes first whose motion grows with a positive imaginary part, omega^2 = a - i b.

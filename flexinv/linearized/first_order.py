@@ -15,17 +15,16 @@ from __future__ import annotations
 import warnings
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 import scipy  # its parts are loaded when they are asked for
-from numpy.typing import NDArray
 
+from flexinv.dynamics.loads import TINY
 from flexinv.errors import ConvergenceError, ModelWarning
 from flexinv.linearized.eigenvalues import choose_shift
 from flexinv.linearized.root_counts import count_missing_roots
 from flexinv.linearized.root_discs import compute_root_discs
-from flexinv.typing import Array, Complex, Mask, Sparse
+from flexinv.typing import Array, Complex, Mask, RealOrComplex, Sparse
 
 # Of A, rows and columns of unit size: a pivot below this part is rounding, that of a motion without stiffness.
 SMALLEST_PIVOT = 1e-13
@@ -135,7 +134,7 @@ class Candidate:
 
 def find_late(root: Complex, lag: float) -> Mask:
     """Return a mask of roots [1/s] so fast that motions follow them late: A - s B has them but nearly."""
-    return np.asarray(np.abs(root) * lag > SLOW_ENOUGH)
+    return np.abs(root) * lag > SLOW_ENOUGH
 
 
 def _make_candidate(place: float, found: Corrected, discs: tuple[Complex, Array], late: Mask) -> Candidate:
@@ -155,7 +154,7 @@ def _join_both_ends(slow: PencilRoots, fast: PencilRoots) -> Iterator[tuple[floa
             np.concatenate([s[..., within], f[..., beyond]], axis=-1) for s, f in zip(slow, fast, strict=True)
         )
         yield place, (root, x, y)
-    yield float(np.sqrt(max(size.min(), np.finfo(float).tiny) * size.max())), fast
+    yield float(np.sqrt(max(size.min(), TINY) * size.max())), fast
 
 
 def _list_division_points(slow: Array, fast: Array) -> list[float]:
@@ -163,7 +162,7 @@ def _list_division_points(slow: Array, fast: Array) -> list[float]:
     count = len(fast)
     if count < 2:
         return []
-    floor = max(float(fast[-1]) * np.finfo(float).eps, np.finfo(float).tiny)
+    floor = max(float(fast[-1]) * np.finfo(float).eps, TINY)
     level = np.log(np.maximum(fast, floor))
     middle = (level[0] + level[-1]) / 2
     worth = {}
@@ -201,7 +200,7 @@ def _find_circle_radius(place: float, size: Array, bar: Array) -> float | None:
     gaps = outer > (1.0 + NO_GAP) * inner
     if not gaps.any():
         return None
-    floor = max(float(outer.max()) * np.finfo(float).eps, np.finfo(float).tiny)
+    floor = max(float(outer.max()) * np.finfo(float).eps, TINY)
     middle = np.sqrt(np.maximum(inner[gaps], floor)) * np.sqrt(outer[gaps])
     return float(middle[np.abs(np.log(middle / place)).argmin()])
 
@@ -217,7 +216,7 @@ def _solve_shift_inverse(a: Array, b: Array, shift: float) -> PencilRoots:
     """Roots of (A - shift B)^-1 B, shift + 1 / mu; of its left vectors u those of the pencil are (A - shift B)^-H u."""
     factors = compute_lu_factors(a - shift * b)
     values, left, right = scipy.linalg.eig(scipy.linalg.lu_solve(factors, b), left=True, right=True)
-    safe = np.where(values == 0.0, np.finfo(float).tiny, values)
+    safe = np.where(values == 0.0, TINY, values)
     return np.asarray(shift + 1 / safe, dtype=complex), right, scipy.linalg.lu_solve(factors, left, trans=2)
 
 
@@ -226,8 +225,8 @@ def _find_slow_roots(a: Array, b: Array, smallest: float) -> tuple[PencilRoots, 
 
     So small a shift as the ``smallest`` hides all but motions without stiffness: near the slowest others all are known.
     """
-    unit = a / np.maximum(np.abs(a).max(axis=1), np.finfo(float).tiny)[:, None]
-    unit = unit / np.maximum(np.abs(unit).max(axis=0), np.finfo(float).tiny)
+    unit = a / np.maximum(np.abs(a).max(axis=1), TINY)[:, None]
+    unit = unit / np.maximum(np.abs(unit).max(axis=0), TINY)
     if np.abs(np.diag(scipy.linalg.lu(unit, permute_l=True)[1])).min() > SMALLEST_PIVOT:
         return _solve_shift_inverse(a, b, 0.0), 0.0
     found = _solve_shift_inverse(a, b, smallest)
@@ -235,11 +234,11 @@ def _find_slow_roots(a: Array, b: Array, smallest: float) -> tuple[PencilRoots, 
     return (found if shift == smallest else _solve_shift_inverse(a, b, shift)), shift
 
 
-def compute_lu_factors(matrix: NDArray[Any]) -> tuple[NDArray[Any], NDArray[Any]]:
+def compute_lu_factors(matrix: RealOrComplex) -> tuple[RealOrComplex, RealOrComplex]:
     """LU of a matrix that may be singular: a pivot of nothing is rounding, and what it belongs to is as large as that."""
     factorise = scipy.linalg.get_lapack_funcs("getrf", (matrix,))
     factors, swaps, _ = factorise(matrix)
     pivots = np.diag(factors)
     nothing = np.flatnonzero(pivots == 0.0)
-    factors[nothing, nothing] = np.finfo(float).eps * np.abs(pivots).max(initial=np.finfo(float).tiny)
+    factors[nothing, nothing] = np.finfo(float).eps * np.abs(pivots).max(initial=TINY)
     return factors, swaps

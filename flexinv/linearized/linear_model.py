@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy  # its parts are loaded when they are asked for
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from flexinv.dynamics.solver import Solver, build_coordinate_map
 from flexinv.errors import InputError
@@ -32,7 +32,7 @@ from flexinv.model.by_value import ByValue
 from flexinv.model.joint_kinds import KINDS
 from flexinv.model.mechanism import Mechanism
 from flexinv.model.owned_cache import make_owner_cache
-from flexinv.typing import Array, Complex, Sparse
+from flexinv.typing import Array, Complex, Indices, Sparse
 from flexinv.validation import check_kind, check_names, check_whole_number
 
 # Of the largest entry of C, what rounding leaves of its symmetry where nothing is gyroscopic.
@@ -108,7 +108,7 @@ class LinearModel(ByValue):
         if self.origin is None or self.origin.mechanism.is_rigid:
             return rounding
         finer = build_refined_model(self).poles[: len(poles)]
-        return np.asarray(rounding + SAFETY * np.abs(poles - finer))
+        return rounding + SAFETY * np.abs(poles - finer)
 
     @property
     def matrices(self) -> tuple[Array, Array, Array, Array]:
@@ -218,7 +218,7 @@ def _check_accelerated(mechanism: Mechanism, accelerated: Collection[str]) -> No
         )
 
 
-def _list_driven(mechanism: Mechanism, coordinates: Array, accelerated: NDArray[np.int64]) -> list[int]:
+def _list_driven(mechanism: Mechanism, coordinates: Array, accelerated: Indices) -> list[int]:
     """Velocity coordinates with a drive that unknowns move, but for those whose acceleration is given."""
     moved = np.flatnonzero(mechanism.actuated & coordinates.any(axis=1)).tolist()
     return [v for v in moved if v not in accelerated]
@@ -378,7 +378,7 @@ def _build_outputs(
 ) -> tuple[Array, Array, tuple[str, ...], tuple[str, ...]]:
     """C, D, names and units: joints, their rates, tips."""
     mechanism = solver.mesh.mechanism
-    moved: NDArray[np.int64] = np.flatnonzero(coordinates.any(axis=1))
+    moved: Indices = np.flatnonzero(coordinates.any(axis=1))
     joints = coordinates[moved] @ basis.right
     tips = compute_tip_displacements(solver.mesh, compute_nodal_shapes(solver, basis.right), solver.frames.r)
     places = [part.T for part in tips.values()]

@@ -18,11 +18,10 @@ from __future__ import annotations
 import warnings
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 import scipy  # its parts are loaded when they are asked for
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from flexinv.constraints.continuation import find_closed_near
 from flexinv.constraints.loop_starts import find_closed_at
@@ -39,7 +38,7 @@ from flexinv.linearized.slowest_modes import find_slowest_circulatory, find_slow
 from flexinv.model.by_value import ByValue
 from flexinv.model.mechanism import Mechanism
 from flexinv.model.owned_cache import make_owner_cache
-from flexinv.typing import Array, Complex, Sparse
+from flexinv.typing import Array, Complex, RealOrComplex, Sparse
 from flexinv.validation import (
     check_kind,
     check_mapping,
@@ -70,8 +69,8 @@ class Shapes(ByValue):
     mesh: Mesh
     q: Array
     free: tuple[str, ...]
-    displacement: NDArray[Any]
-    rotation: NDArray[Any]
+    displacement: RealOrComplex
+    rotation: RealOrComplex
     position: Array
     orientation: Array
 
@@ -94,7 +93,7 @@ class Modes(Shown, Shapes):
     rounding : (modes,) what rounding of K leaves of omega^2 [1/s^2]
     """
 
-    squared: NDArray[Any]
+    squared: RealOrComplex
     friction: Array
     rounding: Array
 
@@ -186,7 +185,7 @@ def compute_modes(mesh: Mesh, q: Array, free: tuple[str, ...], count: int | None
 
 def _find_modes(
     stiffness: Sparse, mass: Sparse, allowed: Sparse, count: int | None
-) -> tuple[NDArray[Any], NDArray[Any], Array]:
+) -> tuple[RealOrComplex, RealOrComplex, Array]:
     """omega^2 [1/s^2] and shapes (unknowns, modes) of the motions that closures allow: all, or of many the slowest ones.
 
     Also bars of omega^2 where K is not symmetric, which depend on left vectors, too; zero where it is.

@@ -8,11 +8,9 @@ it is taken as constant.
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 import scipy  # its parts are loaded when they are asked for
-from numpy.typing import NDArray
 
 from flexinv.dynamics.dofs import list_amplitudes
 from flexinv.dynamics.generalized_alpha import STATICS, apply_increment, end_step
@@ -33,7 +31,7 @@ from flexinv.linearized.eigenvalues import ONE_AND_ALL, count_negative_eigenvalu
 from flexinv.linearized.slowest_modes import find_slowest_circulatory
 from flexinv.linearized.slowest_roots import find_slowest_roots
 from flexinv.model.owned_cache import make_read_only
-from flexinv.typing import Array
+from flexinv.typing import Array, RealOrComplex
 
 # How many slowest motions are looked at where a mesh has too many for all.
 SLOWEST = 30
@@ -67,11 +65,16 @@ def find_rest_position(solver: Solver, q: Array) -> tuple[Joints, Solver]:
         held.update_loads(0.0, q, nothing, nothing)
     equilibrium = find_equilibrium(held, q, "rest position for modes")
     held.solve_instant(STATICS, equilibrium, "rest position for modes")
+    copy_shape(held, solver)
+    return joints, held
+
+
+def copy_shape(held: Solver, solver: Solver) -> None:
+    """Give a solver the sections [m], [-] and amplitudes [m] of one whose joints are held."""
     sections = solver.topology.independent
     solver.state.x[sections] = held.state.x[sections]
     solver.state.r[sections] = held.state.r[sections]
     solver.state.place[list_amplitudes(solver.topology)] = held.state.place[list_amplitudes(held.topology)]
-    return joints, held
 
 
 def update_spring_forces(solver: Solver, joints: Joints) -> None:
@@ -128,7 +131,7 @@ def count_unstable_motions(solver: Solver, joints: Joints) -> tuple[int, bool]:
     return int(((squared.imag != 0.0) | (squared.real < 0.0)).sum()), few
 
 
-def compute_nodal_shapes(solver: Solver, shapes: NDArray[Any]) -> NDArray[Any]:
+def compute_nodal_shapes(solver: Solver, shapes: RealOrComplex) -> RealOrComplex:
     """Return displacement [m] (world) and rotation [rad] (own frame) of every node, (modes, nodes, 6)."""
     out = np.zeros((shapes.shape[1], solver.mesh.size, 6), dtype=shapes.dtype)
     t = solver.topology
@@ -143,7 +146,7 @@ def compute_nodal_shapes(solver: Solver, shapes: NDArray[Any]) -> NDArray[Any]:
     return out
 
 
-def _fill_point_shapes(solver: Solver, part: int, shapes: NDArray[Any], out: NDArray[Any]) -> None:
+def _fill_point_shapes(solver: Solver, part: int, shapes: RealOrComplex, out: RealOrComplex) -> None:
     """Set the displacements of a part's points, R (t x r + U y) beside that of the link frame, and its rotation t."""
     t = solver.topology
     motion = solver.work.points
@@ -151,7 +154,7 @@ def _fill_point_shapes(solver: Solver, part: int, shapes: NDArray[Any], out: NDA
     points = t.shapes.points
     node = points.node[points.first[part] : points.first[part + 1]]
     at = points.row[part] + points.stride[part] * np.arange(3) + np.arange(len(node))[:, None]  # (point, xyz)
-    first = t.offset[t.block[root]] + t.amplitude[part]
+    first = t.first[root] + t.amplitude[part]
     size = t.shapes.size[part]
     turned = np.cross(out[:, root, None, 3:], motion.place[at])
     moved = turned + np.einsum("kpi,km->mpi", motion.slide[:size, at], shapes[first : first + size])

@@ -25,13 +25,10 @@ Source: Gershgorin, 1931; Stewart, Sun, *Matrix perturbation theory*, Academic P
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 import scipy  # its parts are loaded when they are asked for
-from numpy.typing import NDArray
 
-from flexinv.typing import Array, Complex, Sparse
+from flexinv.typing import Array, Complex, Indices, Mask, RealOrComplex, Sparse
 
 # Roundings over the absolute sum of terms: sums of some tens of terms in M, C and K, of the linearisation before.
 ROUNDED_TERMS = 1e-13
@@ -46,7 +43,7 @@ LEAST_GAP = 1e-3
 SMALLEST_WEIGHT = 1e-14
 LARGEST_WEIGHT = 1e100
 
-Members = NDArray[np.bool_]
+Members = Mask
 
 
 def compute_root_discs(
@@ -126,7 +123,7 @@ def _compute_error(a: Array | Sparse, b: Array | Sparse, z: Complex, w: Complex,
     return np.asarray(centre), error
 
 
-def _match(root: Complex, centre: Complex, together: Members) -> NDArray[np.int64]:
+def _match(root: Complex, centre: Complex, together: Members) -> Indices:
     """Return the disc of each root by its number [-]: those that are ``together`` have lost their order."""
     order = np.arange(len(root))
     which = np.flatnonzero(together)
@@ -155,7 +152,7 @@ def _find_disc_sets(centre: Complex, error: Array) -> Array:
     return out
 
 
-def _join(label: NDArray[Any], some: NDArray[Any], others: NDArray[Any]) -> NDArray[Any]:
+def _join(label: RealOrComplex, some: RealOrComplex, others: RealOrComplex) -> RealOrComplex:
     """Return labels (roots,) of sets after those of ``some`` roots are joined with those of ``others``."""
     size = len(label)
     rows = np.concatenate([np.arange(size), some])

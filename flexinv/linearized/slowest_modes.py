@@ -14,7 +14,6 @@ from typing import Any
 
 import numpy as np
 import scipy  # its parts are loaded when they are asked for
-from numpy.typing import NDArray
 
 from flexinv.errors import ConvergenceError, InputError
 from flexinv.linearized.eigenvalues import (
@@ -31,7 +30,7 @@ from flexinv.linearized.eigenvalues import (
 )
 from flexinv.linearized.root_counts import count_missing_roots
 from flexinv.linearized.root_discs import compute_root_discs
-from flexinv.typing import Array, Sparse
+from flexinv.typing import Array, Indices, RealOrComplex, Sparse
 
 # A pivot of K with a unit diagonal below this part is rounding, that of a motion without stiffness: some hundreds of roundings.
 # That of a beam of n nodes is 1 / (4 n^3).
@@ -177,7 +176,7 @@ def _is_complete(k: Sparse, m: Sparse, squared: Array, count: int, massless: int
     return _count_below(k, m, float(place)) == massless + at + 1
 
 
-def find_slowest_circulatory(stiffness: Sparse, mass: Sparse, count: int) -> tuple[NDArray[Any], NDArray[Any], Array]:
+def find_slowest_circulatory(stiffness: Sparse, mass: Sparse, count: int) -> tuple[RealOrComplex, RealOrComplex, Array]:
     """Return omega^2 (count,) [1/s^2], by size, shapes (freedoms, count) of unit modal mass, and error bars; K is not symmetric.
 
     As `circulatory`, by Arnoldi's method; of a pair that the count parts both are returned.  There is no law of inertia here:
@@ -211,7 +210,7 @@ def find_slowest_circulatory(stiffness: Sparse, mass: Sparse, count: int) -> tup
 
 def _find_complete_set(
     k: Sparse, m: Sparse, shift: float, count: int, looked_for: int
-) -> tuple[NDArray[Any], NDArray[Any], NDArray[Any], tuple[NDArray[Any], Array]]:
+) -> tuple[RealOrComplex, RealOrComplex, RealOrComplex, tuple[RealOrComplex, Array]]:
     """omega^2, right and left shapes of at least ``count`` modes about a shift, none of them missed, and their discs."""
     for _ in range(MOST_DOUBLINGS + 1):
         looked_for = min(looked_for, _compute_most_modes(k))
@@ -228,7 +227,7 @@ def _find_complete_set(
     )
 
 
-def _list_slowest(squared: NDArray[Any], count: int) -> NDArray[np.int64]:
+def _list_slowest(squared: RealOrComplex, count: int) -> Indices:
     """Numbers of the ``count`` slowest modes; of a pair that the count parts both."""
     order = np.argsort(np.abs(squared), kind="stable")
     if count < len(order) and np.isclose(squared[order[count]], squared[order[count - 1]].conj()):
@@ -236,7 +235,7 @@ def _list_slowest(squared: NDArray[Any], count: int) -> NDArray[np.int64]:
     return order[:count]
 
 
-def find_krylov_eigenvalues(operator: Any, count: int, start: Array) -> tuple[NDArray[Any], NDArray[Any]]:
+def find_krylov_eigenvalues(operator: Any, count: int, start: Array) -> tuple[RealOrComplex, RealOrComplex]:
     """Return the largest eigenvalues (count,) [any unit] of an operator, and vectors, by Arnoldi's method from a start.
 
     Raises ConvergenceError where they are not found.
@@ -253,7 +252,7 @@ def find_krylov_eigenvalues(operator: Any, count: int, start: Array) -> tuple[ND
 
 def find_two_sided_eigenvalues(
     apply: Callable[[Array], Array], apply_transposed: Callable[[Array], Array], count: int, start: Array
-) -> tuple[NDArray[Any], NDArray[Any], NDArray[Any]]:
+) -> tuple[RealOrComplex, RealOrComplex, RealOrComplex]:
     """Return the largest eigenvalues (count,) [any unit] of an operator, right and left vectors (size, count) in their order.
 
     apply, apply_transposed : the operator and its transpose, on (size,); each value has the left vector of the nearest of those
@@ -270,6 +269,11 @@ def find_two_sided_eigenvalues(
         free[nearest] = False
         order.append(nearest)
     return values, right, left[:, order]
+
+
+def apply_to_columns(operator: Callable[[Array], Array], vectors: RealOrComplex) -> RealOrComplex:
+    """Return the images (size, count) of complex columns under a real operator [any unit]."""
+    return np.column_stack([operator(x.real) + 1j * operator(x.imag) for x in vectors.T])
 
 
 def find_gap_beyond(size: Array, count: int) -> float:
@@ -289,7 +293,7 @@ def refuse_loose(k: Sparse, m: Sparse) -> None:
         solve_held(scipy.sparse.csc_array(none.T @ k @ none), np.zeros((none.shape[1], 1)))
 
 
-def _run_arnoldi(k: Sparse, m: Sparse, shift: float, count: int) -> tuple[NDArray[Any], NDArray[Any], NDArray[Any]]:
+def _run_arnoldi(k: Sparse, m: Sparse, shift: float, count: int) -> tuple[RealOrComplex, RealOrComplex, RealOrComplex]:
     """omega^2 (count,), right and left shapes (freedoms, count) about a shift; left ones those of the nearest value."""
     factors = ShiftedStiffness(k + shift * m)
     if factors.least < NO_STIFFNESS:
@@ -304,6 +308,5 @@ def _run_arnoldi(k: Sparse, m: Sparse, shift: float, count: int) -> tuple[NDArra
 
     values, right, left = find_two_sided_eigenvalues(apply_inverse, apply_transposed_inverse, count, start)
     # what fast motions have of rounding is taken away: x = (K + shift M)^-1 M x / mu
-    right = np.column_stack([apply_inverse(x.real) + 1j * apply_inverse(x.imag) for x in right.T]) / values
-    left = np.column_stack([apply_transposed_inverse(x.real) + 1j * apply_transposed_inverse(x.imag) for x in left.T])
-    return 1 / values - shift, right, left
+    right = apply_to_columns(apply_inverse, right) / values
+    return 1 / values - shift, right, apply_to_columns(apply_transposed_inverse, left)

@@ -28,6 +28,7 @@ from flexinv.linearized.slowest_modes import (
     ROUNDED_PIVOT,
     SPARE_MODES,
     ShiftedStiffness,
+    apply_to_columns,
     find_gap_beyond,
     find_two_sided_eigenvalues,
     refuse_loose,
@@ -88,7 +89,7 @@ def _compute_disc_bars(parts: Terms, corrected: Corrected, shift: float, slow: M
     z = np.concatenate([x, root * x])
     w = np.concatenate([c.T @ y + root.conj() * (m.T @ y), y])
     centre, radius = compute_root_discs(a, b, root, z, w, shift)
-    return np.asarray(np.maximum(radius + np.abs(root - centre) - corrected[3][slow], 0.0))
+    return np.maximum(radius + np.abs(root - centre) - corrected[3][slow], 0.0)
 
 
 def _run_arnoldi(parts: Terms, shift: float, count: int) -> tuple[Complex, Complex, Complex]:
@@ -114,6 +115,6 @@ def _run_arnoldi(parts: Terms, shift: float, count: int) -> tuple[Complex, Compl
     start = apply_inverse(np.random.default_rng(0).standard_normal(2 * size))
     values, right, left = find_two_sided_eigenvalues(apply_inverse, apply_transposed_inverse, count, start)
     # what fast motions have of rounding is taken away: z = (A - shift B)^-1 B z / mu
-    right = np.column_stack([apply_inverse(z.real) + 1j * apply_inverse(z.imag) for z in right.T]) / values
-    y = np.column_stack([solve_left_part(u.real) + 1j * solve_left_part(u.imag) for u in left.T])
+    right = apply_to_columns(apply_inverse, right) / values
+    y = apply_to_columns(solve_left_part, left)
     return np.asarray(shift + 1 / values, dtype=complex), np.asarray(right[:size]), np.conj(y)

@@ -26,7 +26,6 @@ from numpy.typing import ArrayLike
 
 from flexinv.constraints.allocation import REDUNDANT
 from flexinv.display.card import Card, Shown
-from flexinv.dynamics.dofs import list_amplitudes
 from flexinv.dynamics.generalized_alpha import DYNAMIC, STATICS
 from flexinv.dynamics.initial_state import compute_joint_motion
 from flexinv.dynamics.linearization import Matrices, compute_matrices
@@ -48,6 +47,7 @@ from flexinv.linearized.modes import FEW, SAFETY, Shapes, convert_rates, resolve
 from flexinv.linearized.rest_position import (
     compute_nodal_shapes,
     compute_tied_matrices,
+    copy_shape,
     find_rest_position,
     update_spring_forces,
     update_start,
@@ -116,10 +116,7 @@ def build_steady_motion(mesh: Mesh, q: Array, rates: Mapping[str, float], free: 
     if any(rates.values()):
         if len(held.topology.scale):
             _find_deformed_shape(held, q, rates)
-        sections = solver.topology.independent
-        solver.state.x[sections] = held.state.x[sections]
-        solver.state.r[sections] = held.state.r[sections]
-        solver.state.place[list_amplitudes(solver.topology)] = held.state.place[list_amplitudes(held.topology)]
+        copy_shape(held, solver)
         joints = _apply_rates(solver, q, rates, 1.0)
     solver.evaluate(STATICS, joints)
     along = _build_turning(solver, rates, 1.0)
@@ -237,7 +234,7 @@ def _apply_rates(solver: Solver, q: Array, rates: Mapping[str, float], part: flo
     for name, rate in rates.items():
         qd[mesh.mechanism.v_slices[name]] = part * rate
     for n in np.flatnonzero(t.freedoms == 1):
-        solver.state.u[t.offset[t.block[n]] + t.column[n]] = qd[mesh.v_index[n]]
+        solver.state.u[t.first[n] + t.column[n]] = qd[mesh.v_index[n]]
     return compute_joint_motion(mesh, q, qd, np.zeros(mesh.mechanism.nv))
 
 
@@ -260,7 +257,7 @@ def _move_along(solver: Solver, turning: SteadyRotation) -> None:
     t = solver.topology
     s = solver.state
     for n in np.flatnonzero(t.independent):
-        o = t.offset[t.block[n]]
+        o = t.first[n]
         w = turning.rate[n]
         v = np.cross(w, s.x[n] - turning.centre[n])
         s.u[o : o + 6] = np.concatenate([v, s.r[n].T @ w])
@@ -337,7 +334,7 @@ def _compute_matrices(found: Matrices, solver: Solver, turning: SteadyRotation) 
     by_acceleration, by_rate, by_place = found
     a, b, d = (scipy.sparse.lil_array((len(t.scale), len(t.scale))) for _ in range(3))
     for n in np.flatnonzero(t.independent & turning.rate.any(axis=1)):
-        o = t.offset[t.block[n]]
+        o = t.first[n]
         rate = turning.rate[n]
         place = slice(o, o + 3)
         turn = slice(o + 3, o + 6)
@@ -377,7 +374,7 @@ class SteadyModes(Shown, Shapes):
     @property
     def frequency(self) -> Array:
         """(modes,) damped natural frequencies [Hz], zero of a motion that does not swing."""
-        return np.asarray(self.root.imag / (2 * np.pi))
+        return self.root.imag / (2 * np.pi)
 
     @property
     def root_error(self) -> Array:
@@ -389,12 +386,12 @@ class SteadyModes(Shown, Shapes):
         if self.mesh.mechanism.is_rigid:
             return self.rounding
         finer = compute_refined_steady_modes(self)
-        return np.asarray(self.rounding + SAFETY * np.abs(self.root - finer.root))
+        return self.rounding + SAFETY * np.abs(self.root - finer.root)
 
     @property
     def frequency_error(self) -> Array:
         """(modes,) error bars of the frequencies [Hz], of mesh and rounding (`root_error`)."""
-        return np.asarray(self.root_error / (2 * np.pi))
+        return self.root_error / (2 * np.pi)
 
     @property
     def damping_ratio(self) -> Array:

@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import ClassVar
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from flexinv.display.card import Card, Shown
 from flexinv.errors import InputError
@@ -36,7 +36,7 @@ from flexinv.model.links import (
     Section,
 )  # fmt: skip
 from flexinv.model.part import MeshedPart
-from flexinv.typing import Array
+from flexinv.typing import Array, Mask
 from flexinv.validation import check_kind, check_whole_number
 
 __all__ = [
@@ -225,7 +225,7 @@ class Mechanism(Shown, Frozen):
         return _list_slices([(j.name, j.nv) for j in self.joints])
 
     @cached_property
-    def actuated(self) -> NDArray[np.bool_]:
+    def actuated(self) -> Mask:
         """(nv,) which velocity coordinates have an actuator."""
         return read_only(np.array([j.actuated for j in self.joints for _ in range(j.nv)], dtype=np.bool_))
 

@@ -10,12 +10,11 @@ from dataclasses import dataclass, field
 from typing import Any, ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from flexinv.errors import InputError
 from flexinv.model import rules
 from flexinv.model.frozen import Frozen
-from flexinv.typing import Array
+from flexinv.typing import Array, Indices
 from flexinv.validation import refuse
 
 # Kind of cell, as meshio and VTK call it -> number of its nodes, in VTK's order.
@@ -29,12 +28,12 @@ TIES = {"rigid": "RBE2", "average": "RBE3"}
 STRAINS = ("xx", "yy", "zz", "yz", "xz", "xy")
 
 
-def check_indices(name: str, value: Any) -> NDArray[np.int64]:
+def check_indices(name: str, value: Any) -> Indices:
     """Return whole numbers [-], 0 or more, as a read-only array; raises InputError for others."""
     given = np.asarray(value)
     if given.dtype.kind not in "iu" or (given.size and given.min() < 0):
         refuse(name, value, "whole numbers, 0 or more")
-    held: NDArray[np.int64] = given.astype(np.int64)
+    held: Indices = given.astype(np.int64)
     held.flags.writeable = False
     return held
 
@@ -106,7 +105,7 @@ class Cells(Frozen):
     """
 
     kind: str
-    nodes: NDArray[np.int64]
+    nodes: Indices
     material: Material
     name: str = ""
 
@@ -131,8 +130,8 @@ class SparseMatrix(Frozen):
     """
 
     size: int
-    row: NDArray[np.int64]
-    column: NDArray[np.int64]
+    row: Indices
+    column: Indices
     value: Array
 
     RULES: ClassVar[rules.Rules] = {
@@ -160,7 +159,7 @@ class PartInterface(Frozen):
     """
 
     name: str
-    nodes: NDArray[np.int64]
+    nodes: Indices
     origin: Array
     tie: str = "rigid"
 

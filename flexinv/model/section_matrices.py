@@ -75,7 +75,7 @@ def scale_to_unit_strengths(matrix: Array) -> Array:
     """Return the matrix with rows and columns so scaled that its diagonal is one [-], zero where it is zero."""
     size = np.sqrt(np.abs(np.diagonal(matrix)))
     over = np.divide(1.0, size, out=np.zeros_like(size), where=size > 0.0)
-    return np.asarray(matrix * over[:, None] * over)
+    return matrix * over[:, None] * over
 
 
 def describe_asymmetry(matrix: Array) -> str:

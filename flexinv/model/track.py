@@ -189,7 +189,7 @@ def choose_continuous_signs(quaternions: Array, where: str) -> Array:
         angle = np.degrees(2.0 * np.arccos(min(1.0, abs(cosines[k]))))
         needed = "a spline of rotations needs samples less than 90 deg apart"
         raise InputError(f"{where}: turns by {angle:.0f} deg between samples {k} and {k + 1}; {needed}")
-    return np.asarray(quaternions * np.cumprod(np.concatenate([[1.0], np.sign(cosines)]))[:, None])
+    return quaternions * np.cumprod(np.concatenate([[1.0], np.sign(cosines)]))[:, None]
 
 
 def _apply_rest_outside(
@@ -212,7 +212,7 @@ def _apply_rest_outside(
 
 def _compute_product_vector(a: Array, b: Array) -> Array:
     """Vector part of conj(a) b for quaternions x, y, z, w: a_w b_v - b_w a_v - a_v x b_v."""
-    return np.asarray(a[:, 3:] * b[:, :3] - b[:, 3:] * a[:, :3] - np.cross(a[:, :3], b[:, :3]))
+    return a[:, 3:] * b[:, :3] - b[:, 3:] * a[:, :3] - np.cross(a[:, :3], b[:, :3])
 
 
 @dataclass(frozen=True, eq=False)

@@ -37,7 +37,7 @@ def draw_optimized_motion(found: OptimizedMotion) -> Figure:
         panels.append(
             Panel(f"{joint} [{unit}]", time, [Band("given", given.q[:, column]), Band("found", best.q[:, column])])
         )
-    limits = found.limits.torque or {}
+    limits = found.limits.efforts
     for number, name in enumerate(given.torque_names):
         bands = [Band("given", given.torque[:, number]), Band("found", best.torque[:, number])]
         if name in limits:

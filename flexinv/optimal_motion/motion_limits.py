@@ -47,6 +47,11 @@ class MotionLimits(ByValue):
             object.__setattr__(self, "residual", _check_positive("residual", self.residual))
 
     @property
+    def efforts(self) -> Mapping[str, float]:
+        """``torque``, and no limits where it is None [N m], [N]."""
+        return self.torque or {}
+
+    @property
     def limits_time(self) -> bool:
         """Return True if one of these keeps a motion from taking no time at all [-]."""
         return self.torque is None or any(getattr(self, name) for name in LIMITED_BY_JOINT)

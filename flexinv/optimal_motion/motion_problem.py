@@ -154,7 +154,7 @@ class MotionProblem:
         values = []
         slopes = []
         for column, joint in enumerate(given.drives):
-            limit = (self.limits.torque or {}).get(joint)
+            limit = self.limits.efforts.get(joint)
             if limit is not None:
                 part = given.peak[column] / limit
                 values.append(part * effort[:, column])

@@ -73,12 +73,8 @@ class OptimizedMotion(ByValue):
         """Quantity -> before, after, limit, nan where there is none."""
         rows = {}
         for name in self.solutions[0].torque_names:
-            after = _find_peak(self.solutions, name)
-            rows[f"torque {name}"] = (
-                _find_peak(self.before, name),
-                after,
-                (self.limits.torque or {}).get(name, np.nan),
-            )
+            before, after = (_find_peak(some, name) for some in (self.before, self.solutions))
+            rows[f"torque {name}"] = (before, after, self.limits.efforts.get(name, np.nan))
         for name in ("rate", "acceleration", "jerk"):
             for joint, limit in getattr(self.limits, name).items():
                 before, after = (

@@ -19,14 +19,13 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import scipy  # its parts are loaded when they are asked for
-from numpy.typing import NDArray
 
 from flexinv.errors import InputError
 from flexinv.model.part import MeshedPart, PartInterface
 from flexinv.parts.node_order import list_elimination_order
 from flexinv.parts.part_matrices import PartMatrices, build_part_matrices, build_rigid_motions
 from flexinv.parts.second_order import compute_second_order_forces
-from flexinv.typing import Array, Sparse
+from flexinv.typing import Array, Indices, Sparse
 
 # Modes that are asked for at once where their number follows from a frequency.
 FIRST_MODES = 16
@@ -50,7 +49,7 @@ class Reduction:
     """
 
     points: Array
-    used: NDArray[np.int64]
+    used: Indices
     mass: Sparse
     shapes: Array
     modal_mass: Array
@@ -71,7 +70,7 @@ class Reduction:
     @property
     def frequency(self) -> Array:
         """(shapes,) frequencies held at the root, all other interfaces free [Hz]."""
-        return np.asarray(np.sqrt(self.modal_stiffness / self.modal_mass) / (2.0 * np.pi))
+        return np.sqrt(self.modal_stiffness / self.modal_mass) / (2.0 * np.pi)
 
     def compute_free_frequencies(self) -> Array:
         """Return the frequencies of the part held nowhere, (shapes,) [Hz]: of its shapes, rigid motions beside them."""
@@ -90,12 +89,12 @@ class _Held(NamedTuple):
     rigid : displacements of rigid interfaces' nodes by their frames (3 n, 6 moved), average : A (6 average interfaces, free rows)
     """
 
-    free: NDArray[np.int64]
+    free: Indices
     factor: Any
     mass: Sparse
     rigid: Sparse
     average: Sparse
-    columns: NDArray[np.int64]
+    columns: Indices
 
     def solve_second_order(self, stiffness: Sparse, static: Array, force: Array, turned: Array) -> tuple[Array, Array]:
         """Return displacements (3 n, pairs) under forces of second order [N], and motions of frames (6 moved, pairs) [m], [rad].
@@ -193,7 +192,7 @@ def _compute_swung_arms(arm: Array, first: Array, second: Array) -> Array:
     b = second.T[None]
     r = arm[:, None]
     both = np.cross(a, np.cross(b, r)) + np.cross(b, np.cross(a, r))  # (node, pair, xyz)
-    return np.asarray(0.5 * both.transpose(0, 2, 1))
+    return 0.5 * both.transpose(0, 2, 1)
 
 
 def _apply_mass(mass: Sparse, columns: Array) -> Array:
@@ -202,14 +201,14 @@ def _apply_mass(mass: Sparse, columns: Array) -> Array:
     return np.asarray(mass @ columns.reshape(mass.shape[0], -1)).reshape(-1, count)
 
 
-def _find_local_nodes(found: PartMatrices, one: PartInterface) -> NDArray[np.int64]:
+def _find_local_nodes(found: PartMatrices, one: PartInterface) -> Indices:
     """Numbers of an interface's nodes among those that are used."""
     return np.searchsorted(found.used, one.nodes)
 
 
-def _list_rows(nodes: NDArray[np.int64]) -> NDArray[np.int64]:
+def _list_rows(nodes: Indices) -> Indices:
     """The three rows of each node."""
-    return np.asarray((3 * nodes[:, None] + np.arange(3)).ravel())
+    return (3 * nodes[:, None] + np.arange(3)).ravel()
 
 
 def _build_held_part(part: MeshedPart, found: PartMatrices) -> _Held:
@@ -260,7 +259,7 @@ def _compute_average(motion: Array) -> Array:
 class _Factor:
     """Solutions of K u + A^T lambda = f, A u = g."""
 
-    def __init__(self, stiffness: Sparse, average: Sparse, order: NDArray[np.int64]) -> None:
+    def __init__(self, stiffness: Sparse, average: Sparse, order: Indices) -> None:
         self.size = stiffness.shape[0]
         self.ties = average.shape[0]
         # Multipliers are scaled to the stiffness, so that pivots of both compare.

@@ -8,17 +8,16 @@ both is ordered in the same way.  Source: George, *Nested dissection of a regula
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
-from flexinv.typing import Array, Sparse
+from flexinv.typing import Array, Indices, Sparse
 
 # Nodes that are not halved any more.
 FEWEST_HALVED = 40
 
 
-def list_elimination_order(points: Array, graph: Sparse) -> NDArray[np.int64]:
+def list_elimination_order(points: Array, graph: Sparse) -> Indices:
     """Return the order [-] in which points (n, 3) [m] are eliminated; graph : (n, n) sparse, which of them touch [-]."""
-    out: list[NDArray[np.int64]] = []
+    out: list[Indices] = []
     ahead = [np.arange(len(points))]
     while ahead:
         part = ahead.pop()

@@ -9,12 +9,11 @@ from typing import NamedTuple
 
 import numpy as np
 import scipy  # its parts are loaded when they are asked for
-from numpy.typing import NDArray
 
 from flexinv.errors import InputError
 from flexinv.model.part import MeshedPart, SparseMatrix
 from flexinv.parts.solid_elements import assemble_cells
-from flexinv.typing import Array, Sparse
+from flexinv.typing import Array, Indices, Sparse
 
 # Of the largest entry: files carry some seven digits, sums of products of the rest.
 UNEVEN = 1e-6
@@ -32,7 +31,7 @@ class PartMatrices(NamedTuple):
     """
 
     points: Array
-    used: NDArray[np.int64]
+    used: Indices
     mass: Sparse
     stiffness: Sparse
 

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from flexinv.model.part import Cells, MeshedPart
 from flexinv.parts.part_matrices import PartMatrices
 from flexinv.parts.solid_elements import CELLS_AT_ONCE, build_rules
-from flexinv.typing import Array
+from flexinv.typing import Array, Indices
 
 _STRAIN = np.array([[0, 5, 4], [5, 1, 3], [4, 3, 2]])  # where a symmetric tensor's entries stand among six
 
@@ -44,7 +44,7 @@ def compute_second_order_forces(part: MeshedPart, found: PartMatrices, shapes: A
 def _compute_cell_forces(
     part: MeshedPart,
     cells: Cells,
-    nodes: NDArray[np.int64],
+    nodes: Indices,
     moved: Array,
     pairs: tuple[NDArray[np.intp], NDArray[np.intp]],
 ) -> Array:
@@ -76,4 +76,4 @@ def _compute_stress(law: Array, strain: Array) -> Array:
     rows = np.stack([strain[..., 0, 0], strain[..., 1, 1], strain[..., 2, 2]], axis=-1)
     shears = 2.0 * np.stack([strain[..., 1, 2], strain[..., 0, 2], strain[..., 0, 1]], axis=-1)
     six = np.concatenate([rows, shears], axis=-1) @ law.T
-    return np.asarray(six[..., _STRAIN])
+    return six[..., _STRAIN]

@@ -18,11 +18,10 @@ from typing import NamedTuple
 
 import numpy as np
 import scipy  # its parts are loaded when they are asked for
-from numpy.typing import NDArray
 
 from flexinv.errors import InputError
 from flexinv.model.part import LINEAR_KINDS, Cells, MeshedPart
-from flexinv.typing import Array, Sparse
+from flexinv.typing import Array, Indices, Sparse
 
 # Corners of a brick, and midpoints of its edges, faces and volume as VTK orders them, on 0..1.
 _BRICK = "000 100 110 010 001 101 111 011"
@@ -136,14 +135,14 @@ def assemble_cells(part: MeshedPart) -> CellMatrices:
     return CellMatrices(scipy.sparse.csr_array(mass), scipy.sparse.csr_array(stiffness))
 
 
-def _add_blocks(places: NDArray[np.int64], values: Array, size: int) -> Sparse:
+def _add_blocks(places: Indices, values: Array, size: int) -> Sparse:
     """The sum of dense blocks (cells, n, n) at their places (cells, n)."""
     rows = np.repeat(places, places.shape[1], axis=1).ravel()
     columns = np.tile(places, (1, places.shape[1])).ravel()
     return scipy.sparse.coo_array((values.ravel(), (rows, columns)), shape=(size, size)).tocsr()
 
 
-def _compute_cell_matrices(part: MeshedPart, cells: Cells, nodes: NDArray[np.int64], first: int) -> tuple[Array, Array]:
+def _compute_cell_matrices(part: MeshedPart, cells: Cells, nodes: Indices, first: int) -> tuple[Array, Array]:
     """Stiffness (cells, 3 n, 3 n) [N/m] and mass (cells, n, n) [kg] of some cells, of which the first has a number."""
     for_stiffness, for_mass = build_rules(cells.kind)
     at = part.points[nodes]
@@ -178,7 +177,7 @@ def _compute_jacobians(part: MeshedPart, cells: Cells, at: Array, slope: Array, 
             f"{said} {(cells.nodes[first + worst] + 1).tolist()} (counted from 1); expected a volume above zero at every "
             "point of integration; write the nodes in VTK's order, or mesh the part anew"
         )
-    return np.asarray(jacobian)
+    return jacobian
 
 
 def compute_strain_matrices(gradient: Array) -> Array:

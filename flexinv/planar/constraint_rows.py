@@ -12,7 +12,7 @@ from __future__ import annotations
 from flexinv.dynamics.constraint_rows import DIRECTION, compute_border_factors
 from flexinv.kernels.jit import jit_inner
 from flexinv.kernels.simd import cos_sin_unfused
-from flexinv.kernels.vec3 import ZERO, dot, put, vec, vec_at
+from flexinv.kernels.vec3 import ZERO, dot, put_pair, vec, vec_at
 from flexinv.planar.tree import read_node_motion
 from flexinv.planar.tree_solver import solve_part
 
@@ -69,8 +69,7 @@ def evaluate_ties(constraints, frames, rated):
             on_b = _read_angle(frames, constraints.b[r])
         if not constraints.acting[r]:
             constraints.value[r] = 0.0
-            put(constraints.gradient[r], 0, ZERO)
-            put(constraints.gradient[r], 3, ZERO)
+            put_pair(constraints.gradient[r], ZERO, ZERO)
             continue
         x = read_node_motion(frames, constraints.a[r])
         y = read_node_motion(frames, constraints.b[r])
@@ -90,8 +89,7 @@ def evaluate_ties(constraints, frames, rated):
 def _write_direction_gradient(gradient, u, w):
     """Of u . w by both angles: J u . w."""
     across = u[0] * w[1] - u[1] * w[0]
-    put(gradient, 0, (0.0, 0.0, across))
-    put(gradient, 3, (0.0, 0.0, -across))
+    put_pair(gradient, (0.0, 0.0, across), (0.0, 0.0, -across))
 
 
 @jit_inner
@@ -99,8 +97,7 @@ def _write_position_gradient(gradient, u, d, p, q):
     """Of u . d by the poses of both nodes, from which the arms p and q go to the points."""
     u1, u2 = u
     across = u1 * d[1] - u2 * d[0]
-    put(gradient, 0, (-u1, -u2, across - (u2 * p[0] - u1 * p[1])))
-    put(gradient, 3, (u1, u2, u2 * q[0] - u1 * q[1]))
+    put_pair(gradient, (-u1, -u2, across - (u2 * p[0] - u1 * p[1])), (u1, u2, u2 * q[0] - u1 * q[1]))
 
 
 @jit_inner
@@ -111,13 +108,13 @@ def fill_right_sides(tree, constraints, frames, residual):
         side = constraints.across[r]
         gradient = constraints.gradient[r]
         for n in range(plan.first_part[r], plan.first_part[r + 1]):
-            for i in range(plan.span[plan.part[n]], plan.span[plan.part[n] + 1]):
+            for i in range(plan.begin[n], plan.end[n]):
                 side[i] = 0.0
         for n, g in ((constraints.a[r], vec(gradient)), (constraints.b[r], vec_at(gradient, 3))):
-            for c in range(tree.size[tree.block[n]] if n >= 0 else 0):
-                side[tree.offset[tree.block[n]] + c] -= dot(g, vec(frames.by_pose[n, c]))
+            for c in range(tree.width[n] if n >= 0 else 0):
+                side[tree.first[n] + c] -= dot(g, vec(frames.by_pose[n, c]))
         for n in range(plan.first_part[r], plan.first_part[r + 1]):
-            for i in range(plan.span[plan.part[n]], plan.span[plan.part[n] + 1]):
+            for i in range(plan.begin[n], plan.end[n]):
                 residual[1 + r, i] = side[i]
 
 

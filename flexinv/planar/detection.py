@@ -11,14 +11,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from flexinv.constraints.closures import Rows, build_constraint_rows
 from flexinv.elements.beam_element import Elements
 from flexinv.kinematics.mesh import Mesh
 from flexinv.model.joint_kinds import SECTION
 from flexinv.model.owned_cache import make_owner_cache
-from flexinv.typing import Array
+from flexinv.typing import Array, Indices, Mask
 
 # Components out of the plane below this part of what they are compared with are rounding of the placements' angles.
 PLACEMENT_ROUNDING = 1e-13
@@ -66,20 +65,20 @@ def find_plane(mesh: Mesh) -> Plane | NotPlanar:
     return plane
 
 
-def convert_to_plane(plane: Plane, node: NDArray[np.int64], vectors: Array) -> Array:
+def convert_to_plane(plane: Plane, node: Indices, vectors: Array) -> Array:
     """Return vectors (rows, 3) [any unit] fixed in nodes (rows,), -1 the world, in the plane's axes where those stand at zero."""
     frames = np.where((node >= 0)[:, None, None], plane.frames[node], plane.axes.T)
     return np.asarray(np.einsum("rij,rj->ri", frames, vectors))
 
 
-def find_planar_rows(plane: Plane, rows: Rows) -> NDArray[np.bool_]:
+def find_planar_rows(plane: Plane, rows: Rows) -> Mask:
     """Return a mask (rows,) of the constraints that act in the plane [-]; every planar motion satisfies the others."""
     inside = ~_find_upright(convert_to_plane(plane, rows.a, rows.u))
-    return np.asarray(inside & (~rows.direction | ~_find_upright(convert_to_plane(plane, rows.b, rows.w))))
+    return inside & (~rows.direction | ~_find_upright(convert_to_plane(plane, rows.b, rows.w)))
 
 
-def _find_upright(vectors: Array) -> NDArray[np.bool_]:
-    return np.asarray(np.hypot(vectors[:, 0], vectors[:, 1]) <= PLACEMENT_ROUNDING)
+def _find_upright(vectors: Array) -> Mask:
+    return np.hypot(vectors[:, 0], vectors[:, 1]) <= PLACEMENT_ROUNDING
 
 
 def _describe_spatial_closure(mesh: Mesh, plane: Plane) -> str:

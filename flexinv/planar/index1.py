@@ -8,9 +8,6 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-import numpy as np
-from numpy.typing import NDArray
-
 from flexinv.dynamics.constraint_rows import add_ties, compute_border_factors, solve_border
 from flexinv.dynamics.index1 import add_mass_to_block
 from flexinv.kernels.dense import invert_scaled
@@ -19,7 +16,7 @@ from flexinv.kernels.records import send_by_address
 from flexinv.kernels.vec3 import ZERO, add_scaled, add_to, put, vec, vec_at
 from flexinv.planar.constraint_rows import evaluate_ties, fill_right_sides
 from flexinv.planar.tree import fill_pose_variations
-from flexinv.typing import Array
+from flexinv.typing import Array, Indices, Mask
 
 
 @send_by_address
@@ -31,14 +28,14 @@ class BlockMasses(NamedTuple):
     mass, rest, weight, left, change (nodes, 3) : scratch
     """
 
-    single: NDArray[np.int64]
+    single: Indices
     over: Array
-    block: NDArray[np.int64]
-    member: NDArray[np.int64]
+    block: Indices
+    member: Indices
     mass: Array
     rest: Array
     weight: Array
-    left: NDArray[np.bool_]
+    left: Mask
     change: Array
 
 
@@ -86,16 +83,16 @@ def _solve_single_acceleration(tree, plan, node, over, residual, y):
 def _update_node_accelerations(tree, frames, by, changes):
     """Change the accelerations of all nodes by those of the unknowns; set what that changes their own wrenches by."""
     for n in range(len(tree.parent)):
-        first = tree.offset[tree.block[n]]
+        first = tree.first[n]
         change = ZERO
         m = tree.mass[n]
         if tree.independent[n]:
             change = vec_at(by, first)
         else:
-            for i in range(tree.size[tree.block[n]]):
+            for i in range(tree.width[n]):
                 change = add_scaled(change, by[first + i], vec(frames.by_pose[n, i]))
-        add_to(frames.acceleration[n], 0, change)
-        put(changes[n], 0, (m * change[0], m * change[1], tree.inertia[n] * change[2]))
+        add_to(frames.acceleration[n], change)
+        put(changes[n], (m * change[0], m * change[1], tree.inertia[n] * change[2]))
 
 
 @jit_inner
@@ -103,10 +100,10 @@ def _add_wrenches(tree, frames, changes):
     """Add to the wrenches of all nodes what changes in them and in what they carry."""
     for n in range(len(tree.parent) - 1, -1, -1):
         f1, f2, mu = vec(changes[n])
-        add_to(frames.wrench[n], 0, (f1, f2, mu))
+        add_to(frames.wrench[n], (f1, f2, mu))
         if tree.parent[n] >= 0 and not tree.independent[n]:
             turned = frames.arm[n, 0] * f2 - frames.arm[n, 1] * f1
-            add_to(changes[tree.parent[n]], 0, (f1, f2, mu + turned))
+            add_to(changes[tree.parent[n]], (f1, f2, mu + turned))
 
 
 @jit_inner
@@ -117,9 +114,7 @@ def _solve_block_acceleration(b, tree, plan, masses, frames, residual, y):
     columns = tree.size[block]
     first = tree.offset[block]
     m = masses.mass
-    for i in range(columns):
-        for j in range(columns):
-            m[i, j] = 0.0
+    m[:columns, :columns] = 0.0
     for n in masses.member[b]:
         if n < 0:
             break

@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from flexinv.constraints.closures import Rows, build_constraint_rows
 from flexinv.dynamics.constraint_rows import DIRECTION, POSITION, Ties, build_layout, build_ties
@@ -33,8 +32,8 @@ class JointNodes:
     node: Indices
     q: Indices
     v: Indices
-    turns_on: NDArray[np.bool_]
-    prescribed: NDArray[np.bool_]
+    turns_on: Mask
+    prescribed: Mask
 
     def collect_coordinates(self, q: Array, qd: Array, qdd: Array) -> Array:
         """Return q, q', q'' of the joints, (samples, joints, 3) [m, rad, s], from q (samples, nq), qd, qdd (samples, nv)."""
@@ -93,8 +92,8 @@ def build_planar_model(mesh: Mesh, passive: frozenset[str]) -> PlanarModel:
 def _build_pick_matrix(mesh: Mesh, topology: Topology, tree: PlanarTree, plane: Plane, space: Embedding) -> Array:
     pick = np.zeros((len(tree.scale), len(topology.scale)))
     for n in range(mesh.size):
-        here = int(tree.offset[tree.block[n]])
-        there = int(topology.offset[topology.block[n]])
+        here = int(tree.first[n])
+        there = int(topology.first[n])
         if tree.independent[n]:
             pick[here : here + 2, there : there + 3] = plane.axes.T[:2]
             pick[here + 2, there + 3 : there + 6] = space.axle[n]
@@ -119,7 +118,7 @@ def _build_tree(mesh: Mesh, topology: Topology, plane: Plane) -> PlanarTree:
     driven = (mesh.v_index >= 0) & ~passive
     return PlanarTree(
         parent=mesh.parent, block=topology.block, independent=topology.independent, size=size, offset=offset,
-        part=topology.part, span=span, first_element=first_element, element=element,
+        width=size[topology.block], first=first, part=topology.part, span=span, first_element=first_element, element=element,
         scale=_build_scales(int(size.sum()), lengths, mesh.length),
         prescribed_column=np.where(driven, np.cumsum(driven) - 1, -1), column=column,
         turn=turn, slide=slide,

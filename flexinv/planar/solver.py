@@ -10,6 +10,7 @@ import numpy as np
 
 from flexinv.dynamics.constraint_rows import Ties
 from flexinv.dynamics.generalized_alpha import Scheme
+from flexinv.dynamics.initial_state import drop_increments
 from flexinv.dynamics.system import State, Trajectory
 from flexinv.elements.planar_beam import BEND_BLOCK, COEFFICIENTS, CONSTANTS, COUPLINGS, POINT_BLOCK, RATE_BLOCK
 from flexinv.kernels.dense import ROWS_AT_ONCE
@@ -119,10 +120,7 @@ class PlanarMarch:
         turned = np.einsum("ji,njk,nlk->nil", m.plane.axes, state.r[free], m.plane.frames[free])  # axes^T R frames^T
         here.place[at[:, :2]] = state.x[free] @ m.plane.axes[:, :2]
         here.place[at[:, 2]] = np.arctan2(turned[:, 1, 0] - turned[:, 0, 1], turned[:, 0, 0] + turned[:, 1, 1])
-        here.d[:] = 0.0
-        here.trend[:] = 0.0
-        here.bend[:] = 0.0
-        here.order[:] = 0
+        drop_increments(here)
 
     def copy_to_space(self, state: State, ties: Ties) -> None:
         """Copy the state of this march to the spatial solver [m, rad, s, N]."""
@@ -137,19 +135,16 @@ class PlanarMarch:
         state.x[free] = np.column_stack([x.ravel(), y.ravel(), np.full(len(free), space.height)]) @ space.axes.T
         state.r[free] = np.cos(angle) * space.across[free] + np.sin(angle) * space.along[free] + space.normal[free]
         held = np.flatnonzero(~m.tree.independent & (m.tree.column >= 0))
-        q = here.place[m.tree.offset[m.tree.block[held]] + m.tree.column[held], None]
+        q = here.place[m.tree.first[held] + m.tree.column[held], None]
         state.x[held] = self.mesh.offset[held] + q * m.topology.slide[held, 0]
         state.r[held] = self.mesh.rotation[held] @ exp_so3(q * m.topology.turn[held, 0])
-        state.d[:] = 0.0
-        state.trend[:] = 0.0
-        state.bend[:] = 0.0
-        state.order[:] = 0
+        drop_increments(state)
 
     def _list_independent_nodes(self) -> tuple[Indices, Indices]:
         """Independent nodes, and where x, y and theta of each stand among the unknowns, (nodes, 3)."""
         tree = self.model.tree
         free = np.flatnonzero(tree.independent)
-        return free, tree.offset[tree.block[free], None] + np.arange(3)
+        return free, tree.first[free, None] + np.arange(3)
 
     def prepare_arguments(
         self, scheme: Scheme, start: GivenMotion | None, steps: GivenMotion, row: Indices, out: Trajectory

@@ -8,7 +8,6 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from flexinv.dynamics import generalized_alpha, stepper
 from flexinv.dynamics.assembly import LARGEST_TURN
@@ -46,7 +45,7 @@ from flexinv.planar.tree import (
     run_forward_pass,
 )
 from flexinv.planar.tree_solver import PlanarFactors, add_element_stiffness, compute_planar_factors, solve_tree
-from flexinv.typing import Array
+from flexinv.typing import Array, Indices
 
 # Newton stops when the estimated remaining error is below the tolerance: increment times the observed rate of contraction (at
 # least SURE_STEP), or its square after a new linearisation (`generalized_alpha.SQUARED`).  Increments below INCREMENT_ROUNDING
@@ -96,7 +95,7 @@ class Embedding(NamedTuple):
     normal: Array
     axle: Array
     side: Array
-    row: NDArray[np.int64]
+    row: Indices
 
 
 @send_by_address
@@ -238,9 +237,9 @@ def find_overturned_element(tree, elements, scheme, state, frames):
     for k in range(len(elements.order) if scheme.mode == DYNAMIC else 0):
         root = elements.nodes[k, 0]
         for i in range(1, elements.order[k] + 1):
-            turn = state.d[tree.offset[tree.block[elements.nodes[k, i]]] + 2]
+            turn = state.d[tree.first[elements.nodes[k, i]] + 2]
             if not abs(turn) <= stepper.NO_SLIP:
-                end_turn = state.d[tree.offset[tree.block[root]] + 2]
+                end_turn = state.d[tree.first[root] + 2]
                 if not abs(turn - (end_turn if tree.independent[root] else scheme.h * frames.rate[root, 2])) <= np.pi:
                     return k
     return -1
@@ -302,8 +301,7 @@ def _begin_march(system, start_at):
     begin_undeformed(system.tree, system.state, start_at, system.frames)
     begin_from_state(system.state)
     remove_stress(system.elements, system.work.points)
-    for i in range(len(system.work.rates)):
-        system.work.rates[i] = 0.0
+    system.work.rates[:] = 0.0
 
 
 @jit_inner
@@ -354,7 +352,7 @@ def write_sample(sample, system, out):
     power = _write_resultants(system, out.internal[sample])
     stored = compute_energy(system.elements, work.points)
     lost = planar_beam.compute_dissipated_power(system.elements, work.rates)
-    put(out.energy[sample], 0, (stored, power, lost))
+    put(out.energy[sample], (stored, power, lost))
 
 
 @jit_inner

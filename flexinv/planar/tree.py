@@ -13,9 +13,6 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-import numpy as np
-from numpy.typing import NDArray
-
 from flexinv.elements.joint_law import (
     compute_effort_slope,
     compute_joint_effort,
@@ -25,15 +22,16 @@ from flexinv.elements.joint_law import (
 from flexinv.kernels.jit import jit_inner
 from flexinv.kernels.records import send_by_address
 from flexinv.kernels.simd import cos_sin_unfused
-from flexinv.kernels.vec3 import ZERO, add, add_to, put, vec, vec_at
-from flexinv.typing import Array
+from flexinv.kernels.vec3 import ZERO, add, add_to, put, put_at, vec, vec_at
+from flexinv.typing import Array, Indices, Mask
 
 
 @send_by_address
 class PlanarTree(NamedTuple):
     """Nodes, blocks and joints of a mechanism in a plane (as `dofs.Topology`).
 
-    parent, block : (nodes,); independent : (nodes,) bool; size, offset, part : (blocks,); span : (parts + 1,)
+    parent, block : (nodes,); independent : (nodes,) bool; size, offset, part : (blocks,); width, first : (nodes,)
+    span : (parts + 1,)
     scale : (unknowns,) [m] or 1; first_element : (parts + 1,) of each part in ``element``, from its root to its leaves
     prescribed_column : (nodes,) column of the prescribed joint coordinate, -1 without;
     column : (nodes,) of the passive one in its block
@@ -43,22 +41,24 @@ class PlanarTree(NamedTuple):
     drives : (5, nodes) as of `dofs.Topology`; springs there are none
     """
 
-    parent: NDArray[np.int64]
-    block: NDArray[np.int64]
-    independent: NDArray[np.bool_]
-    size: NDArray[np.int64]
-    offset: NDArray[np.int64]
-    part: NDArray[np.int64]
-    span: NDArray[np.int64]
-    first_element: NDArray[np.int64]
-    element: NDArray[np.int64]
+    parent: Indices
+    block: Indices
+    independent: Mask
+    size: Indices
+    offset: Indices
+    width: Indices
+    first: Indices
+    part: Indices
+    span: Indices
+    first_element: Indices
+    element: Indices
     scale: Array
-    prescribed_column: NDArray[np.int64]
-    column: NDArray[np.int64]
+    prescribed_column: Indices
+    column: Indices
     turn: Array
     slide: Array
     offset_p: Array
-    shifted: NDArray[np.bool_]
+    shifted: Mask
     mass: Array
     inertia: Array
     gravity: Array
@@ -90,18 +90,18 @@ class PlanarFrames(NamedTuple):
 def run_forward_pass(tree, state, given, frames):
     """Set the motion of all nodes from the unknowns and the prescribed coordinates (joints, 3) q, q', q'' [m, rad, s]."""
     for n in range(len(tree.parent)):
-        o = tree.offset[tree.block[n]]
+        o = tree.first[n]
         column = tree.column[n]
         if tree.independent[n]:
-            put(frames.pose[n], 0, add(vec_at(state.place, o), vec_at(state.d, o)))
-            put(frames.rate[n], 0, vec_at(state.u, o))
-            put(frames.acceleration[n], 0, vec_at(state.du, o))
+            put(frames.pose[n], add(vec_at(state.place, o), vec_at(state.d, o)))
+            put(frames.rate[n], vec_at(state.u, o))
+            put(frames.acceleration[n], vec_at(state.du, o))
             continue
         if tree.prescribed_column[n] >= 0:
-            put(frames.joint[n], 0, vec(given[tree.prescribed_column[n]]))
+            put(frames.joint[n], vec(given[tree.prescribed_column[n]]))
         elif column >= 0:
             k = o + column
-            put(frames.joint[n], 0, (state.place[k] + state.d[k], state.u[k], state.du[k]))
+            put(frames.joint[n], (state.place[k] + state.d[k], state.u[k], state.du[k]))
         _compute_child_motion(n, tree, frames)
 
 
@@ -135,25 +135,25 @@ def _compute_child_motion(n, tree, frames):
     frames.arm[n, 3] = e2
     w = v[2]
     al = a[2]
-    put(frames.pose[n], 0, (x[0] + r1, x[1] + r2, x[2] + turn * q))
-    put(frames.rate[n], 0, (v[0] - w * r2 + dq * e1, v[1] + w * r1 + dq * e2, w + turn * dq))
+    put(frames.pose[n], (x[0] + r1, x[1] + r2, x[2] + turn * q))
+    put(frames.rate[n], (v[0] - w * r2 + dq * e1, v[1] + w * r1 + dq * e2, w + turn * dq))
     a1 = a[0] - al * r2 - w * w * r1 - 2 * w * dq * e2 + ddq * e1
     a2 = a[1] + al * r1 - w * w * r2 + 2 * w * dq * e1 + ddq * e2
-    put(frames.acceleration[n], 0, (a1, a2, al + turn * ddq))
+    put(frames.acceleration[n], (a1, a2, al + turn * ddq))
 
 
 @jit_inner
 def begin_undeformed(tree, state, joint, frames):
     """Set the unknowns to the rigid motion of the stress-free mechanism whose joints (nodes, 3) are at q, q', q'' [m, rad, s]."""
     for n in range(len(tree.parent)):
-        o = tree.offset[tree.block[n]]
+        o = tree.first[n]
         column = tree.column[n]
-        put(frames.joint[n], 0, vec(joint[n]))
+        put(frames.joint[n], vec(joint[n]))
         _compute_child_motion(n, tree, frames)
         if tree.independent[n]:
-            put(state.place, o, vec(frames.pose[n]))
-            put(state.u, o, vec(frames.rate[n]))
-            put(state.du, o, vec(frames.acceleration[n]))
+            put_at(state.place, o, vec(frames.pose[n]))
+            put_at(state.u, o, vec(frames.rate[n]))
+            put_at(state.du, o, vec(frames.acceleration[n]))
         elif column >= 0:
             state.place[o + column] = joint[n, 0]
             state.u[o + column] = joint[n, 1]
@@ -176,7 +176,7 @@ def fill_independent_variations(tree, frames, cv, ca):
     """Set how independent nodes move with their own unknowns [m, rad, s], once and for all: dv = cv dx, da = ca dx."""
     for n in range(len(tree.parent)):
         if tree.independent[n]:
-            for k in range(tree.size[tree.block[n]]):
+            for k in range(tree.width[n]):
                 for i in range(3):
                     unit = 1.0 if k == i else 0.0
                     frames.by_pose[n, k, i] = unit
@@ -189,10 +189,10 @@ def fill_variations(tree, frames, cv, ca):
     """Set how dependent nodes move with the unknowns of their blocks [m, rad, s]."""
     for n in range(len(tree.parent)):
         m = tree.parent[n]
-        columns = tree.size[tree.block[n]]
+        columns = tree.width[n]
         for k in range(0 if tree.independent[n] else columns):
             for by in (frames.by_pose, frames.by_rate, frames.by_acceleration):
-                put(by[n, k], 0, vec(by[m, k]) if m >= 0 else ZERO)
+                put(by[n, k], vec(by[m, k]) if m >= 0 else ZERO)
             _add_variation(n, k, tree, frames, cv, ca)
 
 
@@ -201,13 +201,13 @@ def fill_pose_variations(tree, frames):
     """Set how poses of dependent nodes move with unknowns of their blocks [m], [rad]: the first part of `fill_variations`."""
     for n in range(len(tree.parent)):
         m = tree.parent[n]
-        for k in range(0 if tree.independent[n] else tree.size[tree.block[n]]):
+        for k in range(0 if tree.independent[n] else tree.width[n]):
             x, y, turned = vec(frames.by_pose[m, k]) if m >= 0 else ZERO
             unit = 1.0 if k == tree.column[n] else 0.0
             arm = frames.arm[n]
             x = x + unit * arm[2] - turned * arm[1]
             y = y + unit * arm[3] + turned * arm[0]
-            put(frames.by_pose[n, k], 0, (x, y, turned + unit * tree.turn[n]))
+            put(frames.by_pose[n, k], (x, y, turned + unit * tree.turn[n]))
 
 
 @jit_inner
@@ -238,13 +238,13 @@ def _add_variation(n, k, tree, frames, cv, ca):
     v = frames.by_rate[n, k]
     a = frames.by_acceleration[n, k]
     turn = unit * tree.turn[n]
-    put(x, 0, (x[0] + dr1, x[1] + dr2, turned + turn))
-    put(v, 0, (v[0] - dw * r2 - w * dr2 + s1, v[1] + dw * r1 + w * dr1 + s2, dw + cv * turn))
+    put(x, (x[0] + dr1, x[1] + dr2, turned + turn))
+    put(v, (v[0] - dw * r2 - w * dr2 + s1, v[1] + dw * r1 + w * dr1 + s2, dw + cv * turn))
     spin = w * w
     dspin = 2 * w * dw
     a1 = a[0] - dal * r2 - al * dr2 - dspin * r1 - spin * dr1 - 2 * (dw * dq * e2 + w * s2) + z1
     a2 = a[1] + dal * r1 + al * dr1 - dspin * r2 - spin * dr2 + 2 * (dw * dq * e1 + w * s1) + z2
-    put(a, 0, (a1, a2, dal + ca * turn))
+    put(a, (a1, a2, dal + ca * turn))
 
 
 @jit_inner
@@ -253,7 +253,7 @@ def compute_node_wrenches(tree, frames):
     for n in range(len(tree.parent)):
         m = tree.mass[n]
         a = frames.acceleration[n]
-        put(frames.wrench[n], 0, (m * (a[0] - tree.gravity[0]), m * (a[1] - tree.gravity[1]), tree.inertia[n] * a[2]))
+        put(frames.wrench[n], (m * (a[0] - tree.gravity[0]), m * (a[1] - tree.gravity[1]), tree.inertia[n] * a[2]))
 
 
 @jit_inner
@@ -262,9 +262,9 @@ def fill_wrench_variations(tree, frames):
     for n in range(len(tree.parent)):
         m = tree.mass[n]
         j = tree.inertia[n]
-        for k in range(tree.size[tree.block[n]]):
+        for k in range(tree.width[n]):
             a = frames.by_acceleration[n, k]
-            put(frames.dwrench[n, k], 0, (m * a[0], m * a[1], j * a[2]))
+            put(frames.dwrench[n, k], (m * a[0], m * a[1], j * a[2]))
 
 
 @jit_inner
@@ -272,11 +272,11 @@ def assemble_residual(tree, state, frames, residual):
     """Bring wrenches of dependent nodes back to their blocks: residual (unknowns,) [N], [N m]."""
     for n in range(len(tree.parent) - 1, -1, -1):
         m = tree.parent[n]
-        o = tree.offset[tree.block[n]]
+        o = tree.first[n]
         column = tree.column[n]
         f1, f2, mu = vec(frames.wrench[n])
         if tree.independent[n]:
-            put(residual, o, (f1, f2, mu))
+            put_at(residual, o, (f1, f2, mu))
             continue
         if column >= 0:
             u = state.u[o + column]
@@ -284,7 +284,7 @@ def assemble_residual(tree, state, frames, residual):
             drive = compute_joint_effort(take_joint_law(tree.drives, n), 0.0, u, du, compute_smooth_direction(u))
             residual[o + column] = frames.arm[n, 2] * f1 + frames.arm[n, 3] * f2 + tree.turn[n] * mu + drive
         if m >= 0:
-            add_to(frames.wrench[m], 0, (f1, f2, mu + frames.arm[n, 0] * f2 - frames.arm[n, 1] * f1))
+            add_to(frames.wrench[m], (f1, f2, mu + frames.arm[n, 0] * f2 - frames.arm[n, 1] * f1))
 
 
 @jit_inner
@@ -297,7 +297,7 @@ def assemble_diagonal(tree, state, frames, diagonal, cv, ca):
         m = tree.parent[n]
         b = tree.block[n]
         column = tree.column[n]
-        columns = tree.size[tree.block[n]]
+        columns = tree.width[n]
         f1, f2, _ = vec(frames.wrench[n])
         r1 = frames.arm[n, 0]
         r2 = frames.arm[n, 1]
@@ -321,4 +321,4 @@ def assemble_diagonal(tree, state, frames, diagonal, cv, ca):
             if m >= 0:
                 dr1 = along * e1 - turned * r2
                 dr2 = along * e2 + turned * r1
-                add_to(frames.dwrench[m, k], 0, (df1, df2, dmu + r1 * df2 - r2 * df1 + dr1 * f2 - dr2 * f1))
+                add_to(frames.dwrench[m, k], (df1, df2, dmu + r1 * df2 - r2 * df1 + dr1 * f2 - dr2 * f1))

@@ -12,15 +12,27 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-import numpy as np
-from numpy.typing import NDArray
-
 from flexinv.elements.planar_beam import compute_pair_stiffness
 from flexinv.kernels.dense import ROWS_AT_ONCE, inverse_transposed, invert, subtract
 from flexinv.kernels.jit import jit_inner
 from flexinv.kernels.records import send_by_address
-from flexinv.kernels.vec3 import add_to, apply, madd, mat, msub, mul, put, put_block, scale, tapply, transpose, vec_at
-from flexinv.typing import Array
+from flexinv.kernels.vec3 import (
+    add_at,
+    add_to,
+    apply,
+    madd,
+    mat,
+    msub,
+    mul,
+    put_at,
+    put_mat,
+    scale,
+    tapply,
+    transpose,
+    vec,
+    vec_at,
+)
+from flexinv.typing import Array, Indices
 
 ZERO_MATRIX = ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
 
@@ -36,9 +48,9 @@ class PlanarFactors(NamedTuple):
     diagonal : (blocks, columns, columns); line (2, wide), found (elements, wide) : scratch
     """
 
-    rows: NDArray[np.int64]
-    row: NDArray[np.int64]
-    unknowns: NDArray[np.int64]
+    rows: Indices
+    row: Indices
+    unknowns: Indices
     inverse: Array
     to_root: Array
     b: Array
@@ -56,7 +68,7 @@ def add_element_stiffness(tree, elements, points, frames, factors):
         order = elements.order[k]
         root = elements.nodes[k, 0]
         block = factors.inverse[k]
-        columns = tree.size[tree.block[root]]
+        columns = tree.width[root]
         for r in range(3 * order, factors.rows[k]):
             for c in range(factors.rows[k]):
                 block[r, c] = 0.0
@@ -75,7 +87,7 @@ def add_element_stiffness(tree, elements, points, frames, factors):
                         block[c * order + j, a * order + i] = stiffness[a][c]
         of_root = compute_pair_stiffness(k, 0, 0, elements, points) if columns > 0 else ZERO_MATRIX
         for c in range(columns):
-            add_to(frames.dwrench[root, c], 0, apply(of_root, vec_at(frames.by_pose[root, c], 0)))
+            add_to(frames.dwrench[root, c], apply(of_root, vec(frames.by_pose[root, c])))
 
 
 @jit_inner
@@ -96,7 +108,7 @@ def compute_planar_factors(tree, elements, frames, factors):
 @jit_inner
 def _is_small(k, tree, elements, factors):
     """Return True if an element has three own unknowns and hangs on three: matrices that stay in registers."""
-    return factors.rows[k] == 3 and tree.size[tree.block[elements.nodes[k, 0]]] == 3
+    return factors.rows[k] == 3 and tree.width[elements.nodes[k, 0]] == 3
 
 
 @jit_inner
@@ -108,10 +120,10 @@ def _solve_small_element(k, tree, elements, frames, factors):
     inverse = inverse_transposed(madd(mat(factors.inverse[k]), mat(diagonal)))
     b = mul(mat(frames.by_pose[root]), mat(factors.to_root[k]))
     x = mul(b, inverse)
-    put_block(factors.inverse[k], 0, 0, inverse)
-    put_block(factors.b[k], 0, 0, b)
-    put_block(factors.x[k], 0, 0, x)
-    put_block(first, 0, 0, msub(mat(first), mul(b, transpose(x))))
+    put_mat(factors.inverse[k], inverse)
+    put_mat(factors.b[k], b)
+    put_mat(factors.x[k], x)
+    put_mat(first, msub(mat(first), mul(b, transpose(x))))
 
 
 @jit_inner
@@ -147,8 +159,7 @@ def _solve_element_blocks(k, tree, elements, frames, factors):
 @jit_inner
 def _compute_transposed_product(a, v, out, size):
     """out = a^T v; behind ``size`` rows of ``a``, and of v and out, there are zeros up to a multiple of ROWS_AT_ONCE."""
-    for r in range(size):
-        out[r] = 0.0
+    out[:size] = 0.0
     for c in range(0, size, ROWS_AT_ONCE):
         p = v[c]
         q = v[c + 1]
@@ -197,11 +208,11 @@ def solve_part(tree, elements, factors, part, residual, y):
 @jit_inner
 def _update_residual(k, tree, elements, factors, residual, y):
     """Solve for an element's own unknowns while its first block stands still, and bring what they do to that."""
-    first = tree.offset[tree.block[elements.nodes[k, 0]]]
+    first = tree.first[elements.nodes[k, 0]]
     if _is_small(k, tree, elements, factors):
         solved = tapply(mat(factors.inverse[k]), vec_at(residual, factors.unknowns[k, 0]))
-        put(y, factors.unknowns[k, 0], scale(-1.0, solved))
-        add_to(residual, first, scale(-1.0, apply(mat(factors.b[k]), solved)))
+        put_at(y, factors.unknowns[k, 0], scale(-1.0, solved))
+        add_at(residual, first, scale(-1.0, apply(mat(factors.b[k]), solved)))
     else:
         _solve_own(k, tree, elements, factors, residual, factors.scratch[k], first)
 
@@ -224,12 +235,12 @@ def _solve_world_block(tree, factors, part, residual, y):
 @jit_inner
 def _add_root_motion(k, tree, elements, factors, y):
     """Add to an element's own unknowns what its first block moves them by."""
-    first = tree.offset[tree.block[elements.nodes[k, 0]]]
+    first = tree.first[elements.nodes[k, 0]]
     if _is_small(k, tree, elements, factors):
-        add_to(y, factors.unknowns[k, 0], scale(-1.0, tapply(mat(factors.x[k]), vec_at(y, first))))
+        add_at(y, factors.unknowns[k, 0], scale(-1.0, tapply(mat(factors.x[k]), vec_at(y, first))))
     else:
         found = factors.scratch[k]
-        for c in range(tree.size[tree.block[elements.nodes[k, 0]]]):
+        for c in range(tree.width[elements.nodes[k, 0]]):
             subtract(found, -y[first + c], factors.x[k, c], 0, factors.rows[k])
         for r in range(factors.rows[k]):
             y[factors.unknowns[k, r]] = -found[r]
@@ -246,5 +257,5 @@ def _solve_own(k, tree, elements, factors, residual, found, first):
     for r in range(rows, -(-rows // ROWS_AT_ONCE) * ROWS_AT_ONCE):
         line[r] = 0.0
     _compute_transposed_product(factors.inverse[k], line, found, rows)
-    for c in range(tree.size[tree.block[elements.nodes[k, 0]]]):
+    for c in range(tree.width[elements.nodes[k, 0]]):
         residual[first + c] -= _dot(factors.b[k, c], found, rows)

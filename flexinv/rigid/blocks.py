@@ -9,7 +9,6 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from flexinv.kernels.jit import jit_blocks, jit_lanes
 from flexinv.kernels.simd import LANES
@@ -29,7 +28,7 @@ from flexinv.rnea.loop_bodies import begin, copy_accelerations
 from flexinv.rnea.loop_plane import fill_planar_closures
 from flexinv.rnea.loop_space import fill_spatial_closures
 from flexinv.rnea.recursion import NUMBERS, TREE, run_inboard_pass, run_outboard_pass
-from flexinv.typing import Array
+from flexinv.typing import Array, Unsigned
 
 LINE = np.uint64(8)  # numbers in a line of the cache
 # Cells that threads share: the next block; how many samples are not finite; how many blocks of loops are in doubt, whether their
@@ -50,10 +49,10 @@ MAIL_SAMPLES = worker_pool.WORDS + 24
 class TorqueSystem(NamedTuple):
     """A mechanism for the recursion: tree, numbers, columns of `body_table.Bodies`; plan, fixed of `loop_plan.LoopPlan`."""
 
-    tree: NDArray[np.uint64]
+    tree: Unsigned
     numbers: Array
-    columns: NDArray[np.uint64]
-    plan: NDArray[np.uint64]
+    columns: Unsigned
+    plan: Unsigned
     fixed: Array
 
 
@@ -64,7 +63,7 @@ class Series(NamedTuple):
     qd: Array
     qdd: Array
     tau: Array
-    strides: NDArray[np.uint64]
+    strides: Unsigned
     samples: np.uint64
 
 

@@ -24,14 +24,11 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-import numpy as np
-from numpy.typing import NDArray
-
 from flexinv.kernels import vec3
 from flexinv.kernels.jit import jit, jit_inner
 from flexinv.kernels.records import send_by_address
-from flexinv.kernels.vec3 import EYE, add, apply, cross, dot, mat, mat_at, put, scale, sub, tapply, vec, vec_at
-from flexinv.typing import Array
+from flexinv.kernels.vec3 import EYE, add, apply, cross, dot, mat, mat_at, put_at, scale, sub, tapply, vec, vec_at
+from flexinv.typing import Array, Indices
 
 
 @send_by_address
@@ -43,10 +40,10 @@ class CarriedBodies(NamedTuple):
     mass, h, inertia : (bodies, ...) about the node, in its frame [kg], [kg m], [kg m^2]
     """
 
-    parent: NDArray[np.int64]
-    node: NDArray[np.int64]
-    first: NDArray[np.int64]
-    freedoms: NDArray[np.int64]
+    parent: Indices
+    node: Indices
+    first: Indices
+    freedoms: Indices
     slide: Array
     turn: Array
     mass: Array
@@ -92,8 +89,8 @@ def _read_spatial_vector(a, first):
 
 @jit_inner
 def _write_spatial_vector(a, first, m):
-    put(a, first, m[0])
-    put(a, first + 3, m[1])
+    put_at(a, first, m[0])
+    put_at(a, first + 3, m[1])
 
 
 @jit_inner
@@ -129,13 +126,13 @@ def _fill_body(body, mass, moment, inertia, rotation, arm):
     turned = vec3.madd(vec3.mul(vec3.mul(rotation, inertia), vec3.transpose(rotation)), round_part)
     about = vec3.madd(turned, vec3.mscale(-1.0, vec3.madd(vec3.outer(arm, turned_moment), vec3.outer(h, arm))))
     body[MASS] = mass
-    put(body, FIRST_MOMENT, h)
+    put_at(body, FIRST_MOMENT, h)
     for i in range(3):
-        put(body, INERTIA + 3 * i, about[i])
+        put_at(body, INERTIA + 3 * i, about[i])
     v = _read_spatial_vector(body, VELOCITY)
     w, u = v
     n, p = _apply_inertia(body, v)
-    put(body, MOMENTUM, p)
+    put_at(body, MOMENTUM, p)
     _write_spatial_vector(
         body,
         BODY_WRENCH,
@@ -190,7 +187,7 @@ def fill_torque_derivatives(carried, gravity, motion, axes, bodies, by_q, by_qd,
     axes : (nv, AXIS_CELLS), bodies : (bodies, BODY_CELLS) zero for the world, scratch of one sample
     """
     g = vec(gravity)
-    put(bodies[0], VELOCITY_RATE + 3, scale(-1.0, g))
+    put_at(bodies[0], VELOCITY_RATE + 3, scale(-1.0, g))
     for s in range(motion.x.shape[0]):
         c = vec(motion.x[s, carried.node[1]])
         for b in range(1, len(carried.node)):

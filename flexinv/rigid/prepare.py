@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 from numba import types
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from flexinv.constraints.allocation import OPEN, OPEN_ACCELERATION, OPEN_RATE, PrescribedLoops
 from flexinv.constraints.closures import build_constraint_rows
@@ -36,7 +36,7 @@ from flexinv.rnea import loop_layout as layout
 from flexinv.rnea.body_table import Bodies, build_bodies
 from flexinv.rnea.loop_layout import LoopPlan
 from flexinv.rnea.loop_plan import NO_LOOPS, PLACES, list_closure_ends, plan_loops, sample_configurations
-from flexinv.typing import Array
+from flexinv.typing import Array, Unsigned
 from flexinv.validation import ARRAY_TYPE, FLOAT_TYPE, check_flag, check_kind, check_whole_number
 
 THREADS = "1 or more, or None for one per processor"
@@ -63,7 +63,7 @@ class _ThreadData(local):
         # What `sample` needs, looked up at once: the data of a thread are slow to come by.
         self.of_sample = self.work, self.counter, memoryview(self.counter)  # type: ignore[arg-type]
 
-    def prepare_cells(self, samples: int) -> NDArray[np.uint64]:
+    def prepare_cells(self, samples: int) -> Unsigned:
         """The counter, with a cell for every block."""
         if len(self.counter) < CALL_CELLS + samples // BLOCK + 1:
             self.counter = np.zeros(CALL_CELLS + samples // BLOCK + 1, dtype=np.uint64)
@@ -149,7 +149,7 @@ class TorqueFunction(ByValue):
             self._split_loop_efforts(self.loops, counter, rows)
         return tau
 
-    def _run_blocks(self, rows: Sequence[Array], mails: NDArray[np.uint64]) -> NDArray[np.uint64]:
+    def _run_blocks(self, rows: Sequence[Array], mails: Unsigned) -> Unsigned:
         """Compute the efforts of all samples of q, qd, qdd, tau, with the helpers in ``mails``; return the counter."""
         flat, strides = zip(*(_make_flat_view(a) for a in rows), strict=True)
         b = self.bodies
@@ -238,7 +238,7 @@ class TorqueFunction(ByValue):
         """Prepared anew where it is sent: to another process [-]."""
         return prepare, (self.mechanism, self.passive, self.threads)
 
-    def _split_loop_efforts(self, loops: PrescribedLoops, counter: NDArray[np.uint64], rows: Sequence[Array]) -> None:
+    def _split_loop_efforts(self, loops: PrescribedLoops, counter: Unsigned, rows: Sequence[Array]) -> None:
         """Share out what the kernel has left, and look at a motion that it finds in doubt."""
         if not len(self.plan.sizes):
             rows[3][:] = loops.compute_shares(*rows).tau
@@ -249,7 +249,7 @@ class TorqueFunction(ByValue):
             blocks = CALL_CELLS + (len(rows[0]) + BLOCK - 1) // BLOCK
             loops.apply_shares(np.repeat(counter[CALL_CELLS:blocks] > 0, BLOCK)[: len(rows[0])], *rows)
 
-    def _prepare_helpers(self, size: int) -> NDArray[np.uint64]:
+    def _prepare_helpers(self, size: int) -> Unsigned:
         """Mails of those who help with a call of so many efforts."""
         if self.threads == 1 or size < WORTH_HELP or not COMPILED:
             return _NOBODY
@@ -365,5 +365,5 @@ def _make_flat_view(a: Array) -> tuple[Array, tuple[int, int]]:
 
 
 @lru_cache(maxsize=256)
-def _make_stride_table(strides: tuple[tuple[int, int], ...]) -> NDArray[np.uint64]:
+def _make_stride_table(strides: tuple[tuple[int, int], ...]) -> Unsigned:
     return np.array(strides, dtype=np.uint64)

@@ -13,7 +13,7 @@ so that the joint's effort is
 from __future__ import annotations
 
 from flexinv.kernels.jit import jit
-from flexinv.kernels.vec3 import add, apply, cross, dot, madd, mat, outer, put, sub, tapply, vec
+from flexinv.kernels.vec3 import add, apply, cross, dot, madd, mat, outer, put_at, sub, tapply, vec
 
 PARAMETERS = 10
 
@@ -44,8 +44,8 @@ def fill_regressor(joints, link_node, gravity, motion, out):
                     t = tapply(rn, axis)
                     effort = out[s, joints.v_index[m] + i, PARAMETERS * link :]
                     effort[0] = dot(p, a)
-                    put(effort, 1, add(sub(cross(w, cross(w, p)), cross(al, p)), cross(a, t)))
+                    put_at(effort, 1, add(sub(cross(w, cross(w, p)), cross(al, p)), cross(a, t)))
                     x, y, z = madd(outer(t, al), outer(cross(t, w), w))
-                    put(effort, 4, (x[0], x[1] + y[0], y[1]))
-                    put(effort, 7, (x[2] + z[0], y[2] + z[1], z[2]))
+                    put_at(effort, 4, (x[0], x[1] + y[0], y[1]))
+                    put_at(effort, 7, (x[2] + z[0], y[2] + z[1], z[2]))
                 m = joints.parent[m]

@@ -15,7 +15,7 @@ from itertools import chain
 
 import numpy as np
 import scipy  # its parts are loaded when they are asked for
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from flexinv.elements.joint_law import compute_law_derivatives
 from flexinv.errors import InputError
@@ -28,7 +28,7 @@ from flexinv.model.mechanism import Joint, Link, Mechanism
 from flexinv.model.parallel_axis import compute_parallel_axis_term
 from flexinv.rigid.joint_arrays import convert_to_states
 from flexinv.rigid.regressor_kernel import PARAMETERS, fill_regressor
-from flexinv.typing import Array
+from flexinv.typing import Array, Indices
 from flexinv.validation import check_flag, check_kind, check_whole_number
 
 INERTIAL = ("m", "hx", "hy", "hz", "Ixx", "Ixy", "Iyy", "Ixz", "Iyz", "Izz")
@@ -66,7 +66,7 @@ class BaseParameters(ByValue):
     unseen : names of parameters that no torque shows
     """
 
-    columns: NDArray[np.int64]
+    columns: Indices
     combination: Array
     names: tuple[str, ...]
     values: Array

@@ -17,13 +17,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from flexinv.kernels.simd import BLOCK, row
 from flexinv.kinematics.mesh import Mesh
 from flexinv.model.joint_kinds import CONTINUOUS, FREE, HELICAL, PRISMATIC, REVOLUTE, SPHERICAL
 from flexinv.rnea import recursion
-from flexinv.typing import Array
+from flexinv.typing import Array, Indices, Unsigned
 
 
 def _list_following_rows(first: np.uint64, count: int) -> tuple[np.uint64, ...]:
@@ -72,11 +71,11 @@ class Bodies:
     size : of the work space [-]; node : (bodies,) node of the mesh, -1 the world; axes : (bodies, 3, 3) R_node,body
     """
 
-    tree: NDArray[np.uint64]
+    tree: Unsigned
     numbers: Array
-    columns: NDArray[np.uint64]
+    columns: Unsigned
     size: int
-    node: NDArray[np.int64]
+    node: Indices
     axes: Array
 
 
@@ -88,15 +87,15 @@ class _Tree:
         bodies but the world; kinds : of joint, parents : bodies; last : body -> the child that goes on in its state
     """
 
-    node: NDArray[np.int64]
+    node: Indices
     number: dict[int, int]
     above: list[int]
-    kinds: NDArray[np.int64]
+    kinds: Indices
     parents: list[int]
     last: dict[int, int]
 
     @property
-    def moving(self) -> NDArray[np.int64]:
+    def moving(self) -> Indices:
         return self.node[1:]
 
     def is_on(self, i: int) -> bool:
@@ -135,7 +134,7 @@ def _write_placement(row: Array, r: Array, p: Array, on: bool) -> None:
     row[_ZERO] = zero / np.hypot(*zero) if on else (1.0, 0.0)
 
 
-def find_carrier_nodes(mesh: Mesh) -> tuple[NDArray[np.int64], Array, Array]:
+def find_carrier_nodes(mesh: Mesh) -> tuple[Indices, Array, Array]:
     """Return for each node the moving node (-1: the world) that it is fixed on, and R [-], x [m] in that node's frame."""
     carrier = np.full(mesh.size, -1, dtype=np.int64)
     turn = np.tile(np.eye(3), (mesh.size, 1, 1))
@@ -191,7 +190,7 @@ def _add_masses(mesh: Mesh, numbers: Array, body: list[int], axes: list[Array], 
         numbers[i, _SECOND] += second[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]]
 
 
-def _build_tree(mesh: Mesh, carrier: NDArray[np.int64], kept: frozenset[int]) -> _Tree:
+def _build_tree(mesh: Mesh, carrier: Indices, kept: frozenset[int]) -> _Tree:
     """The tree of bodies; a node that a joint hangs on is fixed on that of the parent."""
     moving = np.flatnonzero(mesh.v_index >= 0)
     node = np.concatenate([[-1], moving]).astype(np.int64)
@@ -222,7 +221,7 @@ def _write_placements(numbers: Array, tree: _Tree, placed: list[tuple[Array, Arr
     numbers[1:, _STEP] = numbers[1:, _P] - numbers[tree.parents[1:], _CHILD]
 
 
-def _write_joints(mesh: Mesh, numbers: Array, moving: NDArray[np.int64], passive: bool) -> None:
+def _write_joints(mesh: Mesh, numbers: Array, moving: Indices, passive: bool) -> None:
     """Write the ways of screws, and of each joint rotor inertia, and where asked damping, friction, stiffness and rest."""
     leads = [mesh.slide[n, 0] @ mesh.axis[n] if mesh.kind[n] == HELICAL else 0.0 for n in moving]
     numbers[1:, recursion.BODY_LEAD] = leads
@@ -231,7 +230,7 @@ def _write_joints(mesh: Mesh, numbers: Array, moving: NDArray[np.int64], passive
     numbers[1:, recursion.BODY_LAW : recursion.BODY_LAW + count] = laws
 
 
-def _compute_layout(tree: _Tree) -> tuple[NDArray[np.uint64], int]:
+def _compute_layout(tree: _Tree) -> tuple[Unsigned, int]:
     """Offsets of the rows of each body, and of its state: the last child goes on in its parent's, others in a copy."""
     kinds = tree.kinds
     rows = [0, *(recursion.FREE_ROWS if k in (SPHERICAL, FREE) else recursion.SCALAR_ROWS for k in kinds[1:])]
@@ -253,7 +252,7 @@ def _compute_layout(tree: _Tree) -> tuple[NDArray[np.uint64], int]:
     return table, BLOCK * (int(first[-1]) + recursion.STATE_ROWS * slots)
 
 
-def _list_columns(mesh: Mesh, tree: NDArray[np.uint64], moving: NDArray[np.int64]) -> NDArray[np.uint64]:
+def _list_columns(mesh: Mesh, tree: Unsigned, moving: Indices) -> Unsigned:
     """Return the offsets of the rows that take the columns of q, qd and qdd: those of the bodies that they move."""
     m = mesh.mechanism
     columns = list[np.uint64]()

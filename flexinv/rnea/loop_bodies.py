@@ -193,8 +193,7 @@ def begin(plan, fixed, work, lanes):
             for j in range(0, 12, 3):
                 put_vec(origin, np.uint64(j) * LANES, k, vec_at(c, j))
     limits = work[plan[layout.LIMITS] :]
-    for k in range(layout.LARGEST + _THREE):
-        limits[k] = 0.0
+    limits[: layout.LARGEST + _THREE] = 0.0
 
 
 @jit_lanes

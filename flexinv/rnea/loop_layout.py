@@ -10,11 +10,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numba.np.unsafe.ndarray import to_fixed_tuple
-from numpy.typing import NDArray
 
 from flexinv.kernels.jit import jit_lanes
 from flexinv.kernels.simd import BLOCK, row
-from flexinv.typing import Array
+from flexinv.typing import Array, Indices, Unsigned
 
 
 class RowLayout:
@@ -229,10 +228,10 @@ class LoopPlan:
     bodies, closures, steps : the records of ``plan``; rows, coordinates : names of equations and of velocity coordinates
     """
 
-    plan: NDArray[np.uint64]
+    plan: Unsigned
     fixed: Array
     size: int
-    matrix: NDArray[np.int64]
+    matrix: Indices
     sizes: dict[int, list[int]]
     constant: frozenset[int] = frozenset()
     effort: tuple[int, ...] = ()

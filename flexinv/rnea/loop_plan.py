@@ -14,7 +14,6 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from flexinv.constraints.allocation import count_ranks
 from flexinv.constraints.closures import Rows, evaluate_closures, list_velocity_scales
@@ -26,7 +25,7 @@ from flexinv.rnea import loop_layout as layout
 from flexinv.rnea.body_table import Bodies, find_carrier_nodes
 from flexinv.rnea.loop_layout import SIX, SIX_ROWS, LoopPlan, Operation, Step
 from flexinv.rnea.loop_tables import CLEARLY, build_loop_tables
-from flexinv.typing import Array
+from flexinv.typing import Array, Indices, Mask
 
 # An entry below this part of the largest one, at places where joints stand anywhere, is zero: rounding of some tens of sums.
 ZERO_ENTRY = 1e-13
@@ -138,7 +137,7 @@ def _is_plane(plan: LoopPlan, most: float) -> bool:
     return bool(height)
 
 
-def _compute_largest_gap(mesh: Mesh, rows: Rows, some: NDArray[np.bool_]) -> float:
+def _compute_largest_gap(mesh: Mesh, rows: Rows, some: Mask) -> float:
     """The largest gap of some rows where joints stand anywhere [-]."""
     q = sample_configurations(mesh.mechanism, 1)
     rest = np.zeros((1, mesh.mechanism.nv))
@@ -205,7 +204,7 @@ class Elimination:
 
     rows: list[dict[int, int]]
     numbers: Array
-    places: NDArray[np.int64]
+    places: Indices
     sizes: dict[int, list[int]]
     take: Callable[[int], int]
     constant: frozenset[int] = frozenset()

@@ -34,7 +34,7 @@ import numpy as np
 
 from flexinv.kernels.jit import jit_lane, jit_lanes
 from flexinv.kernels.simd import cross, dot, into, minus, plus, plus_cross, put_vec, row, times, vec_of
-from flexinv.kernels.vec3 import mat_at, vec_at
+from flexinv.kernels.vec3 import mat_at, vec, vec_at
 from flexinv.rnea import loop_layout as layout
 from flexinv.rnea.loop_allocation import LEAST_ENTRY, LEAST_PIVOT, fill_coupling_columns, update_largest_squares
 from flexinv.rnea.loop_bodies import add_squares, compute_components, move, read_body_axes
@@ -227,9 +227,7 @@ def _fill_ends(work, closure, closing, lanes, c):
             put_vec(vectors, j * layout.VECTOR, k, into(read_body_axes(a, k), u))
     for j in range(directions):
         u = c[_U + _THREE * positions + _SIX * j :]
-        _add_direction_squares(
-            vectors[(positions + j) * layout.VECTOR :], a, b, closing, lanes, vec_at(u, 0), vec_at(u, 3)
-        )
+        _add_direction_squares(vectors[(positions + j) * layout.VECTOR :], a, b, closing, lanes, vec(u), vec_at(u, 3))
 
 
 @jit_lane

@@ -8,7 +8,6 @@ from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from flexinv.constraints.closures import Rows
 from flexinv.kernels.simd import BLOCK
@@ -18,7 +17,7 @@ from flexinv.rnea import loop_layout as layout
 from flexinv.rnea.body_table import TURNING_KINDS, Bodies, find_carrier_nodes
 from flexinv.rnea.loop_layout import BodyRecord, ClosureRecord, ColumnRecord, LoopPlan
 from flexinv.rnea.recursion import BODY_LEAD, BODY_P, BODY_R, BODY_TILT, TREE_KIND, TREE_PARENT, TREE_ROWS, TREE_STATE
-from flexinv.typing import Array
+from flexinv.typing import Array, Indices, Mask, Unsigned
 
 # The limits of `allocation` over those of a closure's squares (rows of one that is open by as much as is allowed differ by less);
 # axes of the root for those of the closure's own make a factor of sqrt(3) in the sums, |c| |qd| for those of three rows one of 3.
@@ -53,7 +52,7 @@ class _Tables:
     bodies: Bodies
     plane: bool
     pairs: dict[int, tuple[int, int]]
-    matrix: NDArray[np.int64]
+    matrix: Indices
     size: int = 0
     used: int = 0
     shared: frozenset[tuple[int, int]] = frozenset()
@@ -130,7 +129,7 @@ def build_loop_tables(
     bodies: Bodies,
     rows: Rows,
     limits: tuple[float, float, float],
-    mask: NDArray[np.bool_],
+    mask: Mask,
     plane: bool = False,
     pairs: dict[int, tuple[int, int]] | None = None,
 ) -> LoopPlan:
@@ -222,7 +221,7 @@ def _find_shared_bodies(loops: Sequence[_Loop | None]) -> frozenset[tuple[int, i
     return frozenset(key for key, count in several.items() if count > 1)
 
 
-def _join_records(tables: _Tables, header: list[int]) -> NDArray[np.uint64]:
+def _join_records(tables: _Tables, header: list[int]) -> Unsigned:
     """The header with where each table begins and how many records it has, and the records behind it."""
     lists: dict[int, Sequence[Sequence[int]]] = {
         layout.KEEPS: tables.keeps, layout.SUMMED: tables.summed, layout.ROOTS: tables.roots,
@@ -318,7 +317,7 @@ def _resolve_motion(tables: _Tables, kind: int, on_root: bool, r: Array) -> int:
     return layout.TILT if is_about_x and not tables.plane else layout.TURN
 
 
-def _add_closure(tables: _Tables, rows: Rows, closure_rows: NDArray[np.int64], loop: _Loop) -> None:
+def _add_closure(tables: _Tables, rows: Rows, closure_rows: Indices, loop: _Loop) -> None:
     """A closure of two ends: the bodies between them, its record, its columns."""
     k = closure_rows[0]
     pair = tables.pairs.get(int(rows.closure[k]))

@@ -39,7 +39,7 @@ from flexinv.kernels.simd import (
     times,
     vec_of,
 )
-from flexinv.kernels.vec3 import mat_at, vec_at
+from flexinv.kernels.vec3 import mat_at, vec, vec_at
 from flexinv.model.joint_kinds import CONTINUOUS, FREE, HELICAL, PRISMATIC, REVOLUTE, SPHERICAL
 
 # Columns of the tables of bodies, and how many there are: see `body_table.Bodies`.
@@ -395,7 +395,7 @@ def run_outboard_pass(tree, numbers, work, lanes):
 
     Returns in how many lanes a joint's cosine and sine are those of no angle.
     """
-    g = vec_at(numbers[0], 0)
+    g = vec(numbers[0])
     lost = 0
     for i in range(1, tree.shape[0]):
         kind = tree[i, TREE_KIND]

@@ -49,9 +49,7 @@ class BorderScratch(NamedTuple):
 def begin_border(system, border):
     """Set G [m], [-], and what the forces of closures and springs add to K where the system stands [N/m]."""
     ties = system.border.ties
-    for i in range(border.bent.shape[0]):
-        for j in range(border.bent.shape[1]):
-            border.bent[i, j] = 0.0
+    border.bent[:] = 0.0
     for r in range(len(ties.a)):
         pulls = ties.kind[r] == PULL
         for i in range(border.gradient.shape[1]):
@@ -70,9 +68,7 @@ def begin_border(system, border):
 def fill_drags(system, border):
     """Set what springs with dampers add to C [N s/m] after an evaluation with rates weighted by LARGE_FACTOR."""
     ties = system.border.ties
-    for i in range(border.dragged.shape[0]):
-        for j in range(border.dragged.shape[1]):
-            border.dragged[i, j] = 0.0
+    border.dragged[:] = 0.0
     for r in range(len(ties.a)):
         if ties.kind[r] == PULL:
             for i in range(border.dragged.shape[0]):
@@ -100,18 +96,18 @@ def _turn_forces(system, r, bent):
     topology = system.topology
     variation = system.variation
     for m, first in ((ties.a[r], True), (ties.b[r], False)):
-        for c in range(topology.size[topology.block[m]] if m >= 0 else 0):
+        for c in range(topology.width[m] if m >= 0 else 0):
             wrenches = _compute_wrench_slopes(
                 ties, r, system.frames, first, vec(variation.x[m, c]), vec(variation.t[m, c])
             )
-            column = topology.offset[topology.block[m]] + c
+            column = topology.first[m] + c
             for n, force, moment in (
                 (ties.a[r], wrenches[0], wrenches[1]),
                 (ties.b[r], wrenches[2], wrenches[3]),
             ):
-                for i in range(topology.size[topology.block[n]] if n >= 0 else 0):
+                for i in range(topology.width[n] if n >= 0 else 0):
                     felt = dot(force, vec(variation.x[n, i])) + dot(moment, vec(variation.t[n, i]))
-                    bent[topology.offset[topology.block[n]] + i, column] -= ties.multiplier[r] * felt
+                    bent[topology.first[n] + i, column] -= ties.multiplier[r] * felt
 
 
 @jit_inner
@@ -165,8 +161,7 @@ def take_off_multipliers(border, forces):
 def fill_closing(opened, column, border, moves):
     """Set what closures are open by [m], [-]: G moves + opened; moves (unknowns, parameters), opened (rows, columns)."""
     for r in range(border.closing.shape[0]):
-        for p in range(border.closing.shape[1]):
-            border.closing[r, p] = 0.0
+        border.closing[r] = 0.0
         for q in range(len(column)):
             border.closing[r, column[q]] += opened[r, q]
         for i in range(border.gradient.shape[1]):
@@ -183,9 +178,7 @@ def solve_closed(ties, freedoms, border, system):
     size = len(freedoms.marched)
     rows = border.gradient.shape[0]
     last = size + border.closing.shape[1]
-    for r in range(rows):
-        for p in range(border.multiplier.shape[1]):
-            border.multiplier[r, p] = 0.0
+    border.multiplier[:] = 0.0
     if size == 0:
         return
     solve_dense(system, size, system.shape[1])
@@ -226,8 +219,7 @@ def fill_rate_slopes(system, joints, border):
             system.topology, system.state, joints, system.frames, system.variation, system.work, (weight, 0.0), True
         )
         for r in range(len(ties.a)):
-            for i in range(into.shape[1]):
-                into[r, i] = 0.0
+            into[r] = 0.0
             if ties.kind[r] == PULL or ties.kind[r] == COUPLING:
                 continue
             _fill_rate_slope(system, r, into[r])
@@ -251,13 +243,13 @@ def _fill_rate_slope(system, r, into):
         w = compute_fixed_vector(frames, b, vec(ties.w[r]))
     else:
         w = compute_gap(frames, a, b, vec(ties.place_a[r]), vec(ties.place_b[r]))
-    for c in range(topology.size[topology.block[a]] if a >= 0 else 0):
-        at = topology.offset[topology.block[a]] + c
+    for c in range(topology.width[a] if a >= 0 else 0):
+        at = topology.first[a] + c
         into[at] += _join_rates(_compute_vector_slopes(frames, variation, a, c, vec(ties.u[r])), w)
         if not directed:
             into[at] -= _join_rates(_compute_point_slopes(frames, variation, a, c, vec(ties.place_a[r])), u)
-    for c in range(topology.size[topology.block[b]] if b >= 0 else 0):
-        at = topology.offset[topology.block[b]] + c
+    for c in range(topology.width[b] if b >= 0 else 0):
+        at = topology.first[b] + c
         if directed:
             into[at] += _join_rates(_compute_vector_slopes(frames, variation, b, c, vec(ties.w[r])), u)
         else:

@@ -11,15 +11,13 @@ from flexinv.analysis.evaluation import FirstStep, add_joint_efforts, run_second
 from flexinv.analysis.initial_motion import begin_motion
 from flexinv.analysis.loops import PhaseHistory, add_reaction_forces
 from flexinv.analysis.task import Settings, Task
-from flexinv.constraints.allocation import REDUNDANT
 from flexinv.constraints.closures import (
     build_constraint_rows,
     compute_coupling_residuals,
     evaluate_closures,
     list_phases,
-    list_velocity_scales,
 )
-from flexinv.constraints.continuation import close_rates
+from flexinv.constraints.continuation import close_rates, solve_closing_step
 from flexinv.constraints.loop_starts import build_joint_mask
 from flexinv.dynamics.generalized_alpha import build_start_scheme
 from flexinv.dynamics.initial_state import begin_step
@@ -139,7 +137,7 @@ def _list_unknowns(system: FreeSystem, solver: Solver) -> Indices:
     t = solver.topology
     to = np.zeros(len(t.scale), dtype=np.int64)
     sections = np.flatnonzero(t.independent)
-    to[t.offset[t.block[sections]][:, None] + np.arange(6)] = system.first[:, None] + np.arange(6)
+    to[t.first[sections][:, None] + np.arange(6)] = system.first[:, None] + np.arange(6)
     coordinates = build_coordinate_map(solver.mesh, t)
     v, at = np.nonzero(coordinates)
     to[at] = system.unknown[v]
@@ -182,14 +180,10 @@ def close_start(task: Task, joints: Triple) -> Triple:
     q, qd, qdd = (part[0].copy() for part in joints)
     rows = build_constraint_rows(mesh).take_active(list_phases(mechanism, task.steps)[0].active)
     unknown = build_joint_mask(mechanism, task.passive)
-    sizes = list_velocity_scales(mesh)
     for _ in range(POLISHING):
         state = (q[None], qd[None], qdd[None])
         phi, (g,) = evaluate_closures(mesh, compute_rigid_motion(mesh, *state), rows)
-        opening = (phi[0, :, 0] + compute_coupling_residuals(rows, *state)[0][0]) / rows.scale
-        step = np.zeros(mechanism.nv)
-        a = (g * sizes / rows.scale[:, None])[:, unknown]
-        step[unknown] = -sizes[unknown] * np.linalg.lstsq(a, opening, rcond=REDUNDANT)[0]
-        q = integrate_configuration(mechanism, q, step)
+        opening = phi[0, :, 0] + compute_coupling_residuals(rows, *state)[0][0]
+        q = integrate_configuration(mechanism, q, solve_closing_step(mesh, rows, g, opening, unknown))
     close_rates(mesh, rows, q, qd, qdd, [unknown])
     return q[None], qd[None], qdd[None]

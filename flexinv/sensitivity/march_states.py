@@ -124,7 +124,7 @@ def build_free_system(mechanism: Mechanism, prescribed: Collection[str]) -> Free
     unknown = build_coordinate_map(mesh, solver.topology).argmax(axis=1)
     t = solver.topology
     sections = np.flatnonzero(t.independent)
-    return FreeSystem(solver, unknown, sections, t.offset[t.block[sections]])
+    return FreeSystem(solver, unknown, sections, t.first[sections])
 
 
 def build_varied_system(system: FreeSystem, mechanism: Mechanism, prescribed: Collection[str]) -> FreeSystem:

@@ -39,8 +39,7 @@ def assemble_masses(topology, task, scratch, marched):
             continue
         i = freedoms.marched[r]
         if task.flat:
-            for c in range(size):
-                system[r, c] = 0.0
+            system[r, :size] = 0.0
             for c in range(size, system.shape[1]):
                 system[r, c] = 0.0
             system[r, r] = 1.0

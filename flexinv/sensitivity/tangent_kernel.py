@@ -26,7 +26,7 @@ from flexinv.dynamics.loads import update_loads
 from flexinv.dynamics.stepper import evaluate
 from flexinv.kernels.jit import jit, jit_inner
 from flexinv.kernels.so3 import exp, inverse_tangent
-from flexinv.kernels.vec3 import add, apply, cross, mat, put, put_block, tapply, vec
+from flexinv.kernels.vec3 import add, apply, cross, mat, put, put_mat, tapply, vec
 from flexinv.kinematics.tree import Joints
 from flexinv.sensitivity.border_tangents import (
     add_border_forces,
@@ -135,7 +135,7 @@ def _write_forces(system, tips, k, record):
         record.residual[k, i] = system.work.residual[0, i]
     for i in range(len(tips.node)):
         n = tips.node[i]
-        put(record.tip[k, i], 0, add(vec(system.frames.x[n]), apply(mat(system.frames.r[n]), vec(tips.place[i]))))
+        put(record.tip[k, i], add(vec(system.frames.x[n]), apply(mat(system.frames.r[n]), vec(tips.place[i]))))
     for r in range(record.pulls.shape[1]):
         record.pulls[k, r] = ties.multiplier[r]
         for i in range(record.gradient.shape[2]):
@@ -191,8 +191,8 @@ def _fill_state(system, states, k):
     """Put the system where it was at sample k [m, rad, s], with the loads of then [N], [N m]."""
     state = system.state
     for n in range(states.x.shape[1]):
-        put(state.x[n], 0, vec(states.x[k, n]))
-        put_block(state.r[n], 0, 0, mat(states.r[k, n]))
+        put(state.x[n], vec(states.x[k, n]))
+        put_mat(state.r[n], mat(states.r[k, n]))
     for i in range(states.u.shape[1]):
         state.u[i] = states.u[k, i]
         state.du[i] = states.du[k, i]
@@ -203,7 +203,7 @@ def _fill_state(system, states, k):
     for r in range(states.multiplier.shape[1]):
         ties.multiplier[r] = states.multiplier[k, r]
     for r in range(states.coupling.shape[1]):
-        put(ties.coupling_terms[r], 0, vec(states.coupling[k, r]))
+        put(ties.coupling_terms[r], vec(states.coupling[k, r]))
 
 
 @jit_inner
@@ -228,7 +228,7 @@ def _move_tangents(turns, scheme, k, tangents):
     for t in range(len(turns.first)):
         o = turns.first[t]
         turned = exp(vec(turns.vector[k, t]))
-        put_block(turns.inverse[t], 0, 0, inverse_tangent(vec(turns.vector[k, t])))
+        put_mat(turns.inverse[t], inverse_tangent(vec(turns.vector[k, t])))
         for p in range(pose.shape[1]):
             back = tapply(turned, (pose[o, p], pose[o + 1, p], pose[o + 2, p]))
             pose[o, p], pose[o + 1, p], pose[o + 2, p] = back
@@ -253,8 +253,7 @@ def _compute_forces(inputs, which, k, tangents, accelerations, scratch):
     """
     forces = scratch.forces
     for i in range(forces.shape[0]):
-        for p in range(forces.shape[1]):
-            forces[i, p] = 0.0
+        forces[i] = 0.0
         for q in range(len(inputs.column)):
             forces[i, inputs.column[q]] += inputs.pushed[which, k, i, q]
     for e in range(len(scratch.stiffness)):
@@ -285,8 +284,7 @@ def _fill_right_sides(freedoms, scratch):
     size = len(freedoms.marched)
     ties = size + scratch.forces.shape[1]
     for r in range(size):
-        for c in range(size):
-            system[r, c] = 0.0
+        system[r, :size] = 0.0
         for c in range(size, ties):
             system[r, c] = -scratch.forces[freedoms.marched[r], c - size]
         for c in range(ties, system.shape[1]):
@@ -374,15 +372,14 @@ def _write_tips(system, tips, inputs, k, tangents, out):
     variation = system.variation
     for i in range(len(tips.node)):
         n = tips.node[i]
-        o = topology.offset[topology.block[n]]
+        o = topology.first[n]
         turned = mat(system.frames.r[n])
         place = vec(tips.place[i])
         for a in range(3):
-            for p in range(tangents.pose.shape[1]):
-                out.tip[k, i, a, p] = 0.0
+            out.tip[k, i, a] = 0.0
             for q in range(len(inputs.column)):
                 out.tip[k, i, a, inputs.column[q]] += inputs.shifted[k, i, a, q]
-        for c in range(topology.size[topology.block[n]]):
+        for c in range(topology.width[n]):
             moved = add(vec(variation.x[n, c]), apply(turned, cross(vec(variation.t[n, c]), place)))
             for a in range(3):
                 if moved[a] != 0.0:

@@ -31,7 +31,7 @@ from flexinv.kernels.dense import solve_tridiagonal
 from flexinv.kernels.jit import jit
 from flexinv.kernels.records import send_by_address
 from flexinv.kernels.so3 import exp_so3, inverse_tangent, log_so3
-from flexinv.kernels.vec3 import mat, put, put_block, vec
+from flexinv.kernels.vec3 import mat, put, put_mat, vec
 from flexinv.kinematics.mesh import Mesh, build
 from flexinv.kinematics.nodal_motion import compute_relative_motion, compute_rigid_motion
 from flexinv.kinematics.tree import Joints
@@ -94,8 +94,8 @@ def evaluate_instants(system, joints, motion, frame, out):
     size = system.topology.size[block]
     for k in range(motion.x.shape[0]):
         for n in range(motion.x.shape[1]):
-            put(state.x[n], 0, vec(motion.x[k, n]))
-            put_block(state.r[n], 0, 0, mat(motion.r[k, n]))
+            put(state.x[n], vec(motion.x[k, n]))
+            put_mat(state.r[n], mat(motion.r[k, n]))
         for i in range(len(state.d)):
             state.d[i] = 0.0
             state.u[i] = motion.u[k, i]
@@ -120,7 +120,7 @@ def evaluate_instants(system, joints, motion, frame, out):
 @jit
 def _fill_inverse_tangents(psi, out):
     for i in range(psi.shape[0]):
-        put_block(out[i], 0, 0, inverse_tangent(vec(psi[i])))
+        put_mat(out[i], inverse_tangent(vec(psi[i])))
 
 
 def compute_inverse_tangents(psi: Array) -> Array:
@@ -160,10 +160,10 @@ class FreeLayout:
         zero = np.zeros(mesh.mechanism.nv)
         self.solver = Solver.build_for(mesh, {joint.name for joint in m.joints if joint.nv})
         self.joints, t = compute_joint_motion(mesh, m.neutral, zero, zero), self.solver.topology
-        first = t.offset[t.block] + np.where(t.independent, 3, t.column + t.triple)
+        first = t.first + np.where(t.independent, 3, t.column + t.triple)
         self.node = np.flatnonzero(t.independent | (t.triple >= 0))
         self.section = np.flatnonzero(t.independent)
-        starts = first[self.node], t.offset[t.block[self.section]]
+        starts = first[self.node], t.first[self.section]
         self.triple, self.place = (part[:, None] + np.arange(3) for part in starts)
         springless = replace(m, joints=tuple(replace(j, stiffness=0.0) for j in m.joints))  # springs stay in the plane
         plane = find_plane(build(springless))
@@ -181,7 +181,7 @@ class FreeLayout:
         flat = np.zeros((len(q), len(t.scale)))
         flat[:, self.place] = motion.x[:, self.section]
         for n in np.flatnonzero(t.freedoms):
-            columns = slice(t.offset[t.block[n]] + t.column[n], t.offset[t.block[n]] + t.column[n] + t.freedoms[n])
+            columns = slice(t.first[n] + t.column[n], t.first[n] + t.column[n] + t.freedoms[n])
             slide = t.slide[n, : t.freedoms[n]]
             turn = t.turn[n, : t.freedoms[n]]
             flat[:, columns] = (rel.p[:, n] - self.joints.p[n]) @ (slide * ~turn.any(axis=1, keepdims=True)).T
@@ -199,7 +199,7 @@ class FreeLayout:
         r = np.tile(self.joints.r, (size, 1, 1, 1))
         x[:, self.section] = at.flat[:, self.place]
         for n in np.flatnonzero(t.freedoms):
-            first = t.offset[t.block[n]] + t.column[n]
+            first = t.first[n] + t.column[n]
             values = at.flat[:, first : first + t.freedoms[n]]
             x[:, n] += values @ t.slide[n, : t.freedoms[n]]
             if t.triple[n] < 0:
@@ -232,7 +232,7 @@ def _build_planar_rows(mesh: Mesh, solver: Solver, plane: Plane) -> Array:
     t = solver.topology
     rows = []
     for n in range(mesh.size):
-        o = t.offset[t.block[n]]
+        o = t.first[n]
         if t.independent[n]:
             block = np.zeros((3, len(t.scale)))
             block[:2, o : o + 3] = plane.axes.T[:2]
@@ -352,7 +352,7 @@ class Horizon:
 
     def solve_increments(self, at: NodePoses, now: LinearisedEquations) -> Array:
         """Return Newton's increments y (samples, unknowns) [m], [rad]."""
-        return np.asarray(self.build_linear_solver(at, now)(now.residual, now.missed) @ self.layout.pick)
+        return self.build_linear_solver(at, now)(now.residual, now.missed) @ self.layout.pick
 
     def build_linear_solver(self, at: NodePoses, now: LinearisedEquations) -> Callable[[Array, Array], Array]:
         """Return the function of residual (samples, rows) and missed (samples, tasks) that gives y (samples, rows) [m], [rad]."""

@@ -17,7 +17,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from flexinv.analysis.accurate import FEWEST_IN_STRETCH, check_accuracy, solve_within_accuracy
 from flexinv.analysis.evaluation import FirstStep, assemble_solution, build_rigid_first_step
@@ -39,7 +39,7 @@ from flexinv.tracking.collocation import FreeLayout, Horizon, NodePoses, Rotatio
 from flexinv.tracking.frame_path import Path
 from flexinv.tracking.internal_motion import SWINGING, describe_zeros, find_internal_rates, find_swings, take_step
 from flexinv.tracking.inverse_kinematics import Frame, PathMotion, RigidPath, list_drive_columns, resolve_frame
-from flexinv.typing import Array
+from flexinv.typing import Array, Complex
 from flexinv.validation import check_choice, check_flag, check_kind, check_seconds
 
 # Part of the motion inside that is left at the ends of a window that is chosen here, and that is refused in any.
@@ -262,10 +262,10 @@ def _build_window(way: RigidPath, step: float, before: float | None, after: floa
             f"step = {step:g} s gives {count.sum():.0f} instants in {first + move + last:.3g} s, more than {MOST_INSTANTS}: "
             "write a larger step, or shorter before and after"
         )
-    return np.asarray(step * np.arange(-max(count[0], 1), max(count[1], 1) + 1))
+    return step * np.arange(-max(count[0], 1), max(count[1], 1) + 1)
 
 
-def _compute_fading_time(rates: NDArray[np.complex128]) -> float:
+def _compute_fading_time(rates: Complex) -> float:
     """Time [s] in which the slowest of the rates that fade has faded to LEFT; none where none does."""
     fading = rates.real[rates.real > SWINGING * np.abs(rates)]
     return float(-np.log(LEFT) / fading.min()) if len(fading) else 0.0

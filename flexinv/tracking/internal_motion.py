@@ -17,10 +17,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import scipy  # its parts are loaded when they are asked for
-from numpy.typing import NDArray
 
 from flexinv.errors import InputError
-from flexinv.typing import Array
+from flexinv.typing import Array, Complex, Mask
 
 if TYPE_CHECKING:
     from flexinv.tracking.collocation import Horizon, LinearisedEquations, NodePoses
@@ -40,13 +39,13 @@ class InternalMotions:
     rates : (motions,) s [1/s], Re >= 0; left, right : (rows, motions) l, N w with l^T M N w = 1; inertia : (rows, rows) M
     """
 
-    rates: NDArray[np.complex128]
-    left: NDArray[np.complex128]
-    right: NDArray[np.complex128]
+    rates: Complex
+    left: Complex
+    right: Complex
     inertia: Array
 
     @property
-    def swinging(self) -> NDArray[np.bool_]:
+    def swinging(self) -> Mask:
         """Mask (motions,) [-] of those that neither fade nor grow."""
         return (self.rates.real <= SWINGING * np.abs(self.rates)) & (self.rates.imag > 0)
 
@@ -94,7 +93,7 @@ def find_internal_motions(horizon: Horizon, sample: int, stiffness: float = 1.0)
     return InternalMotions(rates, left, right / np.einsum("rm,rm->m", left, inert @ right), inert)
 
 
-def find_internal_rates(horizon: Horizon, sample: int) -> NDArray[np.complex128]:
+def find_internal_rates(horizon: Horizon, sample: int) -> Complex:
     """Return the rates s [1/s] (Re >= 0, slowest first) of what moves inside while the frame rests, at one end of the window.
 
     exp(s t) before the path and exp(-s t) after it; an imaginary s swings and never ends.
@@ -147,7 +146,7 @@ def take_step(horizon: Horizon, at: NodePoses, now: LinearisedEquations, swings:
     return replace(at, last=last), np.asarray(y @ pick)
 
 
-def describe_zeros(rates: NDArray[np.complex128]) -> str:
+def describe_zeros(rates: Complex) -> str:
     """Return the slowest zeros in words [1/s], those that swing with their frequency [Hz]."""
     unlike = np.unique(np.round(np.abs(rates), 9), return_index=True)[1][:ZEROS_NAMED]
     said = []

@@ -29,7 +29,7 @@ from flexinv.model.mechanism import Attachment, Mechanism
 from flexinv.model.motion import resolve_start_coordinates
 from flexinv.model.owned_cache import make_owner_cache
 from flexinv.tracking.frame_path import Path, Poses
-from flexinv.typing import Array
+from flexinv.typing import Array, Indices
 from flexinv.validation import refuse
 
 SCALAR = tuple(name for name, kind in KINDS.items() if kind.scalar)
@@ -108,7 +108,7 @@ def resolve_frame(mesh: Mesh, frame: str | Attachment) -> Frame:
     return Frame(name, int(node), frame.placement.position, frame.placement.rotation)
 
 
-def list_drive_columns(mechanism: Mechanism) -> NDArray[np.int64]:
+def list_drive_columns(mechanism: Mechanism) -> Indices:
     """Return the velocity coordinates [-] that have a drive.  Raises InputError for drives of joints that turn in space."""
     for joint in mechanism.joints:
         if joint.nv and joint.actuated and joint.kind not in SCALAR:
@@ -218,7 +218,7 @@ class RigidPath:
             )
 
     @cached_property
-    def _drives(self) -> NDArray[np.int64]:
+    def _drives(self) -> Indices:
         return list_drive_columns(self.mesh.mechanism)
 
     @cached_property
@@ -313,7 +313,7 @@ class RigidPath:
             dq[free] = vt[use].T @ (gain * (u[:, use].T @ missing))
             stopped = free & (((now >= upper) & (dq > 0)) | ((now <= lower) & (dq < 0)))
             if not stopped.any():
-                return np.asarray(np.clip(now + dq, lower, upper))
+                return np.clip(now + dq, lower, upper)
             free &= ~stopped
 
     def _refuse_unreachable(self, angles: Array, distance: float, at: float) -> None:

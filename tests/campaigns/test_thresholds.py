@@ -2,12 +2,20 @@
 
 from __future__ import annotations
 
+import ast
+import importlib
+import inspect
+
 import pytest
 
+from campaigns.log_faults.trial import Row, read_rows, run_row
 from campaigns.thresholds.__main__ import format_table
 from campaigns.thresholds.constants import LOGS, TORQUES, Threshold, list_thresholds, replace_threshold, scale_value
+from campaigns.thresholds.kept_rounds import keep_rounds
 from campaigns.thresholds.trials import COUNTED
+from crosscheck.causes import diagnosis, naming
 from crosscheck.identification.causes import name_causes, rounds
+from crosscheck.identification.causes.cause import NamedCause
 
 
 @pytest.mark.parametrize("kind", [TORQUES, LOGS])
@@ -34,9 +42,46 @@ def test_whole_numbers_stay_whole_and_above_none() -> None:
 
 
 def test_the_table_has_both_ways_of_each() -> None:
-    counts = dict.fromkeys(COUNTED, "4")
+    counts = dict.fromkeys((*COUNTED, "changed"), "4")
+    module = rounds.__name__.removeprefix("crosscheck.")
     rows = [
-        {"kind": LOGS, "module": "m", "name": "N", "factor": factor, **counts | {"right": right}}
+        {"kind": LOGS, "module": module, "name": "SEEN", "factor": factor, **counts | {"right": right}}
         for factor, right in (("0.5", "9"), ("2", "8"))
     ]
-    assert "| `m.N` | 9 / 4 / 4 | 8 / 4 / 4 |" in format_table(rows)
+    line = f"| `{module}.SEEN` | {rounds.SEEN} | `log_faults` | 9 / 4 / 4 / 4 | 8 / 4 / 4 / 4 |"
+    assert line in format_table(rows)
+
+
+def test_a_whole_number_changes_in_modules_that_import_it_and_in_no_other() -> None:
+    other = rounds.MOST
+    with replace_threshold(Threshold(TORQUES, naming.__name__, "MOST"), 2.0) as new:
+        assert new == naming.MOST == diagnosis.MOST
+        assert rounds.MOST is other  # of the same name in another module
+    assert naming.MOST == diagnosis.MOST == new // 2
+
+
+def test_no_argument_is_a_threshold_unless_it_is_said() -> None:
+    """A default is what a threshold was when its module was read: no change of it would be felt."""
+    for threshold in (*list_thresholds(LOGS), *list_thresholds(TORQUES)):
+        tree = ast.parse(inspect.getsource(importlib.import_module(threshold.module)))
+        functions = (node for node in ast.walk(tree) if isinstance(node, ast.FunctionDef))
+        defaults = (one for f in functions for one in (*f.args.defaults, *f.args.kw_defaults) if one is not None)
+        names = {node.id for one in defaults for node in ast.walk(one) if isinstance(node, ast.Name)}
+        assert threshold.name not in names, threshold
+
+
+@pytest.mark.parametrize("name", ["EVIDENCE", "LITTLE"])
+def test_what_is_kept_changes_no_verdict(name: str) -> None:
+    rows = read_rows()[120:124]
+    first = find_names(rows)
+    threshold = Threshold(LOGS, name_causes.__name__, name)
+    with replace_threshold(threshold, 0.5):
+        anew = find_names(rows)
+    with keep_rounds() as kept:
+        assert find_names(rows) == first
+        with replace_threshold(threshold, 0.5), kept.use_for(threshold):
+            assert find_names(rows) == anew
+
+
+def find_names(rows: list[Row]) -> list[tuple[NamedCause, ...]]:
+    return [run_row(row).named for row in rows]

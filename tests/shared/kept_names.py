@@ -38,8 +38,9 @@ KEPT: dict[str, str] = {
         _subtract_row _sweep block coefficients compose cos_sin cross cross_columns diagonal dot eliminate escape exp exp_so3
         exp_with factorise_blocks factorise_qr fetch force_cross fork from_quaternion inverse inverse_coefficient
         inverse_tangent inverse_transposed invert invert_scaled jit_formula jit_pass log log_so3 madd mat mat_at motion_cross
-        mscale msub mul outer pause plus_cross plus_out_of predict put put_block put_vec quadratic quiet row rows skew sub
-        subtract subtract_four sum3 swap tangent3 tangent_with tapply times tmul transpose uninterrupted vec vec_at vec_of
+        mscale msub mul outer pause plus_cross plus_out_of predict put put_at put_block put_mat put_pair put_vec quadratic
+        quiet row rows skew sub subtract subtract_four sum3 swap tangent3 tangent_with tapply times tmul transpose
+        uninterrupted vec vec_at vec_of
     """,
     "what pytest prescribes": """
         pytest_addoption pytest_collect_file pytest_configure pytest_configure_node pytest_report_collectionfinish

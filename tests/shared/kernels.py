@@ -18,7 +18,7 @@ from flexinv.elements.beam_element import (
 from flexinv.kernels.jit import jit, jit_blocks
 from flexinv.kernels.simd import LANES
 from flexinv.kernels.so3 import coefficients, inverse_coefficient, inverse_tangent
-from flexinv.kernels.vec3 import put_block, vec
+from flexinv.kernels.vec3 import put_mat, vec
 from flexinv.rnea.loop_allocation import solve_row, solve_six_forces
 from flexinv.typing import Array
 
@@ -69,7 +69,7 @@ def eliminate(t, e, d, work, plan, y):
 @jit
 def inverse_tangent_one(psi, out):
     """H(psi)^-1 into out (3, 3)."""
-    put_block(out, 0, 0, inverse_tangent(vec(psi)))
+    put_mat(out, inverse_tangent(vec(psi)))
 
 
 @jit

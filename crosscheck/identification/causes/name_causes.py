@@ -199,7 +199,9 @@ def _list_sure_causes(here: CauseRound, at: Array, named: dict[int, NamedCause],
     faults = {(here.causes[k].name, here.causes[k].place) for k in named if not here.causes[k].daily}
     few = len(faults) <= TOGETHER
     worst = (
-        here.list_unexplained_channels(first) if possible and few else here.list_unexplained_channels(first, 0.0)[:1]
+        here.list_unexplained_channels(first, False)
+        if possible and few
+        else here.list_unexplained_channels(first, True)[:1]
     )
     if worst:
         return [_make_unknown_cause(channel, level, found) for channel, level in worst]

@@ -198,11 +198,13 @@ class CauseRound:
         spread = np.array([np.sqrt(np.mean(part**2)) for part in parts[: len(self.weight)]])
         return np.asarray(spread / self.weight / self.search.fit.block)
 
-    def list_unexplained_channels(self, first: Array, noise: float = NOISE) -> list[tuple[Channel, float]]:
+    def list_unexplained_channels(self, first: Array, every: bool) -> list[tuple[Channel, float]]:
         """Return channels of which more is left than noise, with how many times it is left [-], worst first.
 
         first : `compute_levels` of the log as it is; of what was more than noise there, causes have to explain `MOST`
+        every : a channel of which less is left is among them, too
         """
+        noise = 0.0 if every else NOISE
         levels = self.compute_levels()
         rest = np.maximum(levels**2 - 1.0, 0.0)
         partly = (levels > SEEN) & (levels < first) & (rest > (1.0 - MOST) * (first**2 - 1.0))

@@ -6,12 +6,12 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from flexinv.kernels.compiler.code_cache import make_jit_decorator
 from flexinv.kernels.compiler.record_types import prepare_record_class
 from flexinv.kernels.compiler.shipped_code import collect_compiler_versions
 from flexinv.kernels.compiler.source_stamps import PACKAGE, compute_source_stamp
+from flexinv.typing import Array
 
 PASSED = ".passed"  # ending of the file that says with which versions and sources the number was right
 
@@ -21,7 +21,7 @@ class Rod(NamedTuple):
     """A rod: mass [kg] and places [m]."""
 
     mass: float
-    place: NDArray[np.float64]
+    place: Array
 
 
 @prepare_record_class

@@ -22,11 +22,11 @@ from queue import SimpleQueue
 from threading import Lock, Thread
 
 import numpy as np
-from numpy.typing import NDArray
 
 from flexinv.kernels.jit import jit_lanes
 from flexinv.kernels.threads.affinity import move_from_processor, processor_now, read_thread_limit
 from flexinv.kernels.threads.atomics import pause, read_address, read_cell, swap, write_cell
+from flexinv.typing import Unsigned
 
 EMPTY, CLAIMED, OFFERED, TAKEN, DONE = range(5)
 # Cells of a mail, in lines of the cache of eight: the state, what only the caller writes, whether the helper sleeps, the offer.
@@ -42,7 +42,7 @@ WATCH = 3e-4  # [s] that a helper watches before it sleeps: several times what p
 _LOOKS = 2_000
 _TRIES = 5
 MOST = 255
-Attend = Callable[[NDArray[np.uint64], int], None]
+Attend = Callable[[Unsigned, int], None]
 
 
 @jit_lanes
@@ -103,7 +103,7 @@ def collect_answers(mails, owner, total):
 class _Helper:
     """A thread, its mail and the bell that wakes it."""
 
-    def __init__(self, attend: Attend, mail: NDArray[np.uint64]) -> None:
+    def __init__(self, attend: Attend, mail: Unsigned) -> None:
         self.attend = attend
         self.mail = mail
         self.bell = SimpleQueue[bool]()
@@ -160,7 +160,7 @@ class Helpers:
             one.bell.put(False)
             one.thread.join()
 
-    def prepare_mailboxes(self, count: int, wake: bool) -> NDArray[np.uint64]:
+    def prepare_mailboxes(self, count: int, wake: bool) -> Unsigned:
         """Return the mails (helpers, cells) [-] of at most so many helpers, which watch them soon.
 
         Where not ``wake``, those that sleep are woken only if the last call was a moment ago, as in a loop.

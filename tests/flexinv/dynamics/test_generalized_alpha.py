@@ -25,7 +25,7 @@ def no_nodes() -> Topology:
     none, index = np.zeros(0), np.zeros(0, dtype=np.int64)
     axes = np.zeros((0, 6, 3))
     return Topology(
-        index, index, np.zeros(0, dtype=np.bool_), *(index,) * 8, axes, axes,
+        index, index, np.zeros(0, dtype=np.bool_), *(index,) * 10, axes, axes,
         np.zeros((5, 0)), none, none, np.zeros((0, 3, 3)), np.zeros(3), 1.0, build_no_shapes(0), index,
     )  # fmt: skip
 
