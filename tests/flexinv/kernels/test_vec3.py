@@ -8,6 +8,8 @@ from flexinv.kernels import vec3 as v
 from flexinv.kernels.jit import jit
 from flexinv.kernels.vec3 import (
     add,
+    add_at,
+    add_pair,
     add_scaled,
     add_to,
     apply,
@@ -23,7 +25,10 @@ from flexinv.kernels.vec3 import (
     mul,
     outer,
     put,
+    put_at,
     put_block,
+    put_mat,
+    put_pair,
     rows,
     scale,
     skew,
@@ -45,18 +50,18 @@ ROUNDING = 3 * 27 * np.finfo(float).eps
 def every_vector(a, b, c, m, k, out):
     """One row of ``out`` for every function that gives a vector; ``dot`` in the last."""
     x, y, z, square = vec(a), vec(b), vec(c), mat(m)
-    put(out[0], 0, add(x, y))
-    put(out[1], 0, sub(x, y))
-    put(out[2], 0, sum3(x, y, z))
-    put(out[3], 0, scale(k, x))
-    put(out[4], 0, add_scaled(x, k, y))
-    put(out[5], 0, times(x, y))
-    put(out[6], 0, cross(x, y))
-    put(out[7], 0, apply(square, x))
-    put(out[8], 0, tapply(square, x))
-    put(out[9], 0, vec_at(c, 1))
-    add_to(out[10], 0, x)
-    add_to(out[10], 0, y)
+    put(out[0], add(x, y))
+    put(out[1], sub(x, y))
+    put(out[2], sum3(x, y, z))
+    put(out[3], scale(k, x))
+    put(out[4], add_scaled(x, k, y))
+    put(out[5], times(x, y))
+    put(out[6], cross(x, y))
+    put(out[7], apply(square, x))
+    put(out[8], tapply(square, x))
+    put(out[9], vec_at(c, 1))
+    add_to(out[10], x)
+    add_to(out[10], y)
     out[11, 0] = dot(x, y)
 
 
@@ -75,7 +80,19 @@ def every_matrix(a, b, m, n, k, flat, out):
     put_block(out[8], 0, 0, mul(p, q))
     put_block(out[9], 0, 0, tmul(p, q))
     put_block(out[10], 0, 0, block(n, 0, 0))
-    put_block(out[11], 0, 0, mat_at(flat, 1))
+    put_mat(out[11], mat_at(flat, 1))
+
+
+@jit
+def every_place(a, b, out):
+    """One row of ``out`` for every function that writes elsewhere than into a row's first three entries."""
+    x, y = vec(a), vec(b)
+    put_at(out[0], 2, x)
+    put_pair(out[1], x, y)
+    add_at(out[2], 1, x)
+    add_at(out[2], 1, y)
+    add_pair(out[3], x, y)
+    add_pair(out[3], y, x)
 
 
 def test_vectors_equal_numpy() -> None:
@@ -98,6 +115,18 @@ def test_matrices_equal_numpy() -> None:
         np.cross(a, np.eye(3)).T, k * np.eye(3), m.T, np.outer(a, b), m + n, m - n, k * m, np.diag(a) @ m, m @ n, m.T @ n, n,
         flat[1:].reshape(3, 3),
     ]  # fmt: skip
+    np.testing.assert_allclose(out, expected, rtol=0, atol=ROUNDING)
+
+
+def test_vectors_are_written_where_they_belong() -> None:
+    a, b = np.random.default_rng(3).normal(size=(2, 3))
+    out = np.zeros((4, 7))
+    every_place(a, b, out)
+    expected = np.zeros((4, 7))
+    expected[0, 2:5] = a
+    expected[1, :6] = [*a, *b]
+    expected[2, 1:4] = a + b
+    expected[3, :6] = [*(a + b), *(a + b)]
     np.testing.assert_allclose(out, expected, rtol=0, atol=ROUNDING)
 
 
