@@ -199,18 +199,24 @@ def _take_determinate(six: dict[str, Series], sure: NDArray[np.bool_]) -> dict[s
 
 
 def collect_shapes(mechanism: Mechanism, solution: Solution, rows: slice) -> dict[str, Series]:
-    """Return "shape/<link>/<place>/x", "y", "z" [m] in the world: the nodes along a beam, the origin of a rigid link.
+    """Return "shape/<link>/<place>/x", "y", "z" [m] in the world: nodes along a beam, the origin of other links.
+
+    Of a meshed link its interfaces follow.
 
     They are drawn and not compared; the tip of every link, which is, follows them.
     """
     shapes: dict[str, Series] = {}
+    mesh = solution.mesh
+    parts = {link.name: link.part for link in mechanism.meshed if link.part is not None}
     for joint in mechanism.joints:
         name = joint.child
-        mesh = solution.mesh
         places = {"origin": mesh.joint_node[joint.name]}
         if name in mesh.section_nodes:
             at = zip(mesh.section_stations[name], mesh.section_nodes[name], strict=True)
             places = {f"{station:.4f}": int(node) for station, node in at}
+        elif name in parts:
+            beside = [one.name for one in parts[name].moved if one.name != parts[name].tip]
+            places |= {one: mesh.interface_node[(name, one)] for one in beside}
         for place, node in places.items():
             shapes |= vector_series(f"shape/{name}/{place}", "m", solution.nodes.x[rows, node])
     return shapes

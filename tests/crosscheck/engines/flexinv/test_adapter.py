@@ -80,3 +80,20 @@ def test_rigid_mechanisms_and_unactuated_bases_have_every_torque(root: Path) -> 
     assert {n for n in record.series if n.startswith("torque/")} == {f"torque/{n}" for n in mechanism.velocity_names}
     assert all(s.error is None for s in record.series.values())
     assert engine.unsupported(mechanism, one, "flexinv") is None
+
+
+def test_a_meshed_link_is_drawn_with_all_of_its_interfaces(root: Path) -> None:
+    mechanism = load_mechanism(root / "models" / "four_bar_bracket")
+    one = next(iter(load_cases(root / "models" / "four_bar_bracket", mechanism).values()))
+    solution = solve(mechanism, one.motion, one.step, end=2 * one.step, start=one.start)
+    shapes = engine.collect_shapes(mechanism, solution, slice(None))
+    (link,) = mechanism.meshed
+    part = link.part
+    assert part is not None
+    places = [name.split("/")[2] for name in shapes if name.startswith(f"shape/{link.name}/") and name.endswith("/x")]
+    assert places == ["origin", *(each.name for each in part.moved if each.name != part.tip)]
+    for place in places[1:]:
+        ends = [np.array([shapes[f"shape/{link.name}/{at}/{x}"].values[0] for x in "xyz"]) for at in ("origin", place)]
+        stressless = np.linalg.norm(part.interface_of[place].origin)
+        # the march starts undeformed: rounding alone
+        assert np.linalg.norm(ends[1] - ends[0]) == pytest.approx(stressless, rel=1e-9)
