@@ -208,7 +208,7 @@ def test_what_cannot_be_is_refused_and_the_next_step_works(
         ({}, (0.0, 2 * STEP), "the communication step is 0.004 s; this FMU takes 0.002 s alone"),
         ({}, (STEP, STEP), "the communication point is 0.002 s, but the FMU stands at 0 s"),
         ({}, (0.0, float("nan")), "are no finite numbers"),
-        ({"joint1.q": float("nan")}, (0.0, STEP), "a number that is given is infinite or none"),
+        ({"joint1.q": float("nan")}, (0.0, STEP), "a number that is given is infinite or not a number"),
         (
             {"link2.payload.mass": -1.0},
             (0.0, STEP),

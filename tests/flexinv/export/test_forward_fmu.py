@@ -176,7 +176,7 @@ def test_a_step_that_fails_leaves_the_arm_where_it_was(arm: Path, bending: Mecha
             one.replay(inputs, torque[1:3], outputs, STEP)  # in parts: the start is sudden
         for values, said in (
             ({"joint1.tau": 1e9}, "step: "),
-            ({"joint1.tau": float("nan")}, "a number that is given is infinite or none"),
+            ({"joint1.tau": float("nan")}, "a number that is given is infinite or not a number"),
             ({"torque.held": 0.5}, "a mass, an inertia, friction or an index that cannot be"),
         ):
             fmu.set(values)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import subprocess
 from dataclasses import replace
 from pathlib import Path
 
@@ -11,6 +12,7 @@ from bending_four_bar import bending
 from c_library import Block, assert_needs_nothing, needs_compiler
 from four_bar_example import START
 from marched_library import STEP, controlled, stepped, swing
+from reader_pages import ROOT, blocks
 
 import flexinv
 from flexinv.errors import InputError, ModelWarning
@@ -277,3 +279,67 @@ def assert_strains_turn(block: Block, arm: Mechanism, q: Array) -> None:
     bent = angles[1] - angles[0] - q[1]
     assert abs(abs(turn) - abs(bent)) < 1e-9
     assert abs(turn) > 1e-3
+
+
+@pytest.fixture(scope="module")
+def carrying(in_plane: Mechanism, tmp_path_factory: pytest.TempPathFactory) -> ExportedLibrary:
+    """A library with steps that resolve its vibrations."""
+    return export_c(in_plane, tmp_path_factory.mktemp("carrying") / "library", step=STEP, payloads=("link2",))
+
+
+LIGHT = 0.02  # [kg]
+CHANGES = {
+    "a load": ("set_payload", 0, LIGHT, np.zeros(3), np.zeros(6)),
+    "no load": ("set_payload", 0, 0.0, np.zeros(3), np.zeros(6)),
+    "gravity": ("set_gravity", np.array([0.0, -1.62, 0.0])),
+}
+
+
+@pytest.mark.parametrize("change", CHANGES.values(), ids=CHANGES)
+@pytest.mark.parametrize("after", [0, 3])
+def test_a_jump_is_found_in_the_first_step_after_a_change_too(
+    carrying: ExportedLibrary, change: tuple[str | int | float | Array, ...], after: int
+) -> None:
+    still, tau = np.zeros(2), np.zeros(2)
+    block = Block(carrying)
+    for _ in range(after):
+        assert block.call("step", still, still, still, tau) == "OK"
+    name, *given = change
+    assert block.call(str(name), *given) == "OK"
+    before = np.zeros(2)
+    assert block.call("last_torque", before) == "OK"
+    assert block.call("step", np.array([0.1, 0.0]), still, still, tau) == "ENERGY"
+    assert np.array_equal(before, tau) or not after  # nothing is written, and the last torque was that of the last step
+
+
+def test_changes_at_any_instant_of_a_motion_are_no_energy_from_nowhere(
+    in_plane: Mechanism, carrying: ExportedLibrary
+) -> None:
+    """Loads and gravity come and go from step to step, in motion and at rest, and after a step that was refused."""
+    block = Block(carrying)
+    dice = np.random.default_rng(7)
+    rows = swing(in_plane, in_plane.neutral, 0.4, 300)
+    tau = np.zeros(2)
+    for q, qd, qdd in [*rows, *[rows[-1]] * 100]:
+        if dice.random() < 0.3:
+            load = LIGHT * dice.random() * (dice.random() < 0.7)
+            assert block.call("set_payload", 0, load, np.zeros(3), np.zeros(6)) == "OK"
+        if dice.random() < 0.2:
+            gravity = np.array([*dice.normal(0.0, 10.0, 2), 0.0]) * (dice.random() < 0.7)
+            assert block.call("set_gravity", gravity) == "OK"
+        if dice.random() < 0.2:
+            assert block.call("step", q + np.array([2.0, 0.0]), qd, qdd, tau) == "BENT_TOO_FAR"
+        assert block.call("step", q, qd, qdd, tau) == "OK"
+
+
+def test_the_program_that_is_shown_for_loads_and_copies_runs(carrying: ExportedLibrary, tmp_path: Path) -> None:
+    source, program = tmp_path / "page.cpp", tmp_path / "page"
+    source.write_text(blocks((ROOT / "docs" / "howto" / "c-library.md").read_text(), "cpp")[1])
+    library = carrying.folder / "lib" / "native" / f"lib{carrying.name}.a"
+    words = ["c++", "-Wall", "-Werror", f"-I{carrying.folder / 'include'}", source, library, "-lm", "-o", program]
+    subprocess.run(list(map(str, words)), check=True)
+    done = subprocess.run([program], capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    refusal, torques = done.stdout.splitlines()
+    assert refusal.startswith("energy comes from nowhere")
+    assert torques.endswith(" N m")

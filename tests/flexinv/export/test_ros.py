@@ -125,7 +125,7 @@ def test_the_plugin_refuses_in_words(installed: Path) -> None:
         "gravity: expected x, y, z in the world [m/s^2]",
         "payload.link: there is no link nobody",
         "joint_positions: 2 numbers, expected 3",
-        "getGravityVector: a number that is given is infinite or none",
+        "getGravityVector: a number that is given is infinite or not a number",
     ]
 
 
