@@ -70,7 +70,7 @@ def assemble_solution(
     tau, reaction = add_joint_efforts(mechanism, first, found.tau, found.reaction)
     if loops is not None and loops.left.size == 0:  # rigid loops have it from the allocation, a march only here
         loops = replace(loops, left=tau * ~mechanism.actuated)
-    internal, stations = _split_by_beam(mesh, first.trajectory.internal)
+    internal, stations = split_by_beam(mesh, first.trajectory.internal)
     elastic, _, dissipated = first.trajectory.energy.T
     balance = Balance(
         *(found.kinetic, found.potential, elastic, found.power, found.work, found.momentum, dissipated),
@@ -94,8 +94,8 @@ def assemble_solution(
     return solution
 
 
-def _split_by_beam(mesh: Mesh, resultants: Array) -> tuple[dict[str, Array], dict[str, Array]]:
-    """Stress resultants (samples, points, 6) of each beam, from those of all elements, and where its points are."""
+def split_by_beam(mesh: Mesh, resultants: Array) -> tuple[dict[str, Array], dict[str, Array]]:
+    """Return a quantity (samples, points, 6) [any unit] of each beam, from that of all elements, and where its points are [-]."""
     internal = dict[str, Array]()
     stations = dict[str, Array]()
     for name, points, order, station in list_section_points(mesh):

@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike
 
 from flexinv.constraints.reactions import Impact
 from flexinv.display.card import Card, Shown
+from flexinv.dynamics.section_strains import compute_section_strains
 from flexinv.errors import ConvergenceError
 from flexinv.inverse.balance import Balance
 from flexinv.inverse.inverse_dynamics import Factors, NodalForces, compute_torque_factors
@@ -142,9 +143,19 @@ class Solution(Shown, ByValue):
     def root(self) -> dict[str, Array]:
         """Beam -> (samples, 6) axial, shear_y, shear_z [N], twist, bending_y, bending_z [N m] at its root section."""
         return {
-            link.name: _compute_root_resultants(self.mesh, link, self.nodes, self.forces)
+            link.name: compute_root_resultants(self.mesh, link, self.nodes, self.forces)
             for link in self.mesh.mechanism.beams
         }
+
+    @cached_property
+    def strain(self) -> dict[str, Array]:
+        """Beam -> (samples, points, 6) axial, shear_y, shear_z [-], twist, bending_y, bending_z [1/m] at ``internal_stations``.
+
+        Beside the shape without stress; damping has no part in them.
+        """
+        from flexinv.analysis.evaluation import split_by_beam
+
+        return split_by_beam(self.mesh, compute_section_strains(self.mesh, self.nodes))[0]
 
     @property
     def power_residual(self) -> Array:
@@ -351,8 +362,10 @@ def list_effort_labels(mechanism: Mechanism) -> list[str]:
     return [f"{'torque' if unit == 'N m' else 'force'} {name} [{unit}]" for name, unit in units]
 
 
-def _compute_root_resultants(mesh: Mesh, link: Link, motion: NodalMotion, forces: NodalForces) -> Array:
-    """Resultants at a beam's root: minus the sum of P over all nodes beyond it, and of its own share of mass there alone."""
+def compute_root_resultants(mesh: Mesh, link: Link, motion: NodalMotion, forces: NodalForces) -> Array:
+    """Return the resultants (samples, 6) at a beam's root [N], [N m]: minus the sum of P over all nodes beyond it, and of its own
+    share of mass there alone.
+    """
     root = mesh.section_nodes[link.name][0]
     outer = find_outboard_nodes(mesh, int(mesh.section_nodes[link.name][1]))
     arm = motion.x[:, outer] - motion.x[:, [root]]

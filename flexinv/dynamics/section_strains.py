@@ -1,10 +1,16 @@
-"""Strains of beams at their sections at one instant, from the poses of their nodes (compiled): damping has no part in them."""
+"""Strains of beams at their sections, from the poses of their nodes (compiled): damping has no part in them."""
 
 from __future__ import annotations
 
-from flexinv.elements.beam import fill_relative_poses, make_point
+import numpy as np
+
+from flexinv.elements.beam import Scratch, fill_relative_poses, make_point
 from flexinv.kernels.jit import jit
 from flexinv.kernels.vec3 import apply, mat, put, put_mat, put_pair, sub, vec
+from flexinv.kinematics.mesh import Mesh
+from flexinv.kinematics.nodal_motion import NodalMotion
+from flexinv.kinematics.tree import Frames
+from flexinv.typing import Array
 
 
 @jit
@@ -26,3 +32,16 @@ def fill_section_strains(elements, frames, scratch, out):
                 sub(point.stretch, vec(elements.gamma0[k, g])),
                 sub(apply(point.h, point.dpsi), vec(elements.kappa0[k, g])),
             )
+
+
+def compute_section_strains(mesh: Mesh, motion: NodalMotion) -> Array:
+    """Return the strains (samples, elements, points, 6) of all sections along a motion [-], [1/m]."""
+    elements = mesh.elements
+    out = np.zeros((len(motion.x), *elements.weight.shape, 6))
+    if not elements.nodes.size:
+        return out
+    scratch = Scratch.build_for(elements.nodes.shape[1])
+    whole = motion.frames
+    for sample, strains in enumerate(out):
+        fill_section_strains(elements, Frames(*(part[sample] for part in whole)), scratch, strains)
+    return out

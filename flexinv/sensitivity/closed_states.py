@@ -74,6 +74,12 @@ def build_closed_states(
     )
 
 
+def find_shown_multipliers(system: FreeSystem, shown: MarchStates, marched: Indices) -> Array:
+    """Return the multipliers (samples, rows) of index 1 along states [N], [N m], closures of which are without force."""
+    record = sample_forces(system, shown)
+    return find_multipliers(system, record, record.residual, marched[~find_massless(system, shown, marched)])
+
+
 def compute_march_accelerations(rates: Array, first: Array, scheme: Scheme) -> Array:
     """Return the accelerations (samples, unknowns) of a march [m/s^2], [rad/s^2] from its rates and its first accelerations."""
     out = np.empty_like(rates)

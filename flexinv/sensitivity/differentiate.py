@@ -7,7 +7,7 @@ order, as is what one of the motion does to joints; rows of samples and of moves
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -24,13 +24,17 @@ from flexinv.model.joint_kinds import KINDS
 from flexinv.model.mechanism import Mechanism
 from flexinv.model.motion import Motion, resolve_start_coordinates
 from flexinv.planar.detection import NotPlanar, find_plane
-from flexinv.sensitivity.closed_states import add_spring_forces, build_closed_states, check_efforts
+from flexinv.sensitivity.closed_states import (
+    add_spring_forces,
+    build_closed_states,
+    check_efforts,
+    find_shown_multipliers,
+)
 from flexinv.sensitivity.march_start import (
     MarchStart,
     begin_march,
     close_start,
     collect_accelerations,
-    compute_start_offsets,
     integrate_parts,
 )
 from flexinv.sensitivity.march_states import (
@@ -49,13 +53,12 @@ from flexinv.sensitivity.march_states import (
     sample_forces,
     take_plane_freedoms,
 )
+from flexinv.sensitivity.nearby_results import NearbyResults, check_results
 from flexinv.sensitivity.parameters import (
     Parameter,
-    ParameterVariation,
     RowParameter,
     StretchParameter,
     VariedSetup,
-    build_differences,
     build_variation,
     evaluate_rows,
     evaluate_stretch,
@@ -63,6 +66,7 @@ from flexinv.sensitivity.parameters import (
 )
 from flexinv.sensitivity.rigid_loops import RigidLoops
 from flexinv.sensitivity.sensitivities import Sensitivities
+from flexinv.sensitivity.start_slopes import StartSlopes
 from flexinv.sensitivity.tangent_kernel import integrate_tangents
 from flexinv.sensitivity.tangent_records import (
     ForceRecord,
@@ -75,20 +79,19 @@ from flexinv.sensitivity.tangent_records import (
 from flexinv.typing import Array, Mask, Triple
 from flexinv.validation import check_kind
 
-FINER = 0.2  # of the change of a number, where the start of a loop depends on it in a curve
-CURVED = 3e-9  # of a start's derivative: what two changes leave of it by rounding alone
-
 
 def differentiate(
     mechanism: Mechanism, motion: Motion, by: str | Parameter | Iterable[str | Parameter], step: float,
     end: float | None = None, spectral_radius: float = 0.8, initial: str = "consistent",
-    start: Start = None, start_rate: Start = None,
+    start: Start = None, start_rate: Start = None, of: Collection[str] = (),
 ) -> Sensitivities:  # fmt: skip
     """Return the derivatives of torques, tips and joint coordinates of `solve` by parameters of motion and mechanism.
 
     by : names of numbers, as "motion.elbow[1]", "motion.duration", "links.forearm.beam.length", "joints.elbow.damping",
         "gravity[2]" (`sensitivity.parameters`), or `Parameter` with a function of its own
     step, end, spectral_radius, initial, start, start_rate : as `solve` takes them; the steps stay where they are
+    of : what is differentiated beside torques, tips and coordinates: "wrench", "internal", "root", "strain", "deflection" and
+        "reaction", as a Solution has them, and "energy"
     The tangents are those of the march itself: the same as differences of `solve` with a vanishing change.
     Raises InputError as `solve`, for parameters that are none, closures that act for a while, meshed links, joints without one
     number for each coordinate, and accelerations that jump after the start; ConvergenceError as `solve`.
@@ -96,13 +99,14 @@ def differentiate(
     check_kind("mechanism", mechanism, Mechanism)
     check_kind("motion", motion, Motion)
     parameters = resolve_parameters(by, mechanism, motion)
+    results = check_results(of)
     _check_mechanism(mechanism)
     solution = solve(
         mechanism, motion, step=step, end=end, spectral_radius=spectral_radius, initial=initial,
         start=start, start_rate=start_rate,
     )  # fmt: skip
     _check_jumps(motion, solution.time)
-    return _Differentiation(mechanism, solution, motion, parameters, (start, start_rate)).run_march()
+    return _Differentiation(mechanism, solution, motion, parameters, (start, start_rate), results).run_march()
 
 
 def _check_mechanism(mechanism: Mechanism) -> None:
@@ -156,7 +160,7 @@ class _Differentiation:
 
     def __init__(
         self, mechanism: Mechanism, solution: Solution, motion: Motion, parameters: tuple[Parameter, ...],
-        started: tuple[Start, Start],
+        started: tuple[Start, Start], of: Sequence[str],
     ) -> None:  # fmt: skip
         """Prepare what all legs of the march share."""
         self.mechanism = mechanism
@@ -164,6 +168,7 @@ class _Differentiation:
         self.motion = motion
         self.parameters = parameters
         self.started = started
+        self.of = of
         prescribed = motion.joints(mechanism)
         self.passive = {j.name for j in mechanism.joints if j.nv} - set(prescribed)
         self.prescribed = prescribed
@@ -171,6 +176,7 @@ class _Differentiation:
         self.system = build_free_system(mechanism, prescribed)
         self.freedoms = self.system.make_freedoms(self.passive)
         self.variations = tuple(build_variation(parameter, mechanism, motion) for parameter in parameters)
+        self.multiplier: Array | None = None  # of closures along the whole solution, where it is known
         self.starts_in_balance = False  # known of loops: else the first efforts are differences of starts
         self.changing = [k for k, one in enumerate(self.variations) if one.changes_mechanism]
         self.beside = {
@@ -228,20 +234,22 @@ class _Differentiation:
             False,
         )
         self._integrate_tangents(system, task, self.settings.scheme, tangents, whole)
-        out.tip[:] = whole.tip
-        out.pose[:] = whole.pose
+        efforts, multiplier = loops.split_efforts(whole.effort, found)
+        whole.multiplier[:] = multiplier[: len(whole.multiplier)]
+        for history, part in zip(out[1:], whole[1:], strict=True):
+            history[:] = part
         for part, last in zip(tangents, found[:, -1], strict=False):
             part[system.unknown] = last
         tangents.shown[:] = tangents.acceleration
         joints = solution.q[-1], solution.qd[-1], solution.qdd[-1]
         end = compute_end_slopes(system, loops.states, tangents, joints)
-        return loops.split_efforts(whole.effort, found), end
+        self.multiplier = loops.states.multiplier
+        return efforts, end
 
     def _make_histories(self, samples: int, joints: int | None = None) -> TangentHistories:
         """Room for the derivatives at so many samples, of the efforts of so many joints."""
-        tips = len(list_tip_nodes(self.system).node)
         joints = len(self.freedoms.prescribed) if joints is None else joints
-        return make_histories(samples, self.system.size, joints, tips, len(self.parameters))
+        return make_histories(self.system, samples, joints, len(self.parameters), rates=bool(self.of))
 
     def _integrate_early_steps(
         self, base: MarchStart, count: int, tangents: StepTangents, out: TangentHistories
@@ -291,7 +299,9 @@ class _Differentiation:
         scratch = make_tangent_scratch(system, len(task.freedoms.marched), len(self.parameters))
         solver = system.solver
         massive = build_massive_solver(solver)
-        bad = integrate_tangents(solver.system, massive.system, task, scheme, tangents, scratch, out, make_no_record())
+        bad = integrate_tangents(
+            solver.system, massive.system, task, scheme, tangents, scratch, out, make_no_record(system)
+        )
         if bad >= 0:
             raise ConvergenceError(
                 f"mechanism '{self.mechanism.name}', at sample {bad}: an element turns too much to be linearised; use more "
@@ -374,38 +384,37 @@ class _Differentiation:
         """
         efforts = np.full((self.mechanism.nv, len(self.parameters)), np.nan)
         out = StepTangents(*np.zeros((5, self.system.size, len(self.parameters))))
-        for k, variation in self._list_start_variations():
-            found, effort = self._compute_start_slopes(base, k, variation)
-            if self.mechanism.closures:  # near singular positions a start depends on a number in a narrow curve
-                finer = build_differences(self.parameters[k], self.mechanism, self.motion, FINER)
-                other, other_effort = self._compute_start_slopes(base, k, finer)
-                if np.abs(other[0] - found[0]).max() > CURVED * np.abs(other[0]).max():
-                    found = other
-                    effort = other_effort
+        iterated = bool(self.mechanism.closures) or self.settings.initial == "static"
+        slopes = StartSlopes(self._begin, base, self.system, self.given, iterated)
+        for k in self._list_start_parameters():
+            found, effort = slopes.differentiate(self.parameters[k], self.mechanism, self.motion)
             for part, value in zip(out, found, strict=False):
                 part[:, k] = value
             efforts[self.given, k] = effort
         return out, efforts
 
-    def _compute_start_slopes(self, base: MarchStart, k: int, variation: ParameterVariation) -> tuple[Array, Array]:
-        """Derivatives (4, unknowns) of a start by parameter k, and of the efforts there of joints with a motion."""
-        starts = [self._begin(setup) for setup in variation.setups]
-        if any(start.sudden != base.sudden for start in starts):
-            raise InputError(
-                f"differentiate: by {self.parameters[k].name!r}: a small change makes the start of the march sudden, so that "
-                "its first steps are others; write another step, or initial = 'static'"
-            )
-        found = variation.join_results(compute_start_offsets(start, base, self.system) for start in starts)
-        return found, variation.join_results(start.effort[self.given] for start in starts)
-
-    def _list_start_variations(self) -> Iterator[tuple[int, ParameterVariation]]:
-        """Yield the numbers of the parameters on which the start depends, with setups beside the present one."""
+    def _list_start_parameters(self) -> list[int]:
+        """Numbers of the parameters on which the start depends."""
         given = self._compute_given(self.solution.time[:1])
-        for k, variation in enumerate(self.variations):
-            if k in self.changing or given[..., k].any():
-                if isinstance(self.parameters[k], RowParameter | StretchParameter):
-                    variation = build_differences(self.parameters[k], self.mechanism, self.motion)
-                yield k, variation
+        return [k for k in range(len(self.parameters)) if k in self.changing or given[..., k].any()]
+
+    def _compute_result_slopes(self, out: TangentHistories) -> dict[str, dict[str, Array]]:
+        """Derivatives of what else is asked for, by name, and by joint, beam, closure or kind."""
+        if not self.of:
+            return {}
+        if self.multiplier is None:
+            self.multiplier = self._find_multipliers()
+        nearby = NearbyResults(self.system, self.solution, out, self.multiplier, self.of)
+        return nearby.differentiate(self.variations, self.beside)
+
+    def _find_multipliers(self) -> Array:
+        """Multipliers of the closures (samples, rows) along the whole solution, with the forces of springs."""
+        solution = self.solution
+        joints = solution.q, solution.qd, solution.qdd
+        states = add_spring_forces(self.system, build_march_states(self.system, solution.nodes, joints, solution.time))
+        if self.mechanism.closures:
+            return find_shown_multipliers(self.system, states, self.freedoms.marched)
+        return np.asarray(states.multiplier)
 
     def _assemble(self, out: TangentHistories, effort: Array, end: NodalMotion) -> Sensitivities:
         """The result of the histories, of the efforts of all joints, and of the slopes in the last sample."""
@@ -421,6 +430,7 @@ class _Differentiation:
             q=out.pose[:, self.system.unknown],
             end=end,
             ends_alike=ends_alike,
+            results=self._compute_result_slopes(out),
         )
 
     def _fill_efforts(self, effort: Array) -> Array:

@@ -12,6 +12,7 @@ from flexinv.dynamics.generalized_alpha import STATICS
 from flexinv.dynamics.linearization import count_entries
 from flexinv.dynamics.loads import build_load_table
 from flexinv.dynamics.solver import Solver, build_coordinate_map
+from flexinv.dynamics.system import Trajectory
 from flexinv.elements.beam_element import Elements
 from flexinv.errors import ConvergenceError, InputError
 from flexinv.kernels.so3 import exp_so3, log_so3
@@ -180,8 +181,12 @@ def build_turns(system: FreeSystem, states: MarchStates) -> StepTurns:
     return StepTurns(at, number, system.first + 3, vector, np.zeros((len(system.first), 3, 3)))
 
 
-def sample_forces(system: FreeSystem, states: MarchStates, slopes: bool = False) -> ForceRecord:
-    """Return forces [N], [N m], tips [m] and closures along a path, springs pulling as they must, with ``slopes`` or without.
+def sample_forces(
+    system: FreeSystem, states: MarchStates, slopes: bool = False, trajectory: bool = False
+) -> ForceRecord:
+    """Return forces [N], [N m], tips [m] and closures along a path, springs pulling as they must.
+
+    slopes, trajectory : whether to record these, too
 
     Raises ConvergenceError where an element turns too much.
     """
@@ -194,12 +199,13 @@ def sample_forces(system: FreeSystem, states: MarchStates, slopes: bool = False)
         gradient=np.empty((samples, system.rows, system.size)),
         closing=np.empty((3, samples, system.rows)),
         slopes=np.empty((2, samples if slopes else 0, system.rows, system.size)),
+        trajectory=Trajectory.make_uninitialized(samples if trajectory else 0, system.mesh),
     )
     task = TangentTask(
         states, states, build_turns(system, states), make_no_inputs(), system.make_freedoms(()), tips, False
     )
     tangents = StepTangents(*np.empty((5, system.size, 0)))
-    room = make_histories(0, system.size, 0, 0, 0)
+    room = make_histories(system, 0, 0, 0)
     solver = system.solver
     massive = build_massive_solver(solver)
     scratch = make_tangent_scratch(system, 0, 0)
@@ -311,19 +317,26 @@ def make_tangent_scratch(system: FreeSystem, marched: int, parameters: int) -> T
     )
 
 
-def make_histories(samples: int, unknowns: int, joints: int, tips: int, parameters: int) -> TangentHistories:
-    """Return room for derivatives at so many samples [any unit]."""
+def make_histories(
+    system: FreeSystem, samples: int, joints: int, parameters: int, rates: bool = False
+) -> TangentHistories:
+    """Return room for derivatives at so many samples, of the efforts of so many joints, with ``rates`` or without [any unit]."""
+    kept = samples if rates else 0
     return TangentHistories(
         effort=np.empty((samples, joints, parameters)),
-        tip=np.empty((samples, tips, 3, parameters)),
-        pose=np.empty((samples, unknowns, parameters)),
+        tip=np.empty((samples, len(list_tip_nodes(system).node), 3, parameters)),
+        pose=np.empty((samples, system.size, parameters)),
+        rate=np.empty((kept, system.size, parameters)),
+        acceleration=np.empty((kept, system.size, parameters)),
+        multiplier=np.empty((kept, system.rows, parameters)),
     )
 
 
-def make_no_record() -> ForceRecord:
+def make_no_record(system: FreeSystem) -> ForceRecord:
     """Return no room for forces and tips [any unit]."""
     none = np.empty((0, 0, 0))
-    return ForceRecord(np.empty((0, 0)), none, np.empty((0, 0)), none, none, np.empty((0, 0, 0, 0)))
+    trajectory = Trajectory.make_uninitialized(0, system.mesh)
+    return ForceRecord(np.empty((0, 0)), none, np.empty((0, 0)), none, none, np.empty((0, 0, 0, 0)), trajectory)
 
 
 def make_no_inputs() -> ParameterInputs:

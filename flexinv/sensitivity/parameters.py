@@ -105,11 +105,13 @@ class StretchParameter(Parameter):
 class ParameterVariation:
     """Setups beside the present one: what to multiply a result at each by, summed up it is the derivative [1/unit].
 
+    offsets : by how much the parameter is another in each of them [its unit]
     None where the motion itself has a derivative (`evaluate_rows`, `evaluate_stretch`).
     """
 
     weights: tuple[float, ...]
     setups: tuple[VariedSetup, ...]
+    offsets: tuple[float, ...]
     changes_mechanism: bool
 
     def join_results(self, results: Iterable[Any]) -> Any:
@@ -120,7 +122,7 @@ class ParameterVariation:
 def build_variation(parameter: Parameter, mechanism: Mechanism, motion: Motion) -> ParameterVariation:
     """Return the setups by which a parameter is varied [1/unit], none for one of a motion.  Raises InputError."""
     if isinstance(parameter, RowParameter | StretchParameter):
-        return ParameterVariation((), (), False)
+        return ParameterVariation((), (), (), False)
     return build_differences(parameter, mechanism, motion)
 
 
@@ -134,12 +136,12 @@ def build_differences(
     """
     large, small = (part * VARIED_PART * max(abs(parameter.value), size) for size in SMALLEST_VARIED)
     try:
-        weights, setups = _build_setups(parameter, mechanism, motion, large, CENTRAL)
+        weights, setups, offsets = _build_setups(parameter, mechanism, motion, large, CENTRAL)
     except InputError:
         try:
-            weights, setups = _build_setups(parameter, mechanism, motion, small, CENTRAL)
+            weights, setups, offsets = _build_setups(parameter, mechanism, motion, small, CENTRAL)
         except InputError:
-            weights, setups = _build_setups(parameter, mechanism, motion, small, FORWARD)
+            weights, setups, offsets = _build_setups(parameter, mechanism, motion, small, FORWARD)
     changes = any(one is not mechanism and one != mechanism for one, _ in setups)
     if not changes and all(one is motion or one == motion for _, one in setups):
         warnings.warn(
@@ -148,14 +150,14 @@ def build_differences(
             ModelWarning,
             stacklevel=2,
         )
-    return ParameterVariation(weights, setups, changes)
+    return ParameterVariation(weights, setups, offsets, changes)
 
 
 def _build_setups(
     parameter: Parameter, mechanism: Mechanism, motion: Motion, step: float, weights: Mapping[int, float]
-) -> tuple[tuple[float, ...], tuple[VariedSetup, ...]]:
+) -> tuple[tuple[float, ...], tuple[VariedSetup, ...], tuple[float, ...]]:
     setups = [parameter.build_setup(mechanism, motion, parameter.value + k * step) for k in weights]
-    return tuple(weight / step for weight in weights.values()), tuple(setups)
+    return tuple(weight / step for weight in weights.values()), tuple(setups), tuple(k * step for k in weights)
 
 
 def resolve_parameters(

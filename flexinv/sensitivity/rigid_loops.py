@@ -144,8 +144,11 @@ class RigidLoops:
         opened = np.zeros((2, samples, self.system.rows, len(self.changing)))
         return ParameterInputs(given, pushed, shifted, opened, np.array(self.changing, dtype=np.int64))
 
-    def split_efforts(self, effort: Array, found: Array) -> Array:
-        """Return the derivatives (samples, nv, parameters) of the drives' efforts from those of the cut tree [N m], [N]."""
+    def split_efforts(self, effort: Array, found: Array) -> tuple[Array, Array]:
+        """Return the derivatives (samples, nv, parameters) of the drives' efforts from those of the cut tree [N m], [N].
+
+        Second those of the multipliers of the closures (samples, rows, parameters).
+        """
         driven = self.mechanism.actuated
         forces = effort
         g = self.gradient
@@ -168,7 +171,7 @@ class RigidLoops:
         multiplier = (np.linalg.pinv(whole, rcond=REDUNDANT, hermitian=True) @ sides)[:, :constraints]
         out = np.zeros_like(forces)
         out[:, driven] = forces[:, driven] - g_a.transpose(0, 2, 1) @ multiplier
-        return out
+        return out, multiplier
 
     def _compute_weight_slopes(self, driven: Mask) -> Array:
         """Derivatives (drives, parameters) of the drives' weights."""

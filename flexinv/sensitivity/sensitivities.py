@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
-from dataclasses import dataclass
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 from flexinv.analysis.solution import Solution
@@ -40,6 +40,8 @@ class Sensitivities(ByValue):
     tip : link -> (samples, 3, parameters) [m] per unit; q : (samples, nv, parameters) [rad], [m] per unit, of all joints
     end : of the motion of all nodes in the last sample, with an axis of parameters in place of samples, where
     ends_alike : (parameters,) says that a parameter leaves the mechanism and its joints at the end as they are
+    results : what else was asked for -> joint, beam, closure or kind of energy -> (samples, ..., parameters), each as the
+        Solution has it
     """
 
     solution: Solution
@@ -50,6 +52,7 @@ class Sensitivities(ByValue):
     q: Array
     end: NodalMotion
     ends_alike: Mask
+    results: Mapping[str, Mapping[str, Array]] = field(default_factory=dict)
 
     def differentiate_residual_vibration(self, free: Collection[str] | None = None) -> ResidualSlopes:
         """Return the derivatives of the vibration after the last sample by parameters of the motion [m kg^0.5], [J] per unit.

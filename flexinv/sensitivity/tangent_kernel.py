@@ -23,7 +23,7 @@ from __future__ import annotations
 from flexinv.dynamics.constraint_rows import PULL, evaluate_ties, has_acting_closure
 from flexinv.dynamics.linearization import LARGE_FACTOR, fill_sparse_entries, make_weighted_scheme
 from flexinv.dynamics.loads import update_loads
-from flexinv.dynamics.stepper import evaluate
+from flexinv.dynamics.stepper import evaluate, write_sample
 from flexinv.kernels.jit import jit, jit_inner
 from flexinv.kernels.so3 import exp, inverse_tangent
 from flexinv.kernels.vec3 import add, apply, cross, mat, put, put_mat, tapply, vec
@@ -71,6 +71,8 @@ def integrate_tangents(system, massive, task, scheme, tangents, scratch, out, re
         if projects and _update_shown_accelerations(system, massive, task, k, tangents, scratch) >= 0:
             return k
         _write_sample(freedoms, k, tangents, scratch, out)
+        if len(out.rate) > 0:
+            _write_rates(projects, k, tangents, scratch, out)
         _write_tips(system, task.tips, inputs, k, tangents, out)
     return -1
 
@@ -118,6 +120,8 @@ def _write_record(system, massive, task, k, scratch, record):
     if bad >= 0:
         return bad
     _write_forces(system, task.tips, k, record)
+    if len(record.trajectory.x) > 0:
+        write_sample(k, system.frames, system.work, record.trajectory)
     if record.slopes.shape[1] > 0:
         fill_rate_slopes(system, joints, scratch.border)
         for i in range(record.slopes.shape[2]):
@@ -363,6 +367,18 @@ def _write_sample(freedoms, k, tangents, scratch, out):
             out.effort[k, j, p] = scratch.forces[freedoms.prescribed[j], p]
         for i in range(tangents.pose.shape[0]):
             out.pose[k, i, p] = tangents.pose[i, p]
+
+
+@jit_inner
+def _write_rates(projects, k, tangents, scratch, out):
+    """Write the derivatives of rates and accelerations of a sample, and of multipliers; those of index 1 where ``projects``."""
+    accelerations = tangents.shown if projects else tangents.acceleration
+    for p in range(tangents.pose.shape[1]):
+        for i in range(tangents.pose.shape[0]):
+            out.rate[k, i, p] = tangents.rate[i, p]
+            out.acceleration[k, i, p] = accelerations[i, p]
+        for r in range(scratch.border.multiplier.shape[0]):
+            out.multiplier[k, r, p] = scratch.border.multiplier[r, p]
 
 
 @jit_inner

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
+from flexinv.dynamics.system import Trajectory
 from flexinv.kernels.records import send_by_address
 from flexinv.kinematics.tree import Joints
 from flexinv.sensitivity.border_tangents import BorderScratch
@@ -135,11 +136,16 @@ class TangentHistories(NamedTuple):
 
     effort : (samples, joints, parameters) of those with a motion; tip : (samples, tips, 3, parameters)
     pose : (samples, unknowns, parameters)
+    rate, acceleration : (samples or 0, unknowns, parameters), of index 1 where closures act
+    multiplier : (samples or 0, rows, parameters) of the closures' forces
     """
 
     effort: Array
     tip: Array
     pose: Array
+    rate: Array
+    acceleration: Array
+    multiplier: Array
 
 
 @send_by_address
@@ -149,6 +155,7 @@ class ForceRecord(NamedTuple):
     pulls : (samples, rows) multipliers, with forces of springs [N]; gradient : (samples, rows, unknowns) G of the closures
     closing : (3, samples, rows) phi and its two rates [m], [-]
     slopes : (2, samples or 0, rows, unknowns) of phi'' by poses and by rates
+    trajectory : of nodes, wrenches and resultants, samples or 0
     """
 
     residual: Array
@@ -157,3 +164,4 @@ class ForceRecord(NamedTuple):
     gradient: Array
     closing: Array
     slopes: Array
+    trajectory: Trajectory

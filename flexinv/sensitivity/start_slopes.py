@@ -1,0 +1,89 @@
+"""Derivatives of the start of a march: differences of starts whose mechanism or motion lies beside the present one.
+
+Where a start is found by iteration, an equilibrium or a closed loop, its places are known to rounding.  Over a change of a
+parameter, and times the stiffness of a beam along its axis, that is much of a force.  So the widest change is taken at which the
+start is still a polynomial: near singular positions it depends on a number in a narrow curve.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from flexinv.errors import ConvergenceError, InputError
+from flexinv.model.mechanism import Mechanism
+from flexinv.model.motion import Motion
+from flexinv.sensitivity.march_start import MarchStart, compute_start_offsets
+from flexinv.sensitivity.march_states import FreeSystem
+from flexinv.sensitivity.parameters import Parameter, ParameterVariation, VariedSetup, build_differences
+from flexinv.typing import Array, Mask
+
+WIDE_CHANGE = 10.0  # of the usual change of a number
+NARROW_CHANGE = 0.2
+CURVED = 3e-9  # of a start's derivative: what differs by more is a curve, not rounding
+LAST_DIGITS = 30.0  # times the last digit of a length over the change of a number: so far a place is known
+
+
+class StartSlopes:
+    """Derivatives of a start by parameters.
+
+    begin : setup -> start; base : the present start; given : (nv,) mask of joints with a motion
+    iterated : whether starts are found by iteration
+    """
+
+    def __init__(
+        self,
+        begin: Callable[[VariedSetup], MarchStart],
+        base: MarchStart,
+        system: FreeSystem,
+        given: Mask,
+        iterated: bool,
+    ) -> None:
+        """Record where the start stands."""
+        self.begin = begin
+        self.base = base
+        self.system = system
+        self.given = given
+        self.iterated = iterated
+
+    def differentiate(self, parameter: Parameter, mechanism: Mechanism, motion: Motion) -> tuple[Array, Array]:
+        """Return the derivatives (4, unknowns) of the start, and (joints,) of its efforts of joints with a motion [any unit].
+
+        Rows: pose, rate, acceleration, and the integrator's own one.
+        Raises InputError where a small change of the parameter makes a start sudden, or not.
+        """
+        usual = build_differences(parameter, mechanism, motion)
+        found = self._compute(parameter, usual)
+        if not self.iterated:
+            return found
+        try:
+            wider = self._compute(parameter, build_differences(parameter, mechanism, motion, WIDE_CHANGE))
+        except (InputError, ConvergenceError):  # so far away a number cannot be, or the start is of another kind
+            wider = None
+        if wider is not None and _compute_distance(wider, found) <= self._compute_rounding(usual):
+            return wider
+        finer = self._compute(parameter, build_differences(parameter, mechanism, motion, NARROW_CHANGE))
+        curved = _compute_distance(found, finer) > CURVED * np.abs(finer[0][0]).max(initial=0.0)
+        return finer if curved else found
+
+    def _compute(self, parameter: Parameter, variation: ParameterVariation) -> tuple[Array, Array]:
+        """The derivatives by differences of starts."""
+        starts = [self.begin(setup) for setup in variation.setups]
+        if any(start.sudden != self.base.sudden for start in starts):
+            raise InputError(
+                f"differentiate: by {parameter.name!r}: a small change makes the start of the march sudden, so that "
+                "its first steps are others; write another step, or initial = 'static'"
+            )
+        found = variation.join_results(compute_start_offsets(start, self.base, self.system) for start in starts)
+        return found, variation.join_results(start.effort[self.given] for start in starts)
+
+    def _compute_rounding(self, variation: ParameterVariation) -> float:
+        """By how much derivatives of places may be off by rounding alone [m per unit]."""
+        change = min(abs(offset) for offset in variation.offsets if offset)
+        return LAST_DIGITS * float(np.finfo(float).eps) * self.system.mesh.length / change
+
+
+def _compute_distance(one: tuple[Array, Array], other: tuple[Array, Array]) -> float:
+    """By how much the poses of two derivatives differ [m], [rad] per unit."""
+    return float(np.abs(one[0][0] - other[0][0]).max(initial=0.0))
