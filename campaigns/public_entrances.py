@@ -243,6 +243,9 @@ def torques() -> Iterator[Entrance]:
         "MotionLimits", lambda **given: _limit(strip, **given),
         {"rate": optional("by joint", {"hub": 0.5}), "residual": optional("number", 0.25)},
     )  # fmt: skip
+    yield Entrance("StrainLimit", flexinv.StrainLimit, {
+        "largest": slot("number", 0.25), "y": slot("number", 0.5), "z": slot("number", 0.125),
+    })  # fmt: skip
     bent = flexinv.Controller.of(strip, step=1e-3)
     single = {name: slot("numbers", [x]) for name, x in zip(one, (1.8e-5, 6e-3, 1.0), strict=True)}
     yield Entrance("Controller.step", _steps(bent), single, 4.0)
@@ -259,7 +262,7 @@ def torques() -> Iterator[Entrance]:
 def _limit(mechanism: flexinv.Mechanism, **given: Any) -> flexinv.MotionLimits:
     """Limits whose joints are those of a mechanism."""
     limits = flexinv.MotionLimits(**given)
-    limits.check_joints(mechanism)
+    limits.check_names(mechanism)
     return limits
 
 

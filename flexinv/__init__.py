@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from flexinv.model.make_shaper import make_shaper
     from flexinv.model.mechanism import Mechanism
     from flexinv.model.motion import Motion
-    from flexinv.optimal_motion.motion_limits import MotionLimits
+    from flexinv.optimal_motion.motion_limits import MotionLimits, StrainLimit
     from flexinv.optimal_motion.optimize_motion import optimize_motion
     from flexinv.optimal_motion.optimized_motion import OptimizedMotion
     from flexinv.rigid.joint_torques import joint_torques
@@ -68,7 +68,7 @@ _NAMES = {
     "rigid.joint_torques": "joint_torques", "rigid.prepare": "TorqueFunction prepare",
     "rigid.torque_derivatives": "TorqueDerivatives torque_derivatives",
     "rigid.torque_regressor": "BaseParameters Regressor base_parameters torque_regressor",
-    "optimal_motion.motion_limits": "MotionLimits", "optimal_motion.optimize_motion": "optimize_motion",
+    "optimal_motion.motion_limits": "MotionLimits StrainLimit", "optimal_motion.optimize_motion": "optimize_motion",
     "optimal_motion.optimized_motion": "OptimizedMotion",
     "sensitivity.differentiate": "differentiate", "sensitivity.parameters": "Parameter",
     "sensitivity.sensitivities": "Sensitivities",
@@ -82,7 +82,7 @@ __all__ = [
     "InputError", "InputShaper",
     "LimitUse", "LinearModel", "Load", "Mechanism", "ModelWarning", "Modes", "Motion", "MotionLimits",
     "OptimizedMotion", "Parameter", "Path", "Regressor",
-    "ResidualVibration", "Sensitivities", "ShapedMotion", "Solution", "SteadyModes",
+    "ResidualVibration", "Sensitivities", "ShapedMotion", "Solution", "SteadyModes", "StrainLimit",
     "TorqueDerivatives", "TorqueFunction", "TorqueSummary",
     "__version__", "base_parameters", "differentiate", "export_c", "export_fmu", "export_ros", "find_limits", "follow",
     "from_urdf", "joint_torques",

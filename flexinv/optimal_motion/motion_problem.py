@@ -6,7 +6,7 @@ given, those between are what is chosen.  Values come with their slopes by these
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -19,6 +19,7 @@ from flexinv.linearized.residual_vibration import ResidualVibration, compute_rea
 from flexinv.model.joint_kinds import KINDS
 from flexinv.model.mechanism import Mechanism
 from flexinv.model.motion import Motion
+from flexinv.optimal_motion.limited_results import LimitedResult, list_needed_results
 from flexinv.optimal_motion.motion_limits import MotionLimits
 from flexinv.sensitivity.differentiate import differentiate
 from flexinv.sensitivity.sensitivities import Sensitivities
@@ -67,7 +68,10 @@ class MotionProblem:
 
     joints : that move; span : (joints,) by which a variable of 1 moves a row [rad], [m]; place : (rows,) times of the rows,
     of the duration; steps : of a march; begin : coordinates of joints without a motion at the start [rad], [m]
+    limited : results of solutions that have a limit, beside torques
     """
+
+    limited: tuple[LimitedResult, ...] = ()
 
     def __init__(
         self, mechanisms: Sequence[Mechanism], motion: Motion, limits: MotionLimits, knots: int, step: float | None,
@@ -122,12 +126,14 @@ class MotionProblem:
                 end=(self.steps + AFTER) * step,
                 initial=EQUILIBRIUM,
                 start=self.begin,
+                of=list_needed_results(self.limited),
+                order=2,
             )
             for mechanism in self.mechanisms
         ]
         effort = np.concatenate([one.solution.torque / given.peak for one in found])
         effort_slope = np.concatenate([one.torque * self.unit / given.peak[:, None] for one in found])
-        bounded, bounded_slope = self._collect_bounded(variables, duration, (effort, effort_slope), given)
+        bounded, bounded_slope = self._collect_bounded(variables, duration, found, given)
         amplitude, amplitude_slope, reach = self._collect_residual(found)
         rms = float(np.sqrt((effort**2).sum(axis=1).mean()))
         works = [self._compute_work(one) for one in found]
@@ -147,18 +153,35 @@ class MotionProblem:
         )
 
     def _collect_bounded(
-        self, variables: Array, duration: float, efforts: tuple[Array, Array], given: MotionSizes
+        self, variables: Array, duration: float, found: Sequence[Sensitivities], given: MotionSizes
     ) -> tuple[Array, Array]:
-        """Torques and what joints do, over their limits, with slopes."""
-        effort, slope = efforts
-        values = []
-        slopes = []
+        """Values over their limits, with slopes: torques, results of solutions, and what joints do."""
+        rows = [
+            *self._list_bounded_torques(found, given),
+            *self._list_bounded_results(found),
+            *self._list_bounded_joints(variables, duration),
+        ]
+        if not rows:
+            return np.zeros(0), np.zeros((0, len(variables)))
+        return np.concatenate([values for values, _ in rows]), np.concatenate([slopes for _, slopes in rows])
+
+    def _list_bounded_torques(
+        self, found: Sequence[Sensitivities], given: MotionSizes
+    ) -> Iterator[tuple[Array, Array]]:
         for column, joint in enumerate(given.drives):
             limit = self.limits.efforts.get(joint)
             if limit is not None:
-                part = given.peak[column] / limit
-                values.append(part * effort[:, column])
-                slopes.append(part * slope[:, column])
+                for one in found:
+                    yield one.solution.torque[:, column] / limit, one.torque[:, column] * self.unit / limit
+
+    def _list_bounded_results(self, found: Sequence[Sensitivities]) -> Iterator[tuple[Array, Array]]:
+        for result in self.limited:
+            limit = self.limits.find_limit(result.kind, result.name)
+            for one in found:
+                yield result.compute_values(one.solution) / limit, result.compute_slopes(one) * self.unit / limit
+
+    def _list_bounded_joints(self, variables: Array, duration: float) -> Iterator[tuple[Array, Array]]:
+        """Rates, accelerations and jerks of joints, which follow from the rows of the motion alone."""
         rows = self._fill_rows(variables)
         for order, name in enumerate(("rate", "acceleration", "jerk"), start=1):
             for column, joint in enumerate(self.joints):
@@ -166,13 +189,9 @@ class MotionProblem:
                 if limit is None:
                     continue
                 shape = self._shapes[order - 1] / (limit * duration**order)
-                values.append(shape @ rows[:, column])
-                slope_of_joint = np.zeros((len(shape), len(self.place) - 2, len(self.joints)))
-                slope_of_joint[:, :, column] = shape[:, 1:-1] * self.span[column]
-                slopes.append(slope_of_joint.reshape(len(shape), -1))
-        if not values:
-            return np.zeros(0), np.zeros((0, len(variables)))
-        return np.concatenate(values), np.concatenate(slopes)
+                slopes = np.zeros((len(shape), len(self.place) - 2, len(self.joints)))
+                slopes[:, :, column] = shape[:, 1:-1] * self.span[column]
+                yield shape @ rows[:, column], slopes.reshape(len(shape), -1)
 
     @cached_property
     def _shapes(self) -> Triple:

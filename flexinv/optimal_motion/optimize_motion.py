@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 import scipy  # its parts are loaded when they are asked for
@@ -20,6 +19,7 @@ from flexinv.analysis.task import Start
 from flexinv.errors import ConvergenceError, InputError
 from flexinv.model.mechanism import Mechanism
 from flexinv.model.motion import Motion
+from flexinv.optimal_motion.limited_results import list_limited_results
 from flexinv.optimal_motion.linear_step import AIMS, USE, Aim, find_linear_step
 from flexinv.optimal_motion.motion_limits import MotionLimits
 from flexinv.optimal_motion.motion_problem import (
@@ -100,7 +100,7 @@ def optimize_motion(
             )
     check_kind("motion", motion, Motion)
     held = MotionLimits() if limits is None else check_kind("limits", limits, MotionLimits)
-    held.check_joints(mechanisms[0])
+    held.check_names(mechanisms[0])
     weights = _read_aim(aim)
     if step is not None:
         check_seconds("step", step, "a time step [s], for example 1e-3")
@@ -156,6 +156,7 @@ class _MotionSearch:
         self.motion = motion
         self.progress = progress
         self.before = self._solve_finer(motion, problem.duration, error=False)
+        problem.limited = list_limited_results(problem.limits, self.before[0])
         peak = np.maximum.reduce([np.abs(one.torque).max(axis=0) for one in self.before])
         residual = max(find_largest_reach(one) for one in self.before)
         stated = problem.limits.residual
@@ -209,7 +210,7 @@ class _MotionSearch:
         )
 
     def _apply_check(self, found: OptimizedMotion, variables: Array) -> bool:
-        """Draw in the limits of torques and joints that the finer march passes, and correct the amplitudes by its own.
+        """Draw in the limits that the finer march passes, and correct the amplitudes by its own.
 
         Return True if the steps were too coarse for what goes on swinging: then they are halved, and nothing else is learned.
         """
@@ -220,9 +221,7 @@ class _MotionSearch:
         for name, part in found.used.items():
             kind, _, joint = name.partition(" ")
             if joint and part > 1.0:
-                table = getattr(self.problem.limits, kind)
-                drawn_in: dict[str, Any] = {kind: {**table, joint: table[joint] / part}}
-                self.problem.limits = replace(self.problem.limits, **drawn_in)
+                self.problem.limits = self.problem.limits.draw_in(kind, joint, 1.0 / part)
         if self.given.residual:
             trial = self.problem.evaluate(variables, found.duration, replace(self.given, correction=0.0))
             finer, _, _ = collect_amplitudes([one.find_residual_vibration() for one in found.solutions])

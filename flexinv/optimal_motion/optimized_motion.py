@@ -12,6 +12,7 @@ from flexinv.analysis.solution import Solution
 from flexinv.model.by_value import ByValue
 from flexinv.model.mechanism import Mechanism
 from flexinv.model.motion import Motion
+from flexinv.optimal_motion.limited_results import LimitedResult, list_limited_results
 from flexinv.optimal_motion.motion_limits import MotionLimits
 from flexinv.optimal_motion.motion_problem import find_last_move
 from flexinv.sensitivity.parameters import compute_jerk
@@ -55,8 +56,8 @@ class OptimizedMotion(ByValue):
     def frame(self) -> pd.DataFrame:
         """Return a row for each quantity: before, after, its limit, and the part of it that is used [-].
 
-        Torques [N m], [N] with their error bars; rates, accelerations, jerks of joints with a limit; residual vibration [m];
-        duration [s].
+        Torques [N m], [N] with their error bars; rates, accelerations, jerks, forces [N] and moments [N m] of joints, strains [-]
+        and distances of tips from a path [m] that have a limit; residual vibration [m]; duration [s].
         """
         import pandas
 
@@ -81,6 +82,10 @@ class OptimizedMotion(ByValue):
                     _find_joint_peak(one, self.mechanisms[0], joint, name) for one in (self.given, self.motion)
                 )
                 rows[f"{name} {joint}"] = (before, after, limit)
+        for result in list_limited_results(self.limits, self.before[0]):
+            before, after = (_find_largest_value(some, result) for some in (self.before, self.solutions))
+            limit = self.limits.find_limit(result.kind, result.name)
+            rows[f"{result.kind} {result.name}"] = (before, after, limit)
         if not self.mechanisms[0].is_rigid:
             residual = np.nan if self.limits.residual is None else self.limits.residual
             rows["residual"] = (max(find_largest_reach(one) for one in self.before), self.residual, residual)
@@ -113,6 +118,11 @@ def find_largest_reach(solution: Solution) -> float:
 def _find_peak(solutions: Sequence[Solution], name: str) -> float:
     """Largest torque of a drive [N m], [N]."""
     return max(float(np.abs(one.torque[:, one.torque_names.index(name)]).max()) for one in solutions)
+
+
+def _find_largest_value(solutions: Sequence[Solution], result: LimitedResult) -> float:
+    """Largest size of a result that has a limit [its own unit]."""
+    return max(float(np.abs(result.compute_values(one)).max()) for one in solutions)
 
 
 def _find_joint_peak(motion: Motion, mechanism: Mechanism, joint: str, name: str) -> float:

@@ -5,7 +5,7 @@ forces are evaluated anew and the second step of the scheme is made.  What it gi
 
     dR/dp = d/ds R(x + s dx, p) + d/dp R(x, p)
 
-Both are differences of sixth order, and nothing is marched.  They are apart because places are known to rounding: a change of a
+Both are differences, and nothing is marched.  They are apart because places are known to rounding: a change of a
 parameter may be small, and the rounding of moves as small, times the stiffness of a beam along its axis, is much of a force.
 """
 
@@ -29,17 +29,20 @@ from flexinv.sensitivity.march_states import FreeSystem, build_march_states, sam
 from flexinv.sensitivity.parameters import CENTRAL, ParameterVariation
 from flexinv.sensitivity.tangent_records import TangentHistories
 from flexinv.typing import Array, Triple
-from flexinv.validation import check_names, find_nearest_word
+from flexinv.validation import check_names, find_nearest_word, shown
 
 ResultTable = Mapping[str, Mapping[str, Array]]  # what -> of which joint, beam, closure or kind -> (samples, ...)
 
-# [m] or [rad] of the largest pose.  Sections move along straight lines, where they should along arcs: what they are stretched by,
-# times an axial stiffness, is much of a force.  1e-15 of the sixth power is left out, two digits are lost.
-MOST_MOVED = 3e-3
+# Order -> the change [m] or [rad] of the largest pose, and the weights of R(k s) over s.  Sections move along straight lines, not
+# along arcs: what stretches them, times an axial stiffness, is much of a force.  Order six leaves 1e-15 out and loses two digits,
+# order two leaves 1e-7 out and loses three.
+ORDERS: Mapping[int, tuple[float, Mapping[int, float]]] = {6: (3e-3, CENTRAL), 2: (3e-4, {-1: -0.5, 1: 0.5})}
 
 
-def check_results(of: Collection[str]) -> tuple[str, ...]:
-    """Return the names of results that are differentiated [-]; raises InputError for one that is none."""
+def check_results(of: Collection[str], order: int) -> tuple[str, ...]:
+    """Return the names of results that are differentiated [-]; raises InputError for one that is none, and another order."""
+    if order not in ORDERS:
+        raise InputError(f"order = {shown(order)}: expected one of {', '.join(map(str, ORDERS))}")
     names = tuple(check_names("of", of, "results, for example ['wrench']"))
     for name in names:
         if name not in COLLECTED:
@@ -53,11 +56,12 @@ class NearbyResults:
     """ResultTable beside a solution, along the tangents of its march.
 
     system : all joints are unknowns; tangents : with rates, accelerations and multipliers
-    multiplier : (samples, rows) of the solution's closures [N], [N m]; of : names of results
+    multiplier : (samples, rows) of the solution's closures [N], [N m]; of : names of results; order : of differences along x
     """
 
     def __init__(
-        self, system: FreeSystem, solution: Solution, tangents: TangentHistories, multiplier: Array, of: Sequence[str]
+        self, system: FreeSystem, solution: Solution, tangents: TangentHistories, multiplier: Array, of: Sequence[str],
+        order: int,
     ) -> None:  # fmt: skip
         """Record what is moved."""
         self.system = system
@@ -65,6 +69,7 @@ class NearbyResults:
         self.tangents = tangents
         self.multiplier = multiplier
         self.of = of
+        self.change, self.weights = ORDERS[order]
 
     def differentiate(
         self, variations: Sequence[ParameterVariation], beside: Mapping[int, Sequence[FreeSystem]]
@@ -88,8 +93,8 @@ class NearbyResults:
     def _list_moves(self, k: int) -> Iterator[tuple[float, float]]:
         """Changes of a parameter of the motion, and the weights of what is found there; one change where nothing moves."""
         largest = float(np.abs(self.tangents.pose[..., k]).max())
-        step = MOST_MOVED / largest if largest > 0.0 else 1.0
-        for place, weight in CENTRAL.items():
+        step = self.change / largest if largest > 0.0 else 1.0
+        for place, weight in self.weights.items():
             yield place * step, weight / step
 
     def _join_moved(self, k: int, moves: Sequence[tuple[float, float, FreeSystem]]) -> dict[str, dict[str, Array]]:
@@ -129,8 +134,12 @@ class NearbyResults:
             for part in (self.tangents.pose, self.tangents.rate, self.tangents.acceleration)
         )
         mechanism = self.system.mesh.mechanism
-        moved = [integrate_configuration(mechanism, q, step) for q, step in zip(solution.q, pose, strict=True)]
-        return np.array(moved).reshape(solution.q.shape), solution.qd + rate, solution.qdd + acceleration
+        if mechanism.nq == mechanism.nv:
+            moved = solution.q + pose
+        else:
+            steps = zip(solution.q, pose, strict=True)
+            moved = np.stack([integrate_configuration(mechanism, q, step) for q, step in steps])
+        return moved, solution.qd + rate, solution.qdd + acceleration
 
     def _move_sections(self, k: int, change: float) -> NodalMotion:
         """Motion of the sections of beams along the tangents; other nodes are left where they are."""

@@ -113,9 +113,9 @@ def test_resultants_without_the_multipliers_of_closures_would_be_seen(root, monk
 
     begin = nearby_results.NearbyResults.__init__
 
-    def begin_without_multipliers(self, system, solution, tangents, multiplier, of):
+    def begin_without_multipliers(self, system, solution, tangents, multiplier, of, order):
         still = np.zeros_like(tangents.multiplier)
-        begin(self, system, solution, tangents._replace(multiplier=still), multiplier, of)
+        begin(self, system, solution, tangents._replace(multiplier=still), multiplier, of, order)
 
     monkeypatch.setattr(nearby_results.NearbyResults, "__init__", begin_without_multipliers)
     wrong = flexinv.differentiate(mechanism, motion, "motion.A[1]", **options).results["wrench"]["B"]
@@ -136,3 +136,18 @@ def test_a_result_that_is_none_is_refused_with_the_nearest(root):
     mechanism = flexinv.load_mechanism(root / "models" / "flex_one_link")
     with pytest.raises(InputError, match=r"of: 'wrenches': expected one of wrench, internal, .*; write 'wrench'"):
         flexinv.differentiate(mechanism, _make_move(mechanism), "gravity[2]", step=STEP, of=["wrenches"])
+
+
+def test_differences_of_second_order_leave_a_millionth_out(root):
+    mechanism = flexinv.load_mechanism(root / "models" / "spatial_arm")
+    tables = [
+        flexinv.differentiate(
+            mechanism, _make_move(mechanism), "motion.pitch[1]", step=STEP, of=OF, order=order
+        ).results
+        for order in (6, 2)
+    ]
+    for result in ("wrench", "strain", "deflection", "energy"):
+        for key, wanted in tables[0][result].items():
+            assert np.abs(tables[1][result][key] - wanted).max() < 1e-6 * np.abs(wanted).max()
+    with pytest.raises(InputError, match=r"order = 4: expected one of 6, 2"):
+        flexinv.differentiate(mechanism, _make_move(mechanism), "motion.pitch[1]", step=STEP, of=OF, order=4)
