@@ -116,7 +116,9 @@ def test_the_environment_that_is_activated_is_the_one_that_make_fills() -> None:
 
 
 def test_every_part_of_a_file_that_is_shown_is_tested() -> None:
-    others = {"docs/reference/files.md"}  # models/README.md: tests/test_models.py, test_task_file.py
+    others = {
+        "docs/reference/files.md"
+    }  # models/README.md: tests/test_models.py, test_task_file.py, test_optimum_file.py
     assert {page for page in PAGES if blocks((ROOT / page).read_text(), "TOML")} - others == set(TABLES)
 
 

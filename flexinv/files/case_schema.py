@@ -233,6 +233,7 @@ class CasesTable(Table):
     source: Text = make_key("where the cases come from, a text", '"Isobe et al., example 3"')
     cases: dict[str, Any] = make_key("tables [cases.NAME]", "[cases.NAME]")
     tasks: dict[str, Any] = make_key("tables [tasks.NAME]: paths of a frame", "[tasks.NAME]", {})
+    optima: dict[str, Any] = make_key("tables [optima.NAME]: motions to be chosen", "[optima.NAME]", {})
     limits: list[LimitTable] = make_key("tables [[limits]] that hold for every case of the file", "[[limits]]", [])
 
 

@@ -206,6 +206,8 @@ def _apply_rest_outside(
         if stop > ABRUPT * peak:
             advice = "evaluate no later, add samples that come to rest, or write rest=True"
             warnings.warn(f"{where}: the samples end while moving, then stop at once; {advice}", ModelWarning, 6)
+    if sampling.rest and sampling.degree == 5:  # it starts from rest: rates and accelerations are none but for rounding
+        before = before | (at <= snap)
     outside = (after | before)[:, None]
     return path[0], np.where(outside, 0.0, path[1]), np.where(outside, 0.0, path[2])
 

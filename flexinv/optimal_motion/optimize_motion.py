@@ -34,6 +34,7 @@ from flexinv.optimal_motion.optimized_motion import OptimizedMotion, find_larges
 from flexinv.typing import Array
 from flexinv.validation import check_kind, check_kinds, check_mapping, check_number, check_seconds, check_whole_number
 
+USUAL_KNOTS = 10
 QUIET_PART = 0.01  # of the given motion's residual vibration: the limit where none is stated
 QUIET_WAY = 1e-4  # of the way of a tip: the least such limit
 FIRST_BOX = 0.1  # of the ways of the joints: the change of a row in the first linear program
@@ -66,7 +67,7 @@ def optimize_motion(
     limits: MotionLimits | None = None,
     aim: str | Mapping[str, float] = "duration",
     step: float | None = None,
-    knots: int = 10,
+    knots: int = USUAL_KNOTS,
     progress: Callable[[float, float], None] | None = None,
     start: Start = None,
 ) -> OptimizedMotion:
