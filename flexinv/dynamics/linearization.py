@@ -77,6 +77,9 @@ def _compute_spring_matrix(solver: Solver) -> Sparse:
     """Give the part of springs between points in the linearisation, -C A of their rows in the border."""
     ties = solver.border.ties
     pulls = ties.kind == PULL
+    size = ties.sides.shape[1]
+    if not pulls.any():
+        return scipy.sparse.csc_array((size, size))
     sides, across = (scipy.sparse.csc_array(part[pulls]) for part in (ties.sides, ties.across))
     return -(sides.T @ across)
 
