@@ -53,7 +53,10 @@ LITTLE = 0.1
 TINY = 1e-6
 # Places on the line through the centre of mass of a link without a tip, in its distances, from which a payload is looked for.
 OUTWARD = (1.0, 0.5, 1.5, 2.0, 2.5, 3.0)
-BESIDE_LINE = 0.05  # of its distance from the origin: a payload so far from that line is told by its coordinates
+BESIDE_LINE = (
+    0.05  # of its distance from the origin: a payload so far from that line is told by its coordinates; as near as
+)
+# that to the centre of mass it is said to be there
 PAYLOAD = "payload beside what is known"
 
 
@@ -315,8 +318,8 @@ class _PayloadLine:
         times = float(where @ self.com) / max(float(self.com @ self.com), TINY**2)
         if np.linalg.norm(where - times * self.com) > BESIDE_LINE * np.linalg.norm(where):
             return "at " + ", ".join(f"{axis} = {x + 0.0:.3g} m" for axis, x in zip("xyz", where.round(4), strict=True))
-        far = f"{times:.2g}"
-        return ("at" if far == "1" else f"{far} times as far out as") + " its centre of mass"
+        there = abs(times - 1.0) < BESIDE_LINE
+        return ("at" if there else f"{times:.2g} times as far out as") + " its centre of mass"
 
 
 def _make_delay_undo(*columns: str) -> Undo:
