@@ -36,11 +36,9 @@ NORMAL = 1.6448536269514722  # half width of it, in standard deviations of a nor
 FARTHEST = (
     20.0  # widths of its prior that a value of logs alone is away at most: of what they hardly tell it is no number
 )
-SCORED, SLOPE, SCORES = (
-    2.5,
-    0.5,
-    101,
-)  # standard deviations of the prior whose quantiles are known, and how many are taken
+SCORED = 2.5  # standard deviations of the prior within which its quantiles are known
+SLOPE = 1.0  # of the last of them go on beyond
+SCORES = 101  # quantiles that are taken
 WIDE = 1.0  # relative error of a gain that says that nobody knows it
 # Of a truth drawn from the prior 1.6 % stand farther off; of one that is four widths off, and told, 93 % do.
 CONFLICT = 2.4

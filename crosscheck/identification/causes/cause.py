@@ -29,6 +29,7 @@ class Cause:
     daily : it differs from day to day, and is no fault beside others
     rare : it is named only where it explains more than all others by as much as counts as evidence
     wave : it is the sine or the cosine of a wave; both together are one cause, whose size is the amplitude
+    scanned : sizes that are looked at first, where the cost has several valleys [unit]
     spot, make_at : further numbers (numbers,) [-] that say where, before the log standard normal, and the same cause elsewhere
     """
 
@@ -47,6 +48,7 @@ class Cause:
     daily: bool = False
     rare: bool = False
     wave: bool = False
+    scanned: tuple[float, ...] = ()
     spot: tuple[float, ...] = ()
     make_at: Callable[[tuple[float, ...]], Cause] | None = None
 

@@ -37,6 +37,9 @@ SLOW = (0.001, 0.002, 0.005, 0.01, 0.02)
 # Largest sizes that can be, without being a gross fault: of a delay or lag [s], a relative error, an angle [rad].
 LATEST = 0.2
 LARGEST_SCALE = 0.5
+LARGEST_GAIN = (
+    20.0  # times as large or small: of shunts, amplifiers and torque constants; units and gears are gross faults
+)
 LEAST_EFFICIENCY = (
     0.3  # below a half a gear holds by itself, as worms do; such drives are at the lower end of what is built
 )
@@ -45,6 +48,9 @@ ORDERS = (1, 2)
 LARGEST_RIPPLE = 0.05  # [rad]: a disc of 20 mm radius that runs out by a millimetre
 LARGEST_ANGLE = 0.6
 LONGER = 0.3  # of the way to a joint
+# Relative errors of a stiffness: its natural frequency passes those of the motion, and of two that are a tenth apart neither
+# leads to the other.
+STIFFNESSES = (-0.8, -0.7, -0.6, -0.5, -0.4, -0.3, -0.2, -0.1, 0.1, 0.25, 0.5, 1.0, 2.0)
 STIFFER = 9.0  # relative: beyond ten times its stiffness a drive is another one
 # Of gravity: on the Earth it is 9.764 to 9.834 m/s^2 (Hirt et al. 2013, doi:10.1002/grl.50838), and 10 is written for it.
 HEAVIER = 0.03
@@ -96,7 +102,7 @@ def _list_stiffness_causes(machine: Machine) -> Iterator[Cause]:
         if joint.stiffness > 0.0 and joint.name not in machine.settings.joints:
             name = "stiffness of the joint, relative error"
             undo = partial(_scale_stiffness, joint.name)
-            yield Cause(name, joint.name, "-", 1e-3, undo, least=-1.0, most=STIFFER, rare=True)
+            yield Cause(name, joint.name, "-", 1e-3, undo, scanned=STIFFNESSES, least=-1.0, most=STIFFER, rare=True)
 
 
 def _scale_stiffness(name: str, log: Log, mechanism: Mechanism, phi: float) -> tuple[Log, Mechanism]:
@@ -221,7 +227,15 @@ def _list_channel_causes(channel: Channel) -> Iterator[Cause]:
     what = "torque constant, relative error" if kind == "effort" else f"gain of the {kind}, relative error"
     gain = _make_gain_undo(channel.column)
     yield Cause(
-        what, place, "-", 1e-3, gain, False, least=-LARGEST_SCALE, most=1.0 / LARGEST_SCALE, scales=channel.column
+        what,
+        place,
+        "-",
+        1e-3,
+        gain,
+        False,
+        least=1.0 / LARGEST_GAIN - 1.0,
+        most=LARGEST_GAIN - 1.0,
+        scales=channel.column,
     )
     lag = _make_lag_undo(channel.column)
     yield Cause(f"first-order lag of the {kind}", place, "s", 1e-3, lag, False, SLOW, True, 0.0, LATEST)

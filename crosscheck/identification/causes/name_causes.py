@@ -382,12 +382,26 @@ def _list_start_sizes(here: CauseRound, at: Array, k: int, level: Array) -> list
     out = []
     if square > 0.0:
         out.append((float(slope @ level) ** 2 / square, -float(slope @ level) / square))
+    out += _list_scanned_sizes(here, at, k, level)
     if here.wide and cause.tries:
         costs = [here.compute_cost_above(at + size * one) for size in cause.tries]
         best = int(np.argmin(costs))
         left = here.compute_weighed_residual(at + cause.tries[best] * one)
         out.append((float(level @ level - left @ left), cause.tries[best]))
     return out
+
+
+def _list_scanned_sizes(here: CauseRound, at: Array, k: int, level: Array) -> list[tuple[float, float]]:
+    """The best of the sizes at which a cause is looked at first, with how much the cost falls; none where no size can be."""
+    one = np.eye(len(at))[k]
+    out = []
+    for size in here.causes[k].scanned:
+        try:
+            left = here.compute_weighed_residual(at + size * one)
+        except ConvergenceError:  # nothing moves like that
+            continue
+        out.append((float(level @ level - left @ left), size))
+    return [max(out)] if out else []
 
 
 def _fit_cause_size(here: CauseRound, at: Array, k: int, size: float, before: Array) -> tuple[int, NamedCause]:
