@@ -104,7 +104,6 @@ ALONE = {
     "crosscheck.engines.flexinv.determinacy": EQUATIONS,
     "crosscheck.engines.flexinv_c.adapter": "found by its name: an engine's adapter",
     "crosscheck.engines.pinocchio.adapter": "found by its name: an engine's adapter",
-    "crosscheck.identification.causes.wide_rows": EQUATIONS,
     "crosscheck.identification.logs.relations": EQUATIONS,
     "crosscheck.kit.page": "the page of a kit in words, apart from its data",
     "crosscheck.equivalence.beams.sampled": "numbers of a beam, apart from what differs in them",

@@ -4,6 +4,7 @@
     python -m campaigns.log_faults --only 41          # one row, with what was named
     python -m campaigns.log_faults --every 25         # each 25th row
     python -m campaigns.log_faults --seed 7           # other motions, noise and days
+    python -m campaigns.log_faults --each             # the verdict on each row, too
 
     right         all faults are named, and nothing else
     in set        a right one stands among at most three that are said to be as likely
@@ -53,7 +54,8 @@ def format_table(verdicts: list[tuple[Row, Verdict]]) -> str:
 @click.option("--only", type=int, help="The row with this number.")
 @click.option("--every", type=int, default=1, help="Each so-manieth row.")
 @click.option("--seed", type=int, default=0, help="Added to the seed of each row.")
-def main(only: int | None, every: int, seed: int) -> None:
+@click.option("--each", is_flag=True, help="Print the verdict on each row.")
+def main(only: int | None, every: int, seed: int, each: bool) -> None:
     """Run the campaign [-]."""
     rows = [row for row in read_rows() if row.number == only] if only else read_rows()[::every]
     verdicts: list[tuple[Row, Verdict]] = []
@@ -61,7 +63,7 @@ def main(only: int | None, every: int, seed: int) -> None:
         trial = run_row(row, seed)
         verdict = judge_causes(row.right, trial.named, trial.refused, row.day == "other")
         verdicts.append((row, verdict))
-        if only or verdict.word.startswith("wrong"):
+        if only or each or verdict.word.startswith("wrong"):
             click.echo(
                 f"{row.number} {row.machine}, {row.day} day, {row.faults or 'untouched'}: {verdict.word}: {verdict.said}"
             )

@@ -10,6 +10,7 @@ from __future__ import annotations
 import re
 from dataclasses import dataclass
 
+from campaigns.log_faults.machines import ELASTIC
 from crosscheck.identification.causes.cause import NamedCause
 
 ERRORS = 3.0  # a size is right within so many of its standard errors ...
@@ -78,6 +79,8 @@ NAMES = {
     "part of the angle of another joint": "coupled angle",
     "twist of the gear by its load": "gear stiffness",
     "angle from the world": "absolute angle",
+    "stiffness of the joint": "stiffness of the joint",
+    "swapped columns of the joints": "swapped joints",
     "copied column of the effort": "copied effort",
     "effort without its sign": "effort unsigned",
     "wrapped effort": "overflow",
@@ -87,7 +90,7 @@ FACTORS = ("clock", "effort gain", "angle gain", "gravity", "gear efficiency")
 PLACES = {"the world's y axis": "y", "the world's x axis": "x", "the world": "*", "all joints": "*", "the times": "*"}
 RIPPLE = re.compile(r"ripple of the effort, .* a turn")
 PAIR = re.compile(r" and ")  # of joints whose columns are swapped
-FAR = re.compile(r", (?:[-\d.e]+ times as far out as|at) its centre of mass")
+FAR = re.compile(r", (?:[-\d.e]+ times as far out as its centre of mass|at its centre of mass|at x = .* m$)")
 ALIKE = re.compile(r"next to as likely: (.+)$")
 SAID = re.compile(r"(?P<name>.+) of (?P<place>[^,]+), (?P<size>[-+\d.e]+)(?: .*)?$")
 
@@ -134,6 +137,8 @@ def read_answer(name: str, place: str, size: float, error: float) -> Answer:
         own = "length"
     if own == "gear stiffness":  # of one unit of load
         return Answer(own, where, 1.0 / size, error / size**2)
+    if own == "stiffness of the joint":
+        return Answer("gear stiffness", where, ELASTIC.spring * (1.0 + size), ELASTIC.spring * error)
     if own == "clock":
         return Answer(own, where, 1.0 / (1.0 + size), error)
     if own in FACTORS:

@@ -4,6 +4,7 @@
     python -m campaigns.thresholds --kind torques        # those of crosscheck run
     python -m campaigns.thresholds --only SEEN           # one of them
     python -m campaigns.thresholds --table               # the table of what stands in thresholds.csv
+    python -m campaigns.thresholds --page                # the same, into docs/reference/thresholds.md
 
 Each line goes to thresholds.csv at once; a line that stands there is not run again.
 """
@@ -13,19 +14,24 @@ from __future__ import annotations
 import csv
 import time
 from collections import Counter
+from collections.abc import Mapping
 from itertools import product
 from pathlib import Path
 
 import click
 
-from campaigns.thresholds.constants import FACTORS, LOGS, SET_BY, TORQUES, Threshold, list_thresholds, replace_threshold
+from campaigns.thresholds.constants import FACTORS, LOGS, SET_BY, TORQUES, list_thresholds, replace_threshold
 from campaigns.thresholds.kept_effects import keep_effects
 from campaigns.thresholds.kept_rounds import keep_rounds
 from campaigns.thresholds.trials import COUNTED, LISTS, Verdict
 
 FILE = Path(__file__).resolve().parent / "thresholds.csv"
 FIELDS = ("kind", "module", "name", "factor", "value", *COUNTED, "changed", "seconds")
+PAGE = Path(__file__).resolve().parents[2] / "docs" / "reference" / "thresholds.md"
+BEGIN = "<!-- thresholds begin -->"
+END = "<!-- thresholds end -->"
 AS_IT_IS = "as it is"
+NONE = "none"  # of a value that cannot be: a share above 1
 KEEP = {LOGS: keep_rounds, TORQUES: keep_effects}
 
 
@@ -38,14 +44,18 @@ def read_results() -> list[dict[str, str]]:
 
 
 def write_result(
-    key: tuple[str, str, str, str], value: str, verdicts: list[Verdict], first: list[Verdict], begin: float
+    key: tuple[str, str, str, str], value: str, verdicts: list[Verdict] | None, first: list[Verdict], begin: float
 ) -> None:
     """Add a line [words, s of processor time] to thresholds.csv.
 
     key : kind, module, name and factor; first : verdicts with the thresholds as they are; begin : processor time [s]
+    verdicts : with the threshold changed, None where it cannot have this value
     """
-    counts = Counter(one.word for one in verdicts)
-    changed = sum(one != other for one, other in zip(verdicts, first, strict=True))
+    counts: Mapping[str, int | str] = dict.fromkeys(COUNTED, NONE)
+    changed: int | str = NONE
+    if verdicts is not None:
+        counts = Counter(one.word for one in verdicts)
+        changed = sum(one != other for one, other in zip(verdicts, first, strict=True))
     new = not FILE.is_file()
     with FILE.open("a", encoding="utf-8", newline="") as stream:
         writer = csv.writer(stream)
@@ -69,27 +79,35 @@ def run_kind(kind: str, only: str) -> None:
                 continue
             begin = time.process_time()
             with replace_threshold(threshold, factor) as value, kept.use_for(threshold):
-                write_result(key, str(value), LISTS[kind](), first, begin)
+                write_result(key, str(value), list_changed_verdicts(kind), first, begin)
+
+
+def list_changed_verdicts(kind: str) -> list[Verdict] | None:
+    """Return the verdicts of a kind with a threshold changed [-], None where it cannot be what it is."""
+    try:
+        return LISTS[kind]()
+    except ValueError:
+        return None
 
 
 def format_table(results: list[dict[str, str]]) -> str:
     """Return what stands as a table in Markdown.
 
-    A row for each threshold: its value, the campaign that set it, and for each factor the counts [-] of right, not named,
-    wrong, and otherwise named than with the thresholds as they are.
+    A row for each threshold, in the order of the modules: its value, the campaign that set it, and for each factor the counts [-]
+    of right, not named, wrong, and otherwise named than with the thresholds as they are.
     """
     cells: dict[tuple[str, str, str], dict[str, str]] = {}
     for row in results:
         counts = " / ".join(row[word] for word in (*COUNTED, "changed"))
         cells.setdefault((row["kind"], row["module"], row["name"]), {})[row["factor"]] = counts
     lines = ["| threshold | value | set by | halved | doubled |", "|---|---|---|--:|--:|"]
-    for (kind, module, name), found in cells.items():
-        if module:
-            value = Threshold(kind, f"crosscheck.{module}", name).value
+    for kind in (TORQUES, LOGS):
+        lines.append(f"| {kind}, {AS_IT_IS} | | | {cells.get((kind, '', AS_IT_IS), {}).get('1', '')} | |")
+        for threshold in list_thresholds(kind):
+            place = threshold.module.removeprefix("crosscheck.")
+            found = cells.get((kind, place, threshold.name), {})
             tried = f"{found.get('0.5', '')} | {found.get('2', '')}"
-            lines.append(f"| `{module}.{name}` | {value} | {SET_BY[kind]} | {tried} |")
-        else:
-            lines.append(f"| {kind}, {AS_IT_IS} | | | {found.get('1', '')} | |")
+            lines.append(f"| `{place}.{threshold.name}` | {threshold.value} | {SET_BY[kind]} | {tried} |")
     return "\n".join(lines)
 
 
@@ -97,11 +115,21 @@ def format_table(results: list[dict[str, str]]) -> str:
 @click.option("--kind", type=click.Choice([TORQUES, LOGS]), multiple=True, default=[LOGS, TORQUES])
 @click.option("--only", default="", help="The thresholds of this name.")
 @click.option("--table", is_flag=True, help="Run nothing: show what stands.")
-def main(kind: tuple[str, ...], only: str, table: bool) -> None:
+@click.option("--page", is_flag=True, help="Run nothing: write what stands into the page of the documentation.")
+def main(kind: tuple[str, ...], only: str, table: bool, page: bool) -> None:
     """Run the campaign [-]."""
-    for one in () if table else kind:
+    for one in () if table or page else kind:
         run_kind(one, only)
-    click.echo(format_table(read_results()))
+    if page:
+        PAGE.write_text(render_page(PAGE.read_text(encoding="utf-8")), encoding="utf-8")
+    else:
+        click.echo(format_table(read_results()))
+
+
+def render_page(text: str) -> str:
+    """Return the text of the page [-] with the table of what stands between its marks."""
+    before, _, rest = text.partition(BEGIN)
+    return f"{before}{BEGIN}\n{format_table(read_results())}\n{END}{rest.partition(END)[2]}"
 
 
 if __name__ == "__main__":

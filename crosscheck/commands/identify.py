@@ -354,6 +354,8 @@ def _find_causes(
         console.print(f"\n[bold]what remains of {escape(Path(log).name)}[/bold]")
         for words in [one.words for one in rest.named] or [NOTHING_REMAINS]:
             console.print(escape(words), highlight=False, soft_wrap=True)
+        for words in rest.untold:
+            console.print(escape(words), highlight=False, soft_wrap=True, style="dim")
         if asked:
             console.print(
                 "what is smaller than this would hide in that log (– : nothing that was tried would be seen):",

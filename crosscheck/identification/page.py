@@ -134,7 +134,7 @@ def build_study_row(
         _build_day_table(identification),
         _build_cause_table(causes),
         *build_drive_tables(drives),
-        _build_doubt_table([*identification.words, *list_drive_words(drives)]),
+        _build_doubt_table([*identification.words, *list_drive_words(drives), *_list_untold_words(causes)]),
         _build_untold_table(identification.parameters),
         _build_least_table(causes),
         _build_scatter_table(identification),
@@ -268,6 +268,11 @@ def _build_cause_table(causes: Sequence[tuple[str, CauseFindings]]) -> SideTable
         ("error", "standard error", "unit"), ("unit", "unit", ""), ("evidence", "evidence", ""),
     ]  # fmt: skip
     return {"title": "Causes of what remains", "columns": columns, "rows": rows}
+
+
+def _list_untold_words(causes: Sequence[tuple[str, CauseFindings]]) -> list[str]:
+    """Return the stiffnesses that the encoders of logs do not tell, with the log's name."""
+    return [f"{log}: {words}" for log, rest in causes for words in rest.untold]
 
 
 def _build_least_table(causes: Sequence[tuple[str, CauseFindings]]) -> SideTable:

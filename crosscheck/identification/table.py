@@ -36,6 +36,9 @@ NORMAL = 1.6448536269514722  # half width of it, in standard deviations of a nor
 FARTHEST = (
     20.0  # widths of its prior that a value of logs alone is away at most: of what they hardly tell it is no number
 )
+SCORED = 2.5  # standard deviations of the prior within which its quantiles are known
+SLOPE = 1.0  # of the last of them go on beyond
+SCORES = 101  # quantiles that are taken
 WIDE = 1.0  # relative error of a gain that says that nobody knows it
 # Of a truth drawn from the prior 1.6 % stand farther off; of one that is four widths off, and told, 93 % do.
 CONFLICT = 2.4
@@ -125,7 +128,11 @@ def list_parameter_rows(space: ParameterSpace, fit: Fit) -> list[Row]:
     value = compute_physical_values(space, fit.z)
     before = compute_physical_values(space, np.zeros_like(fit.z))
     information = compute_log_information(space, fit)
-    told = [_compute_score_width(*both) < TOLD for both in zip(drawn.T, known.T, strict=True)] & information.own
+    widths = [
+        float(np.std(after[:, k])) if one.kind != MASS else _compute_score_width(drawn[:, k], known[:, k])
+        for k, one in enumerate(space.parameters)
+    ]
+    told = (np.array(widths) < TOLD) & information.own
     conflict = information.compute_conflict()
     alone = _compute_values_without_prior(space, fit, information, before)
     # Mass properties stand behind all others.
@@ -195,6 +202,17 @@ def _find_interval(drawn: Array, value: float) -> tuple[float, float]:
 
 
 def _compute_score_width(drawn: Array, known: Array) -> float:
-    """Return the standard deviation of draws (draws,) as normal scores of draws from the prior (draws,) [-]."""
-    rank = np.searchsorted(np.sort(known), drawn)
-    return float(np.std(scipy.special.ndtri((rank + 0.5) / (len(known) + 1.0))))
+    """Return the standard deviation of draws (draws,) as normal scores of draws from the prior (draws,) [-].
+
+    Beyond `SCORED` of the prior, where few of its draws are, scores go on as they did over the last `SLOPE` of them: a value that
+    lies far out would be told by its place alone.
+    """
+    scores = np.linspace(-SCORED, SCORED, SCORES)
+    at = np.quantile(known, scipy.special.ndtr(scores))
+    out = np.interp(drawn, at, scores)
+    inner = [np.interp(side * (SCORED - SLOPE), scores, at) for side in (-1.0, 1.0)]
+    for end, inside, side in ((at[0], inner[0], -1.0), (at[-1], inner[1], 1.0)):
+        beyond = side * (drawn - end) > 0.0
+        if end != inside:
+            out[beyond] = side * SCORED + SLOPE * side * (drawn[beyond] - end) / abs(end - inside)
+    return float(np.std(out))

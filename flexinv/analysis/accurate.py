@@ -76,7 +76,7 @@ def solve_problem(
     def make_task(meshed: Mechanism, steps: Array, settings: Settings) -> Task:
         return make_prescribed_task(meshed, motion, steps, settings, start, start_rate, progress)
 
-    given = {joint.name for joint in mechanism.joints if joint.nv} <= set(motion.joints(mechanism))
+    given = set(mechanism.moving_names) <= set(motion.joints(mechanism))
     breaks = getattr(motion, "breaks", ())
     span = (0.0, resolve_last_time(motion, options.get("end")))
     problem = make_problem(mechanism, make_task, settings, accuracy, breaks, motion.jumps, span)

@@ -87,13 +87,10 @@ def list_writable_arrays(part: Any) -> Iterator[Array]:
 
 def _build_drives(mesh: Mesh) -> Drives:
     """The laws of the joints at the nodes, with the freedoms of those that have a drive."""
-    mechanism = mesh.mechanism
     freedoms = mesh.freedoms.copy()
-    table = np.zeros((5, mesh.size))
     moves = mesh.v_index >= 0
-    table[:, moves] = mechanism.drive_table[:, mesh.v_index[moves]]
-    freedoms[moves] *= mechanism.actuated[mesh.v_index[moves]]
-    return Drives(freedoms, mesh.slide, mesh.turn, table)
+    freedoms[moves] *= mesh.mechanism.actuated[mesh.v_index[moves]]
+    return Drives(freedoms, mesh.slide, mesh.turn, mesh.build_drive_table())
 
 
 class FlexibleState:
@@ -115,7 +112,7 @@ class FlexibleState:
         self.nq = mechanism.nq
         self.nv = mechanism.nv
         self.tau = tau
-        self.passive = {j.name for j in mechanism.joints if j.nv and not j.actuated}
+        self.passive = mechanism.undriven_names
         self.solver = Solver.build_for(mesh, self.passive)
         in_space = isinstance(find_plane(mesh), NotPlanar)
         self.flat = None if in_space else PlanarMarch.build_for(mesh, self.passive)

@@ -193,7 +193,7 @@ def _make_evaluation(solution: Solution, motion: Motion, efforts: bool) -> Calla
     m = solution.mechanism
     mesh = solution.mesh
     given = motion.joints(solution.mechanism)
-    passive = {joint.name for joint in m.joints if joint.nv} - set(given)
+    passive = set(m.moving_names) - set(given)
     places = {name: solution.q[0, m.q_slices[name]] for name in passive}
     settings = Settings(float(solution.settings["step"]))
 

@@ -53,7 +53,7 @@ def _begin_with_fixed_drives(solver: Solver, q: Array, time: float, when: str) -
     mesh = solver.mesh
     t = solver.topology
     still = np.zeros(mesh.mechanism.nv)
-    held = Solver.build_for(mesh, {j.name for j in mesh.mechanism.joints if j.nv and not j.actuated})
+    held = Solver.build_for(mesh, mesh.mechanism.undriven_names)
     if not len(held.topology.scale):
         return False
     acting = held.border.ties

@@ -103,7 +103,7 @@ def _build_mesh_columns(mechanism: Mechanism) -> OverviewColumns:
 
 
 def _build_joint_columns(mechanism: Mechanism) -> OverviewColumns:
-    moving = [j for j in mechanism.joints if j.nv]
+    moving = mechanism.moving_joints
     columns: OverviewColumns = {
         "joint": [j.name for j in moving],
         "kind": [j.kind for j in moving],

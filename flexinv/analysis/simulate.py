@@ -97,7 +97,7 @@ class _FreeTasks:
     def make_task(self, meshed: Mechanism, steps: Array, settings: Settings) -> Task:
         """Return the task of a mechanism at the instants ``steps`` [s]."""
         mesh = build(apply_stated_ratio(meshed))
-        moves = {j.name for j in meshed.joints if j.nv}
+        moves = meshed.moving_names
         stated = resolve_start_coordinates(meshed, moves, self.start, self.start_rate)
         start_values = _collect_start_values(meshed, *stated, self.at_rest)
         first = float(steps[0])

@@ -239,7 +239,7 @@ class Solution(Shown, ByValue):
         from flexinv.linearized.residual_vibration import compute_residual_vibration
 
         m = self.mesh.mechanism
-        undriven = tuple(joint.name for joint in m.joints if joint.nv and not joint.actuated)
+        undriven = m.undriven_names
         moving = undriven if free is None else check_names("free", free, "joints")
         return compute_residual_vibration(self.mesh, (self.q, self.qd, self.qdd), tuple(moving), self.nodes, self.tip)
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
@@ -78,7 +78,9 @@ def solve(
             raise InputError(f"accuracy: {why}")
         options: dict[str, Any] = {"end": end, "start": start, "start_rate": start_rate, "progress": progress}
         settings = check_settings(1.0, spectral_radius, tolerance, initial)
-        return _solve_to_accuracy(mechanism, motion, accuracy, step, settings, options)
+        return solve_within_accuracy(
+            solve_problem(mechanism, motion, check_accuracy(accuracy, step), settings, options)
+        )
     steps = build_time_grid(motion, step, end, every)
     if every > 1:
         _check_every(mechanism, every, incremental)
@@ -97,17 +99,6 @@ def solve(
         return solution
 
     return _add_bars(solution, first, task, _make_refined_run(motion, start, start_rate, progress))
-
-
-def _solve_to_accuracy(
-    mechanism: Mechanism,
-    motion: Motion,
-    accuracy: float | None,
-    step: float | None,
-    settings: Settings,
-    options: Mapping[str, Any],
-) -> Solution:
-    return solve_within_accuracy(solve_problem(mechanism, motion, check_accuracy(accuracy, step), settings, options))
 
 
 def _make_refined_run(motion: Motion, start: Start, start_rate: Start, progress: Progress | None) -> Again:

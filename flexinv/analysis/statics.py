@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 from typing import ClassVar
 
@@ -90,7 +90,7 @@ def statics(mechanism: Mechanism, loads: Sequence[Load] = (), q: ArrayLike | Non
     forces = [_make_force(mechanism, load, k) for k, load in enumerate(check_kinds("loads", loads, Load))]
     damped = apply_stated_ratio(mechanism)
     mesh = build(replace(damped, forces=(*mechanism.forces, *forces)))
-    passive = {j.name for j in mechanism.joints if j.nv and not j.actuated} if mechanism.closures else set()
+    passive = mechanism.undriven_names if mechanism.closures else ()
     if mechanism.closures and q is not None:
         with replace_advice(GIVE_Q):
             at = find_closed_at(mesh, at)
@@ -115,7 +115,7 @@ def statics(mechanism: Mechanism, loads: Sequence[Load] = (), q: ArrayLike | Non
     return replace(solution, stable=False, notes=(*notes, note))
 
 
-def _solve_equilibrium(mesh: Mesh, passive: set[str], at: Array) -> tuple[Solver, Joints, FirstStep]:
+def _solve_equilibrium(mesh: Mesh, passive: Collection[str], at: Array) -> tuple[Solver, Joints, FirstStep]:
     """The solver and the joints at rest, and the first step of one sample there; at : (nq,) of the joints, a guess in a loop."""
     now = np.zeros(1)
     rest = np.zeros((1, mesh.mechanism.nv))

@@ -95,7 +95,7 @@ class Task:
     steps: Array
     before: JointHistory
     after: JointHistory
-    passive: set[str]
+    passive: Collection[str]
     settings: Settings
     jumps: tuple[float, ...] = ()
     stated_rates: Collection[str] = ()
@@ -129,7 +129,7 @@ def make_prescribed_task(
     A motion that is the same seen from both sides is evaluated once; in loops the start is moved onto the branch that it names.
     """
     mesh = build(apply_stated_ratio(mechanism))
-    passive = {joint.name for joint in mechanism.joints if joint.nv} - set(motion.joints(mechanism))
+    passive = set(mechanism.moving_names) - set(motion.joints(mechanism))
     start_coordinates = resolve_start_coordinates(mechanism, passive, start, start_rate)
     before, after = build_joint_histories(motion, mechanism, start_coordinates, settings, steps)
     if mechanism.closures and start and passive:

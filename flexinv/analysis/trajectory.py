@@ -32,7 +32,6 @@ from flexinv.inverse.inverse_dynamics import compute_applied_forces
 from flexinv.inverse.spring_lengths import InterpolatedMotion, check_spring_lengths
 from flexinv.kinematics.mesh import Mesh
 from flexinv.kinematics.nodal_motion import compute_relative_motion, compute_rigid_motion, fill_passive
-from flexinv.kinematics.tree import Joints
 from flexinv.planar.detection import NotPlanar, find_plane
 from flexinv.planar.solver import PlanarMarch
 from flexinv.planar.stepper import integrate_planar_motion
@@ -122,7 +121,7 @@ def _find_jumps(task: Task) -> set[int]:
     return {k for k in found if 0 < k < len(steps) and np.abs(steps[k] - np.array(task.jumps)).min() < SAME_TIME * step}
 
 
-def build_planar_march(mesh: Mesh, passive: set[str]) -> PlanarMarch | None:
+def build_planar_march(mesh: Mesh, passive: Collection[str]) -> PlanarMarch | None:
     """Return the planar march of a mesh that lies in a plane [m], with the named joints free, else None."""
     return None if isinstance(find_plane(mesh), NotPlanar) else PlanarMarch.take_reusable(mesh, passive)
 
@@ -278,9 +277,9 @@ class _March:
         """The data of instants in space: motion of the joints, loads, efforts of drives, and terms of couplings."""
         mesh = self.task.mesh
         solver = self._resolve_spatial_solver()
-        rel = Joints(*(np.ascontiguousarray(part) for part in compute_relative_motion(mesh, *given)))
+        joints = compute_relative_motion(mesh, *given)
         loads = build_load_table(mesh, time)
-        return Instants(rel, loads, solver.evaluate_drives(time), solver.compute_coupling_terms(*given))
+        return Instants(joints, loads, solver.evaluate_drives(time), solver.compute_coupling_terms(*given))
 
     def update_step(self, sample: int) -> None:
         """Take the step [s] that the task makes after a sample; nothing to do where all steps are equal."""

@@ -6,25 +6,18 @@ from pathlib import Path
 
 import click
 
-from flexinv.cli.output import MODEL, OVERWRITE_FOLDER, PAYLOADS, UNDEFORMED, parse_start
+from flexinv.cli.export_options import OUT, OVERWRITE_FOLDER, PAYLOADS, PROCESSORS, START, write_made
+from flexinv.cli.output import MODEL, UNDEFORMED, parse_start
 from flexinv.export.export_c import export_c
-from flexinv.export.machine_code import NATIVE, TARGETS
 from flexinv.files.robot_file import read_robot_file
 
 
 @click.command("export-c")
 @MODEL
-@click.option("--out", type=click.Path(path_type=Path, file_okay=False), required=True, help="Folder for the library.")
-@click.option(
-    "--target", "targets", multiple=True, default=(NATIVE,), show_default=True, type=click.Choice(list(TARGETS)),
-    help="Processor (may be repeated): this machine's, or any of a kind.",
-)  # fmt: skip
+@OUT
+@PROCESSORS
 @click.option("--step", type=float, help="Links that bend: time between two calls [s].")
-@click.option(
-    "--start",
-    metavar="NUMBERS",
-    help="Links that bend: q where they begin at rest [rad], [m]: --start 0.5,-1; loops: near it.",
-)
+@START
 @UNDEFORMED
 @PAYLOADS
 @OVERWRITE_FOLDER
@@ -51,8 +44,4 @@ def write_c_library(
         read_robot_file(model), out, targets=targets, overwrite=overwrite, step=step, start=parse_start(start),
         initial="consistent" if undeformed else "static", payloads=payloads,
     )  # fmt: skip
-    click.echo(f"wrote {made.name}, {len(made.files)} files, into {made.folder}")
-    if made.to_link:
-        click.echo(f"no C compiler was found for all targets; run in {made.folder}:")
-        for line in made.to_link:
-            click.echo(f"  {line}")
+    write_made(made, made.folder)

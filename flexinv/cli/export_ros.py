@@ -6,23 +6,18 @@ from pathlib import Path
 
 import click
 
-from flexinv.cli.output import MODEL, OVERWRITE_FOLDER, PAYLOADS, parse_start
+from flexinv.cli.export_options import OUT, OVERWRITE_FOLDER, PAYLOADS, PROCESSORS, START, write_made
+from flexinv.cli.output import MODEL, parse_start
 from flexinv.export.export_ros import LIBRARY_FOLDER, export_ros
-from flexinv.export.machine_code import NATIVE, TARGETS
 from flexinv.files.robot_file import read_robot_file
 
 
 @click.command("export-ros")
 @MODEL
-@click.option("--out", type=click.Path(path_type=Path, file_okay=False), required=True, help="Folder for the package.")
-@click.option(
-    "--target", "targets", multiple=True, default=(NATIVE,), show_default=True, type=click.Choice(list(TARGETS)),
-    help="Processor (may be repeated); the package links the first.",
-)  # fmt: skip
+@OUT
+@PROCESSORS
 @click.option("--step", type=float, help="Links that bend: time of a cycle of the controller [s].")
-@click.option(
-    "--start", metavar="NUMBERS", help="Links that bend: q where they begin at rest [rad], [m]: --start 0.5,-1."
-)
+@START
 @PAYLOADS
 @OVERWRITE_FOLDER
 def write_ros_package(
@@ -47,8 +42,4 @@ def write_ros_package(
         start=parse_start(start),
         payloads=payloads,
     )
-    click.echo(f"wrote {made.name}, {len(made.files)} files, into {made.folder}")
-    if made.to_link:
-        click.echo(f"no C compiler was found for all targets; run in {made.folder / LIBRARY_FOLDER}:")
-        for line in made.to_link:
-            click.echo(f"  {line}")
+    write_made(made, made.folder / LIBRARY_FOLDER)

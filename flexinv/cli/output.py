@@ -22,14 +22,9 @@ PLOTS = (".png", ".svg", ".pdf")
 FILE = click.Path(path_type=Path, dir_okay=False)
 MODEL = click.argument("model", type=click.Path(path_type=Path))
 OVERWRITE = click.option("--overwrite", is_flag=True, help="Replace files that are there already.")
-OVERWRITE_FOLDER = click.option("--overwrite", is_flag=True, help="Write into a folder that has files in it.")
 UNDEFORMED = click.option(
     "--undeformed", is_flag=True, help="Links that bend: begin undeformed; else in equilibrium under gravity."
 )
-PAYLOADS = click.option(
-    "--payload", "payloads", multiple=True, metavar="LINK",
-    help="Links that bend, or are carried by some: LINK carries something that changes while the library runs (may be repeated).",
-)  # fmt: skip
 ACCURACY = click.option(
     "--accuracy", type=float, help="Largest error of every torque and tip in parts of its range, for example 1e-4, in place of a "
     "step: steps and mesh are chosen for it, and error bars say what was reached.",

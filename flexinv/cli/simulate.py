@@ -23,6 +23,7 @@ from flexinv.cli.output import (
     write_table,
 )
 from flexinv.errors import InputError
+from flexinv.files.csv_dialect import make_exact_options
 from flexinv.files.load_mechanism import load_mechanism
 from flexinv.model.mechanism import Mechanism
 from flexinv.typing import Array
@@ -87,7 +88,7 @@ def _read_efforts(mechanism: Mechanism, file: Path | None, duration: float | Non
         raise InputError(f"simulate: '{mechanism.name}' needs {wanted}")
     if not file.is_file():
         raise InputError(f"--torque {file}: no such file; write what flexinv solve --out FILE has written")
-    table = pd.read_csv(file)
+    table = pd.read_csv(file, **make_exact_options())
     for name in (TIME, *drives):
         if name not in table:
             raise InputError(f"--torque {file}: no column '{name}'; its columns: {', '.join(table)}")

@@ -21,6 +21,7 @@ import numpy as np
 from flexinv.constraints.equations import Rows as Rows
 from flexinv.constraints.equations import fill_closure_samples
 from flexinv.errors import InputError
+from flexinv.kernels.so3 import find_vectors_across
 from flexinv.kinematics.configuration import build_nodes
 from flexinv.kinematics.mesh import Mesh, find_attachment_node
 from flexinv.kinematics.nodal_motion import NodalMotion, list_sliding_coordinates
@@ -121,9 +122,7 @@ def move_second_frames(mechanism: Mechanism, original: Rows, now: Rows, motion: 
 def _list_equations(closure: Closure) -> list[tuple[bool, Array, Array]]:
     """Rows (direction?, u in frame A, w in frame B) of one closure."""
     x, y, z = np.eye(3)
-    across = np.cross(closure.axis, np.eye(3)[int(np.argmin(np.abs(closure.axis)))])
-    across /= np.linalg.norm(across)
-    also = np.cross(closure.axis, across)  # a right-handed frame with the axis
+    across, also = find_vectors_across(closure.axis)
     position = (across, also) if closure.kind in ("prismatic", "cylindrical", "point-on-line") else (x, y, z)
     direction = {
         "fixed": ((x, y), (y, z), (z, x)),

@@ -301,7 +301,7 @@ class Follower:
     def _find_single_driver(self, history: JointHistory) -> Callable[[Array], Array] | None:
         """The one coordinate that the motion gives, as a function of time; None where it gives several, or no plain number."""
         m = self.mesh.mechanism
-        given = [joint for joint in m.joints if joint.nv and not self.unknown[m.v_slices[joint.name]].any()]
+        given = [joint for joint in m.moving_joints if not self.unknown[m.v_slices[joint.name]].any()]
         if len(given) != 1 or given[0].nv != 1 or KINDS[given[0].kind].circle:
             return None
         columns = m.q_slices[given[0].name]

@@ -26,7 +26,7 @@ from flexinv.kernels.sparse_qr import (
     write_entry,
 )
 from flexinv.kinematics.configuration import Nodes, integrate_coordinates, move_nodes
-from flexinv.kinematics.tree import Frames, Joints, take_sample
+from flexinv.kinematics.tree import Frames, Joints, make_room, take_sample
 from flexinv.typing import Array, Indices, Mask
 
 # Newton ends with an increment below this, in radians or metres: its error is about the square, which is rounding.
@@ -54,11 +54,7 @@ class Chain(NamedTuple):
     def build_for(cls, nodes: Nodes, rows: Rows) -> Chain:
         """Return the chain with arrays for its motion [m, rad, s]."""
         size = len(nodes.parent)
-        one = np.zeros((10, size, 3))
-        turns = np.zeros((2, size, 3, 3))
-        joints = Joints(one[0], one[1], one[2], turns[0], one[3], one[4])
-        frames = Frames(one[5], turns[1], one[6], one[7], one[8], one[9])
-        return cls(nodes, rows, joints, frames, np.zeros((len(rows.a), 3)))
+        return cls(nodes, rows, make_room(Joints, size), make_room(Frames, size), np.zeros((len(rows.a), 3)))
 
 
 @send_by_address

@@ -106,7 +106,7 @@ def _find_advice(follower: Follower, guess: Array) -> tuple[str, str]:
 
 def _describe_other_motion(mechanism: Mechanism, unknown_joints: Sequence[str], closed: Array) -> str:
     """Advice for loops that close only with other places (nq,) of the moved joints; unknown_joints : all others."""
-    held = [joint.name for joint in mechanism.joints if joint.nv and joint.name not in unknown_joints]
+    held = [joint.name for joint in mechanism.moving_joints if joint.name not in unknown_joints]
     fewer = ", or give fewer coordinates a motion" if len(held) > 1 else ""
     return (
         f"where the motion puts {', '.join(held)} none of {TRIES + 1} guesses closes them; they close for example with "

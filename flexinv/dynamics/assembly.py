@@ -38,7 +38,10 @@ from flexinv.kernels.vec3 import (
     apply,
     cross,
     dot,
+    dot_pair,
     mat,
+    pair,
+    pair_at,
     put,
     put_pair,
     scale,
@@ -46,7 +49,14 @@ from flexinv.kernels.vec3 import (
     vec,
     vec_at,
 )
-from flexinv.kinematics.tree import add_parent_variation, add_wrench_to_parent, compute_child_motion
+from flexinv.kinematics.tree import (
+    add_parent_variation,
+    add_wrench_to_parent,
+    compute_child_motion,
+    compute_wrench_effort,
+    write_frame,
+    write_joint,
+)
 
 # An element that turns more than this between its first and any other node is too coarse (log is singular at pi).
 LARGEST_TURN = 2.5  # [rad]
@@ -85,12 +95,10 @@ def run_forward_pass(topology, state, joints, frames, variation, work, factors, 
 @jit_inner
 def _fill_section_motion(n, o, columns, state, frames, variation, cv, ca):
     psi = vec_at(state.d, o + 3)
-    put(frames.x[n], add(vec(state.x[n]), vec_at(state.d, o)))
-    vec3.put_mat(frames.r[n], vec3.mul(mat(state.r[n]), exp(psi)))
-    put(frames.v[n], vec_at(state.u, o))
-    put(frames.w[n], vec_at(state.u, o + 3))
-    put(frames.a[n], vec_at(state.du, o))
-    put(frames.al[n], vec_at(state.du, o + 3))
+    place = add(vec(state.x[n]), vec_at(state.d, o))
+    turn = vec3.mul(mat(state.r[n]), exp(psi))
+    v, w = pair_at(state.u, o)
+    write_frame(n, frames, place, turn, v, w, *pair_at(state.du, o))
     if columns == 0:
         return
     for k in range(3):
@@ -140,12 +148,7 @@ def _fill_passive_motion(n, topology, state, joints, variation, cv, ca, columns)
             put(variation.w[n, at], scale(cv, rate))
             put(variation.a[n, at], scale(ca, slide))
             put(variation.al[n, at], scale(ca, rate))
-    put(joints.p[n], p)
-    vec3.put_mat(joints.r[n], vec3.mul(mat(state.r[n]), exp(psi)))
-    put(joints.dp[n], dp)
-    put(joints.ddp[n], ddp)
-    put(joints.w[n], w)
-    put(joints.al[n], al)
+    write_joint(n, joints, p, dp, ddp, vec3.mul(mat(state.r[n]), exp(psi)), w, al)
 
 
 @jit_inner
@@ -186,6 +189,16 @@ def add_amplitude_forces(topology, state, work, moving, cv, want_tangent):
 
 
 @jit_inner
+def _compute_wrench_slope(n, m, k, system, frame, force):
+    """Derivatives of the force on node n, along the axes ``frame`` of its parent m, and of its moment by unknown k."""
+    dforce, dmoment = pair(system.work.dwrench[n, k])
+    dforce = tapply(frame, dforce)
+    if m >= 0:
+        dforce = vec3.sub(dforce, cross(vec(system.variation.t[m, k]), force))
+    return dforce, dmoment
+
+
+@jit_inner
 def _add_shaped_rows(n, columns, system, joints):
     """Add to the rows of a part's amplitudes what acts on one of its nodes, and with ``columns`` its derivatives."""
     work = system.work
@@ -197,8 +210,8 @@ def _add_shaped_rows(n, columns, system, joints):
     part = shapes.part[n]
     column = topology.amplitude[part]
     frame = mat(system.frames.r[m])
-    force = tapply(frame, vec(work.wrench[n]))
-    moment = vec_at(work.wrench[n], 3)
+    force, moment = pair(work.wrench[n])
+    force = tapply(frame, force)
     turns = shapes.turns[row]
     for k in range(shapes.size[part]):
         pushed = dot(vec(work.moved[row, k]), force)
@@ -206,8 +219,7 @@ def _add_shaped_rows(n, columns, system, joints):
             pushed += dot(vec_at(work.moved[row, k], 3), moment)
         work.residual[0, topology.offset[b] + column + k] += pushed
     for c in range(columns):
-        dforce = vec3.sub(tapply(frame, vec(work.dwrench[n, c])), cross(vec(system.variation.t[m, c]), force))
-        dmoment = vec_at(work.dwrench[n, c], 3)
+        dforce, dmoment = _compute_wrench_slope(n, m, c, system, frame, force)
         for k in range(shapes.size[part]):
             by = dot(vec(work.moved[row, k]), dforce)
             if turns:
@@ -342,12 +354,10 @@ def compute_root_derivative(tangent, row, root, k, variation):
     """Return the derivative of an element's force by unknown k of its root's block, pose and velocity [N/m], [N], [N m]."""
     by = tangent[row]
     last = tangent.shape[1] - 6
-    root_derivative = dot(vec(by), vec(variation.x[root, k])) + dot(vec_at(by, 3), vec(variation.t[root, k]))
+    derivative = dot_pair(pair(by), (vec(variation.x[root, k]), vec(variation.t[root, k])))
     if tangent.shape[1] > tangent.shape[0]:
-        root_derivative += dot(vec_at(by, last), vec(variation.v[root, k])) + dot(
-            vec_at(by, last + 3), vec(variation.w[root, k])
-        )
-    return root_derivative
+        derivative += dot_pair(pair_at(by, last), (vec(variation.v[root, k]), vec(variation.w[root, k])))
+    return derivative
 
 
 @jit_inner
@@ -387,8 +397,8 @@ def _add_variation_to_parent(n, m, columns, system, joints):
     p = vec(joints.p[n])
     rj = mat(joints.r[n])
     r = mat(system.frames.r[m])
-    local = tapply(r, vec(work.wrench[n]))
-    mu = vec_at(work.wrench[n], 3)
+    force, mu = pair(work.wrench[n])
+    local = tapply(r, force)
     part = topology.shapes.part[n]
     own = topology.column[n] if part < 0 else topology.amplitude[part]
     count = topology.freedoms[n] if part < 0 else topology.shapes.size[part]
@@ -399,10 +409,8 @@ def _add_variation_to_parent(n, m, columns, system, joints):
         if 0 <= i < count:
             slide = vec(topology.slide[n, i]) if part < 0 else vec(work.moved[topology.shapes.row[n], i])
             turn = vec(topology.turn[n, i]) if part < 0 else vec_at(work.moved[topology.shapes.row[n], i], 3)
-        df = vec(work.dwrench[n, k])
-        dmu = vec_at(work.dwrench[n, k], 3)
-        dlocal = vec3.sub(tapply(r, df), cross(vec(system.variation.t[m, k]), local))
-        add_to(work.dwrench[m, k], df)
+        dlocal, dmu = _compute_wrench_slope(n, m, k, system, r, local)
+        add_to(work.dwrench[m, k], vec(work.dwrench[n, k]))
         turned = apply(rj, add(cross(turn, mu), dmu))
         add_at(work.dwrench[m, k], 3, add(add(cross(slide, local), cross(p, dlocal)), turned))
 
@@ -412,10 +420,9 @@ def _add_element_forces(count, nodes, forces, frames, wrench, power):
     """Add the forces of an element to the wrenches of its nodes; return ``power`` with theirs [W]."""
     for i in range(count):
         n = nodes[i]
-        force = vec(forces[i])
-        moment = vec_at(forces[i], 3)
-        add_pair(wrench[n], force, moment)
-        power += dot(force, vec(frames.v[n])) + dot(moment, vec(frames.w[n]))
+        force = pair(forces[i])
+        add_pair(wrench[n], *force)
+        power += dot_pair(force, (vec(frames.v[n]), vec(frames.w[n])))
     return power
 
 
@@ -430,22 +437,17 @@ def _fill_passive_rows(n, columns, system, cv, ca):
     m = topology.parent[n]
     first = topology.first[n] + topology.column[n]
     frame = mat(system.frames.r[m]) if m >= 0 else EYE
-    force = tapply(frame, vec(work.wrench[n]))
-    moment = vec_at(work.wrench[n], 3)
+    force, moment = pair(work.wrench[n])
+    force = tapply(frame, force)
     level = loads.level[0]
     whole = take_joint_law(topology.drives, n)
     law = JointLaw(whole.rotor, whole.damping, whole.friction, level * whole.stiffness, whole.rest)
     for i in range(topology.freedoms[n]):
-        slide = vec(topology.slide[n, i])
-        turn = vec(topology.turn[n, i])
-        rate = state.u[first + i]
-        direction = compute_smooth_direction(state.u[first + i])
-        joint_effort = compute_joint_effort(
-            law, state.place[first + i] + state.d[first + i], rate, state.du[first + i], direction
-        )
-        work.residual[0, first + i] = (
-            dot(slide, force) + dot(turn, moment) + joint_effort - level * loads.effort[first + i]
-        )
+        k = first + i
+        direction = compute_smooth_direction(state.u[k])
+        joint_effort = compute_joint_effort(law, state.place[k] + state.d[k], state.u[k], state.du[k], direction)
+        effort = compute_wrench_effort(topology, n, i, (force, moment))
+        work.residual[0, k] = effort + joint_effort - level * loads.effort[k]
         if columns > 0:
             slope = compute_effort_slope(law, direction, cv, ca)
             _fill_passive_derivatives(n, i, columns, system, force, slope)
@@ -461,16 +463,15 @@ def _fill_passive_derivatives(n, i, columns, system, force, slope):
     row = topology.column[n] + i
     diagonal = work.diagonal[b]
     frame = mat(system.frames.r[m]) if m >= 0 else EYE
-    slide = vec(topology.slide[n, i])
-    turn = vec(topology.turn[n, i])
     for k in range(columns):
-        dforce = tapply(frame, vec(work.dwrench[n, k]))
-        if m >= 0:
-            dforce = vec3.sub(dforce, cross(vec(system.variation.t[m, k]), force))
-        diagonal[row, k] = dot(slide, dforce) + dot(turn, vec_at(work.dwrench[n, k], 3))
+        diagonal[row, k] = compute_wrench_effort(topology, n, i, _compute_wrench_slope(n, m, k, system, frame, force))
     if topology.triple[n] >= 0 and i >= topology.triple[n]:  # the turn is unit vector number i - triple
         first = topology.offset[b] + topology.column[n]
         inverse = inverse_tangent(compute_joint_rotation(n, topology, system.state, first))
-        add_at(diagonal[row], topology.column[n] + topology.triple[n], scale(slope, tapply(inverse, turn)))
+        add_at(
+            diagonal[row],
+            topology.column[n] + topology.triple[n],
+            scale(slope, tapply(inverse, vec(topology.turn[n, i]))),
+        )
     else:
         diagonal[row, row] += slope

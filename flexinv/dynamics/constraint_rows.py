@@ -201,20 +201,31 @@ def evaluate_ties(constraints, state, frames, wanted):
             constraints.value[k] = 0.0
             constraints.gradient[k] = 0.0
             continue
-        a = constraints.a[k]
-        b = constraints.b[k]
-        u = compute_fixed_vector(frames, a, vec(constraints.u[k]))
-        if constraints.kind[k] == DIRECTION:
-            w = compute_fixed_vector(frames, b, vec(constraints.w[k]))
-        else:
-            w = compute_gap(frames, a, b, vec(constraints.place_a[k]), vec(constraints.place_b[k]))
+        u, w = compute_row_vectors(k, constraints, frames)
         if wanted == SECOND_RATES:
-            constraints.value[k] = dot(u[2], w[0]) + 2 * dot(u[1], w[1]) + dot(u[0], w[2])
+            constraints.value[k] = join_rates(u, w)
         elif wanted == RATES:
             constraints.value[k] = dot(u[1], w[0]) + dot(u[0], w[1])
         else:
             constraints.value[k] = dot(u[0], w[0])
         fill_gradient(k, constraints, frames, u[0], w[0])
+
+
+@jit_inner
+def compute_row_vectors(k, constraints, frames):
+    """Return the vectors of row k whose product is phi, u, and d or w, each with its two rates, world axes [-], [m]."""
+    a = constraints.a[k]
+    b = constraints.b[k]
+    u = compute_fixed_vector(frames, a, vec(constraints.u[k]))
+    if constraints.kind[k] == DIRECTION:
+        return u, compute_fixed_vector(frames, b, vec(constraints.w[k]))
+    return u, compute_gap(frames, a, b, vec(constraints.place_a[k]), vec(constraints.place_b[k]))
+
+
+@jit_inner
+def join_rates(one, other):
+    """Return the second rate of the product of two vectors, each with its two rates: u''.w + 2 u'.w' + u.w'' [any unit]."""
+    return dot(one[2], other[0]) + 2.0 * dot(one[1], other[1]) + dot(one[0], other[2])
 
 
 @jit_inner

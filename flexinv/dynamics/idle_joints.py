@@ -27,8 +27,8 @@ MOVED = 1e-6
 def find_idle(mesh: Mesh, passive: frozenset[str]) -> list[list[str]]:
     """Return the joints of each motion of the ``passive`` ones that nothing resists where the mechanism is undeformed.
 
-    Joints that move together in such a motion stand in one list.  Empty where everything is resisted, or where an element turns
-    too much to be linearised.
+    Joints that move together in such a motion stand in one list.  Empty where everything is resisted, where an element turns too
+    much to be linearised, or where masses or stiffnesses are beyond all numbers.
     """
     solver = Solver.build_for(mesh, set(passive))
     topology = solver.topology
@@ -44,7 +44,10 @@ def find_idle(mesh: Mesh, passive: frozenset[str]) -> list[list[str]]:
     rows = [part[:, columns].toarray() for part in matrices]
     rows = [_scale_to_largest(topology.scale[:, None] * part * topology.scale[columns]) for part in rows]
     rows.append(_scale_to_largest(ties.sides[ties.kind != PULL][:, columns] * topology.scale[columns]))
-    free = scipy.linalg.null_space(np.concatenate(rows), rcond=RESISTED)
+    resisted = np.concatenate(rows)
+    if not np.isfinite(resisted).all():
+        return []
+    free = scipy.linalg.null_space(resisted, rcond=RESISTED)
     moves = np.abs(free) > MOVED * np.abs(free).max(initial=0.0)
     pairs = scipy.sparse.csr_array(moves.astype(float) @ moves.T)
     together = scipy.sparse.csgraph.connected_components(pairs, directed=False)[1]

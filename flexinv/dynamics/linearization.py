@@ -17,10 +17,11 @@ import scipy  # its parts are loaded when they are asked for
 from flexinv.dynamics.assembly import compute_root_derivative
 from flexinv.dynamics.constraint_rows import PULL
 from flexinv.dynamics.generalized_alpha import DYNAMIC, Scheme
+from flexinv.dynamics.loads import update_loads
 from flexinv.dynamics.solver import Solver
 from flexinv.dynamics.stepper import TURNED_TOO_MUCH, evaluate
 from flexinv.kernels.jit import jit, jit_formula, jit_inner
-from flexinv.kernels.vec3 import add_scaled, vec_at
+from flexinv.kernels.vec3 import add_scaled, mat, put, put_mat, vec, vec_at
 from flexinv.kinematics.tree import Joints
 from flexinv.typing import Sparse
 
@@ -76,6 +77,9 @@ def _compute_spring_matrix(solver: Solver) -> Sparse:
     """Give the part of springs between points in the linearisation, -C A of their rows in the border."""
     ties = solver.border.ties
     pulls = ties.kind == PULL
+    size = ties.sides.shape[1]
+    if not pulls.any():
+        return scipy.sparse.csc_array((size, size))
     sides, across = (scipy.sparse.csc_array(part[pulls]) for part in (ties.sides, ties.across))
     return -(sides.T @ across)
 
@@ -86,6 +90,21 @@ def make_weighted_scheme(which: int) -> Scheme:
     return Scheme(
         DYNAMIC, 0.0, LARGE_FACTOR if which == 1 else 0.0, LARGE_FACTOR if which == 2 else 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     )
+
+
+@jit_inner
+def move_system_to(system, states, k):
+    """Put the system where it is at sample k of ``states`` [m, rad, s], `State` by samples, with the loads of then [N], [N m]."""
+    state = system.state
+    for n in range(states.x.shape[1]):
+        put(state.x[n], vec(states.x[k, n]))
+        put_mat(state.r[n], mat(states.r[k, n]))
+    for i in range(len(state.d)):
+        state.d[i] = 0.0
+        state.u[i] = states.u[k, i]
+        state.du[i] = states.du[k, i]
+        state.place[i] = states.place[k, i]
+    update_loads(system.loads, states.table[k], state.d[:0])
 
 
 @jit_inner

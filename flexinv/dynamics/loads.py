@@ -35,6 +35,7 @@ from flexinv.kernels.vec3 import (
     cross,
     dot,
     mat,
+    pair,
     put_block,
     put_mat,
     scale,
@@ -108,8 +109,9 @@ def add_loads(topology, frames, variation, loads, work, want_tangent):
         n = loads.node[k]
         p = vec(loads.place[k])
         r = mat(frames.r[n])
-        force = scale(loads.level[0], vec(loads.wrench[k]))
-        moment = scale(loads.level[0], vec_at(loads.wrench[k], 3))
+        force, moment = pair(loads.wrench[k])
+        force = scale(loads.level[0], force)
+        moment = scale(loads.level[0], moment)
         local = force if loads.follower[k] else tapply(r, force)
         turn = moment if loads.follower[k] else tapply(r, moment)
         add_pair(work.wrench[n], scale(-1.0, apply(r, local)), scale(-1.0, add(turn, cross(p, local))))
@@ -125,17 +127,14 @@ def add_loads(topology, frames, variation, loads, work, want_tangent):
 
 
 @send_by_address
-class SpringRows(NamedTuple):
-    """Springs, one row each.
+class SpringLaws(NamedTuple):
+    """Laws of springs between points.
 
-    row : (springs,) first of its three rows in `dynamics.constraint_rows.Ties`, which hold its nodes and lever arms
     stiffness [N/m], rest [m], damping [N s/m] : (springs,)
     law : (springs,) `LINEAR`, `GAS` or `TABLE` [-]; gas : (springs, 3) force [N], travel [m], exponent [-]
     first, last : (springs,) rows of ``pieces`` [-]; pieces : (rows, 5) as `attachments.TableLaw.list_pieces` [m], [N/m^3] ... [N]
-    slope : (springs, 3, 6) dF/dd and dF/dd' side by side [N/m], [N s/m]
     """
 
-    row: Indices
     stiffness: Array
     rest: Array
     damping: Array
@@ -144,53 +143,66 @@ class SpringRows(NamedTuple):
     first: Indices
     last: Indices
     pieces: Array
+
+
+def build_spring_laws(springs: Sequence[Spring]) -> SpringLaws:
+    """Return the laws of springs [N/m], [m], [N s/m]."""
+    values = [(s.stiffness, s.rest, s.damping) for s in springs]
+    stiffness, rest, damping = np.array(values, dtype=float).reshape(-1, 3).T.copy()
+    laws = [spring.law for spring in springs]
+    kind = np.array([LINEAR if x is None else GAS if isinstance(x, GasLaw) else TABLE for x in laws], dtype=np.int64)
+    gas = [(x.force, x.travel, x.exponent) if isinstance(x, GasLaw) else (0.0, 1.0, 1.0) for x in laws]
+    tables = [x.list_pieces() if isinstance(x, TableLaw) else np.zeros((0, 5)) for x in laws]
+    ends = np.cumsum([0, *(len(table) for table in tables)]).astype(np.int64)
+    pieces = np.vstack([np.zeros((0, 5)), *tables])
+    gases = np.array(gas).reshape(-1, 3)
+    return SpringLaws(stiffness, rest, damping, kind, gases, ends[:-1].copy(), ends[1:].copy(), pieces)
+
+
+@send_by_address
+class SpringRows(NamedTuple):
+    """Springs, one row each.
+
+    row : (springs,) first of its three rows in `dynamics.constraint_rows.Ties`, which hold its nodes and lever arms
+    slope : (springs, 3, 6) dF/dd and dF/dd' side by side [N/m], [N s/m]
+    """
+
+    row: Indices
+    laws: SpringLaws
     slope: Array
 
 
 def build_pulls(mesh: Mesh, constraints: Ties) -> SpringRows:
     """Return the springs of a mechanism [N/m], [m], [N s/m], whose rows are the last of ``constraints``."""
     springs = mesh.mechanism.springs
-    values = np.array([(s.stiffness, s.rest, s.damping) for s in springs], dtype=float).reshape(-1, 3)
     rows = np.arange(len(constraints.a) - 3 * len(springs), len(constraints.a), 3, dtype=np.int64)
-    stiffness, rest, damping = (np.ascontiguousarray(column) for column in values.T)
-    return SpringRows(rows, stiffness, rest, damping, *build_law_tables(springs), np.zeros((len(springs), 3, 6)))
-
-
-def build_law_tables(
-    springs: Sequence[Spring],
-) -> tuple[Indices, Array, Indices, Indices, Array]:
-    """Return law [-], gas [N], [m], [-], first, last [-] and pieces [m], [N/m^3] ... [N] of springs, as of `SpringRows`."""
-    laws = [spring.law for spring in springs]
-    kind = np.array([LINEAR if x is None else GAS if isinstance(x, GasLaw) else TABLE for x in laws], dtype=np.int64)
-    gas = [(x.force, x.travel, x.exponent) if isinstance(x, GasLaw) else (0.0, 1.0, 1.0) for x in laws]
-    tables = [x.list_pieces() if isinstance(x, TableLaw) else np.zeros((0, 5)) for x in laws]
-    ends = np.cumsum([0, *(len(table) for table in tables)]).astype(np.int64)
-    return kind, np.array(gas).reshape(-1, 3), ends[:-1].copy(), ends[1:].copy(), np.vstack([np.zeros((0, 5)), *tables])
+    return SpringRows(rows, build_spring_laws(springs), np.zeros((len(springs), 3, 6)))
 
 
 @jit_inner
-def evaluate_pull(springs, k, length):
+def evaluate_pull(laws, k, length):
     """Return the pull [N] of a spring at a length [m], and its slope [N/m]."""
-    if springs.law[k] == GAS:
-        force = springs.gas[k, 0]
-        travel = springs.gas[k, 1]
-        exponent = springs.gas[k, 2]
-        left = 1.0 - (length - springs.rest[k]) / travel
+    if laws.law[k] == GAS:
+        force = laws.gas[k, 0]
+        travel = laws.gas[k, 1]
+        exponent = laws.gas[k, 2]
+        left = 1.0 - (length - laws.rest[k]) / travel
         pull = force * left**-exponent
         return pull, pull * exponent / (travel * left)
-    if springs.law[k] == TABLE:
-        n = springs.first[k]
-        while n + 1 < springs.last[k] and springs.pieces[n + 1, 0] <= length:
+    if laws.law[k] == TABLE:
+        n = laws.first[k]
+        while n + 1 < laws.last[k] and laws.pieces[n + 1, 0] <= length:
             n += 1
-        c = springs.pieces[n]
-        x = length - (springs.pieces[n + 1, 0] if n == springs.first[k] else c[0])
+        c = laws.pieces[n]
+        x = length - (laws.pieces[n + 1, 0] if n == laws.first[k] else c[0])
         return ((c[1] * x + c[2]) * x + c[3]) * x + c[4], (3.0 * c[1] * x + 2.0 * c[2]) * x + c[3]
-    return springs.stiffness[k] * (length - springs.rest[k]), springs.stiffness[k]
+    return laws.stiffness[k] * (length - laws.rest[k]), laws.stiffness[k]
 
 
 @jit_inner
 def evaluate_spring_rows(springs, constraints, frames, level):
     """Set value and gradient of the rows of all springs, and the slope of their law; ``level`` of it acts [N], [m]."""
+    laws = springs.laws
     for k in range(len(springs.row)):
         row = springs.row[k]
         places = vec(constraints.place_a[row]), vec(constraints.place_b[row])
@@ -198,14 +210,14 @@ def evaluate_spring_rows(springs, constraints, frames, level):
         length = max(np.sqrt(dot(d, d)), TINY)
         n = scale(1.0 / length, d)
         lengthening = dot(n, rate)
-        pull, stiffness = evaluate_pull(springs, k, length)
+        pull, stiffness = evaluate_pull(laws, k, length)
         pull = level * pull
         stiffness = level * stiffness
-        damping = level * springs.damping[k]
+        damping = level * laws.damping[k]
         # pull / l, finite for a linear spring of no rest length at l = 0
         ratio = pull / length + damping * lengthening / length
-        if springs.law[k] == LINEAR:
-            ratio = stiffness - stiffness * springs.rest[k] / length + damping * lengthening / length
+        if laws.law[k] == LINEAR:
+            ratio = stiffness - stiffness * laws.rest[k] / length + damping * lengthening / length
         law = scale(-ratio, d)
         # d pull = (k n + c (d' - l' n) / l) . dd + c n . dd'
         by_gap = add_scaled(scale(stiffness - damping * lengthening / length, n), damping / length, rate)
@@ -238,8 +250,7 @@ def _add_end(topology, n, sign, place, slope, frames, variation, across):
     """Subtract sign (by_gap . d(x + R p) + by_rate . d(v + R (w x p))) from the row of one end, slope = (by_gap, by_rate)."""
     if n < 0:
         return
-    by_gap = vec(slope)
-    by_rate = vec_at(slope, 3)
+    by_gap, by_rate = pair(slope)
     r = mat(frames.r[n])
     o = topology.first[n]
     along = tapply(r, by_gap)

@@ -54,10 +54,7 @@ def build_loop_sample(mesh: Mesh, rows: Rows) -> LoopSample:
     out = AllocatedEfforts(
         np.zeros((1, m.nv)), np.zeros((1, count)), np.zeros((1, m.nv)), np.zeros((1, m.nv, most)), np.zeros(1)
     )
-    table = np.zeros((5, mesh.size))
-    moves = mesh.v_index >= 0
-    table[:, moves] = m.drive_table[:, mesh.v_index[moves]]
-    law = Drives(mesh.freedoms, mesh.slide, mesh.turn, table)
+    law = Drives(mesh.freedoms, mesh.slide, mesh.turn, mesh.build_drive_table())
     least = compute_gradient_rounding(mesh, rows.direction)
     g = np.zeros((1, count, m.nv))
     width = np.zeros(1, dtype=np.int64)

@@ -13,7 +13,7 @@ Of an own amplitude it is
 
 from __future__ import annotations
 
-from flexinv.elements.points import add_scaled_row, take_point, write_point
+from flexinv.elements.points import add_scaled_row, find_point_entries, take_point, write_point
 from flexinv.kernels.jit import jit_sums
 from flexinv.kernels.vec3 import add, add_pair, add_scaled, apply, cross, mat, scale, sub, sum3, tapply, vec
 
@@ -79,8 +79,7 @@ def _fill_force_columns(part, system, law, factors):
     shapes = topology.shapes
     motion = system.work.points
     root = shapes.root[part]
-    begin = shapes.points.row[part]
-    end = begin + 3 * shapes.points.stride[part]
+    begin, end = find_point_entries(part, shapes.points)
     mass = shapes.points.mass[part]
     own = topology.amplitude[part]
     w = scale(2.0, vec(system.frames.w[root]))
@@ -152,8 +151,7 @@ def _add_to_frame(part, system):
     shapes = topology.shapes
     motion = work.points
     root = shapes.root[part]
-    begin = shapes.points.row[part]
-    end = begin + 3 * shapes.points.stride[part]
+    begin, end = find_point_entries(part, shapes.points)
     own = topology.amplitude[part]
     frame = mat(system.frames.r[root])
     place = motion.place[begin:end]
@@ -213,8 +211,7 @@ def _add_amplitude_rows(part, system, law):
     own = topology.amplitude[part]
     count = shapes.size[part]
     soft = shapes.soft[part]
-    begin = points.row[part]
-    end = begin + 3 * points.stride[part]
+    begin, end = find_point_entries(part, points)
     for a in range(count):
         row = work.diagonal[b, own + a]
         slide = motion.slide[a, begin:end]

@@ -22,7 +22,7 @@ from flexinv.elements.points import PointMotion
 from flexinv.errors import ConvergenceError, TooFewElements
 from flexinv.kernels.so3 import log_so3
 from flexinv.kinematics.mesh import Mesh
-from flexinv.kinematics.tree import Frames, Joints, Variation
+from flexinv.kinematics.tree import Frames, Joints, Variation, make_room
 from flexinv.typing import Array
 
 # Efforts of the drives of torque-driven joints: time (samples,) [s], and whether the limit before a jump at that time is meant or
@@ -42,12 +42,6 @@ def build_coordinate_map(mesh: Mesh, topology: Topology) -> Array:
 def _find_widest_block(topology: Topology) -> int:
     """Unknowns of the largest block."""
     return max(int(topology.size.max(initial=0)), 1)
-
-
-def _make_frames(nodes: int) -> Frames:
-    """Room for the motion of all nodes."""
-    vector = [np.zeros((nodes, 3)) for _ in range(5)]
-    return Frames(vector[0], np.zeros((nodes, 3, 3)), *vector[1:])
 
 
 def _make_work(mesh: Mesh, topology: Topology, tied: Ties) -> Work:
@@ -94,7 +88,7 @@ class Solver:
     efforts: Efforts | None = None
 
     @classmethod
-    def build_for(cls, mesh: Mesh, passive: set[str], efforts: Efforts | None = None) -> Solver:
+    def build_for(cls, mesh: Mesh, passive: Collection[str], efforts: Efforts | None = None) -> Solver:
         """Return the solver of a mesh with the named joints free, moved by the ``efforts`` of their drives [N m], [N]."""
         topology = build_topology(mesh, frozenset(passive))
         unknowns = len(topology.scale)
@@ -107,8 +101,8 @@ class Solver:
             topology=topology,
             elements=mesh.elements,
             state=state,
-            frames=_make_frames(mesh.size),
-            variation=Variation(*(np.zeros((mesh.size, widest, 3)) for _ in range(6))),
+            frames=make_room(Frames, mesh.size),
+            variation=make_room(Variation, mesh.size, widest),
             work=_make_work(mesh, topology, tied),
             loads=build_loads(mesh, unknowns),
             increment=np.zeros((1 + len(tied.a), unknowns)),

@@ -37,7 +37,7 @@ from flexinv.dynamics.loads import add_loads, evaluate_spring_rows, fill_spring_
 from flexinv.dynamics.tree_solver import solve_tree
 from flexinv.kernels.jit import jit, jit_inner
 from flexinv.kernels.vec3 import apply, dot, mat, put, put_mat, scale, sub, tapply, vec, vec_at
-from flexinv.kinematics.tree import Joints
+from flexinv.kinematics.tree import take_joints
 
 # Newton stops when an increment, relative to the mechanism's length or in radians, is below this; one evaluation follows, and as
 # convergence is quadratic about its square is left: rounding.  (A scheme that may leave more lets it stop earlier.)
@@ -196,7 +196,7 @@ def integrate_instants(system, scheme, instants, y, out):
     count = 0
     size = 0.0
     for sample in range(rel.p.shape[0]):
-        j = Joints(rel.p[sample], rel.dp[sample], rel.ddp[sample], rel.r[sample], rel.w[sample], rel.al[sample])
+        j = take_joints(rel, sample)
         _begin_instant(system, instants, sample)
         if y.shape[0] == 0:
             bad = evaluate(system, scheme, j, True)

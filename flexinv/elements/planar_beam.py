@@ -462,12 +462,9 @@ def compute_energy(elements, p):
     total = 0.0
     c = elements.constants
     for block in range(np.uint64(len(c)) // CONSTANTS):
-        at = block * POINT_BLOCK
         start = block * CONSTANTS
         for lane in range(_LANES):
-            axial = p[at + Y1 + lane] - c[start + STRAIN1 + lane]
-            shear = p[at + Y2 + lane] - c[start + STRAIN2 + lane]
-            curvature = p[at + BEND + lane] - c[start + CURVATURE + lane]
+            axial, shear, curvature = _find_planar_strain(elements, block, lane, p)
             stretched = c[start + AXIAL + lane] * axial * axial + c[start + SHEAR + lane] * shear * shear
             bent = c[start + BENDING + lane] * curvature * curvature
             total += 0.5 * c[start + WEIGHT + lane] * (stretched + bent)
@@ -483,13 +480,10 @@ def compute_dissipated_power(elements, r):
     total = 0.0
     damping = elements.damping
     for block in range(np.uint64(len(damping)) // COEFFICIENTS):
-        by = block * RATE_BLOCK
         start = block * CONSTANTS
         d = block * COEFFICIENTS
         for lane in range(_LANES):
-            rate1 = r[by + RATE1 + lane]
-            rate2 = r[by + RATE2 + lane]
-            bent = r[by + KAPPA_RATE + lane]
+            rate1, rate2, bent = _find_planar_rate(block, lane, r)
             lost = damping[d + D_AXIAL + lane] * rate1 * rate1 + damping[d + D_SHEAR + lane] * rate2 * rate2
             lost += damping[d + D_BENDING + lane] * bent * bent
             if len(elements.coupling) > 0:

@@ -124,6 +124,12 @@ def add_scaled_row(factor, row, out):
 
 
 @jit_sums
+def find_point_entries(part, points):
+    """Return first and last place, the last excluded, of the entries of a part's points in the tables [-]."""
+    return points.row[part], points.row[part] + 3 * points.stride[part]
+
+
+@jit_sums
 def take_point(table, at, stride):
     """Return the vector of a point from one row of a table [any unit]; at : entry of its x."""
     return table[at], table[at + stride], table[at + 2 * stride]
@@ -141,8 +147,7 @@ def write_point(table, at, stride, v):
 def _fill_bent_slides(part, shapes, first, state, motion):
     """Set U(y) and B y' of the softest shapes; U of the others stays as it is."""
     points = shapes.points
-    begin = points.row[part]
-    end = begin + 3 * points.stride[part]
+    begin, end = find_point_entries(part, points)
     soft = shapes.soft[part]
     for c in range(soft):
         straight = points.slide[c, begin:end]
@@ -161,8 +166,7 @@ def _fill_bent_slides(part, shapes, first, state, motion):
 def _fill_bent_change(part, shapes, first, state, motion):
     """Set B y'' of the softest shapes."""
     points = shapes.points
-    begin = points.row[part]
-    end = begin + 3 * points.stride[part]
+    begin, end = find_point_entries(part, points)
     soft = shapes.soft[part]
     for c in range(soft):
         change = motion.change[c, begin:end]
@@ -175,8 +179,7 @@ def _fill_bent_change(part, shapes, first, state, motion):
 def _fill_places(part, shapes, first, state, motion):
     """Set r, r' and r'' of all points."""
     points = shapes.points
-    begin = points.row[part]
-    end = begin + 3 * points.stride[part]
+    begin, end = find_point_entries(part, points)
     still = points.place[begin:end]
     place = motion.place[begin:end]
     drift = motion.drift[begin:end]

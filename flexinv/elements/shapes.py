@@ -203,11 +203,6 @@ def turn_shapes(n, shapes, motion, moved):
         put_at(moved[row, k], 3, apply(tangent, vec_at(moved[row, k], 3)))
 
 
-def build_no_shapes(nodes: int) -> PartShapes:
-    """Return the record of a mechanism of so many nodes [-] without meshed links."""
-    return build_shapes(np.full(nodes, -1), [], [], [])
-
-
 def build_shapes(part: Indices, nodes: list[ShapedNode], masses: list[ShapedNode], parts: list[PartLaw]) -> PartShapes:
     """Return the record of parts [N/m], [N s/m] and of the nodes that their amplitudes move [m], [-], [rad/m].
 

@@ -89,10 +89,18 @@ def find_nearest_csv(path: Path) -> str | None:
     return find_nearest_word(path.name, sorted(p.name for p in path.parent.glob("*.csv")))
 
 
+def make_exact_options() -> dict[str, Any]:
+    """Return the options [-] with which pandas reads a number as Python does: before its version 3.1 it loses a last digit."""
+    import pandas as pd
+
+    version = tuple(map(int, pd.__version__.split(".")[:2]))
+    return {} if version >= (3, 1) else {"float_precision": "round_trip"}
+
+
 def _make_options(path: Path, dialect: CsvDialect) -> dict[str, Any]:
     packed = "gzip" if path.name.lower().endswith(".gz") else None
     marks = {"sep": dialect.mark, "decimal": dialect.decimal, "skipinitialspace": True}
-    return {**marks, "encoding": "utf-8-sig", "compression": packed}
+    return {**marks, **make_exact_options(), "encoding": "utf-8-sig", "compression": packed}
 
 
 def _run_pandas(path: Path, dialect: CsvDialect, take: Callable[[], Any]) -> Any:

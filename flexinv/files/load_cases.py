@@ -11,7 +11,7 @@ import csv
 import datetime
 import io
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, ClassVar
@@ -233,7 +233,7 @@ def read_motion(table: schema.MotionTable, mechanism: Mechanism, where: Location
 
 
 def _find_joint(name: str, mechanism: Mechanism, where: Location) -> Joint:
-    movable = [joint.name for joint in mechanism.joints if joint.nv]
+    movable = mechanism.moving_names
     if name in movable:
         return mechanism.joint_of[name]
     near = find_nearest_word(name, movable)
@@ -257,7 +257,7 @@ def _read_ends(
 
 
 def _check_complete(given: set[str], mechanism: Mechanism, where: Location) -> None:
-    missing = [j for j in mechanism.joints if j.nv and j.actuated and j.name not in given]
+    missing = [j for j in mechanism.moving_joints if j.actuated and j.name not in given]
     if missing and not mechanism.closures:  # in a loop the closures move the joints that the motion leaves out
         expected = f"a motion for every joint with an actuator; missing: {', '.join(j.name for j in missing[:10])}"
         write = f'{missing[0].name} = {schema.MOVES[KINDS[missing[0].kind].units][2]}, or others = "at_zero"'
@@ -267,7 +267,7 @@ def _check_complete(given: set[str], mechanism: Mechanism, where: Location) -> N
 def read_start(tables: Mapping[str, Any], mechanism: Mechanism, motion: Motion, where: Location) -> dict[str, Array]:
     """Read the start of joints that the motion leaves out: joint -> its coordinates [rad], [m], quaternion [-]."""
     given = motion.joints(mechanism)
-    passive = [joint.name for joint in mechanism.joints if joint.nv and joint.name not in given]
+    passive = [joint.name for joint in mechanism.moving_joints if joint.name not in given]
     for name in tables:
         if name not in passive:
             near = find_nearest_word(name, passive)
@@ -280,7 +280,7 @@ def read_start(tables: Mapping[str, Any], mechanism: Mechanism, motion: Motion, 
 
 
 def read_places(
-    tables: Mapping[str, Any], mechanism: Mechanism, joints: list[str], where: Location
+    tables: Mapping[str, Any], mechanism: Mechanism, joints: Sequence[str], where: Location
 ) -> dict[str, Array]:
     """Read where joints are, each of ``joints`` or none: joint -> its coordinates [rad], [m], quaternion [-]."""
     out = {}

@@ -120,7 +120,7 @@ def match_motion_columns(header: Sequence[str], mechanism: Mechanism, held: Iter
     held : joints that need no column.  Raises InputError, one for all: columns that are nothing of the mechanism, coordinates
     without a column, columns that say the same.
     """
-    moving = [joint for joint in mechanism.joints if joint.nv]
+    moving = mechanism.moving_joints
     names = map_joint_names(moving)
     time = _find_time(header)
     read = _parse_headers(header, time, names)
@@ -261,7 +261,7 @@ def _match_numbered_columns(
 
 def _list_ordered(found: Iterable[MotionColumn], mechanism: Mechanism, sense: str) -> tuple[MotionColumn, ...]:
     by_coordinate = {column.coordinate: column for column in found if column.sense == sense}
-    order = [name for joint in mechanism.joints if joint.nv for name in list_coordinates(joint, sense)]
+    order = [name for joint in mechanism.moving_joints for name in list_coordinates(joint, sense)]
     return tuple(by_coordinate[name] for name in order if name in by_coordinate)
 
 
@@ -328,7 +328,7 @@ def _list_some(names: Iterable[str]) -> str:
 
 def _describe_nearest(unknown: Sequence[str], mechanism: Mechanism) -> str:
     """The joint that the first unknown column may mean."""
-    words = map_joint_names([joint for joint in mechanism.joints if joint.nv])
+    words = map_joint_names(mechanism.moving_joints)
     owners = {word: joint for joint, known in words.items() for word in known}
     near = find_nearest_word(_split_motion_unit(unknown[0])[0].strip(), owners)
     return f" (is it {owners[near]}?)" if near else ""
@@ -336,7 +336,7 @@ def _describe_nearest(unknown: Sequence[str], mechanism: Mechanism) -> str:
 
 def make_header(mechanism: Mechanism, held: Iterable[str] = ()) -> str:
     """Return the header of a motion of positions alone [rad], [m], as an example."""
-    free = [joint for joint in mechanism.joints if joint.nv and joint.name not in held]
+    free = [joint for joint in mechanism.moving_joints if joint.name not in held]
     names = []
     for joint in free:
         units = KINDS[joint.kind].units
@@ -349,7 +349,7 @@ def make_header(mechanism: Mechanism, held: Iterable[str] = ()) -> str:
 
 def check_held_joints(hold: Mapping[str, object], mechanism: Mechanism) -> None:
     """Raise InputError for a joint that is held and that the mechanism does not move [-]."""
-    moving = [joint.name for joint in mechanism.joints if joint.nv]
+    moving = mechanism.moving_names
     for name in hold:
         if name not in moving:
             near = find_nearest_word(str(name), moving) or _list_some(moving)

@@ -156,7 +156,7 @@ class MotionSource:
 
     def _fill_places(self, given: Array) -> Array:
         """Positions of all coordinates (samples, places): given ones, held ones, neutral ones of joints without a column."""
-        moving = [joint for joint in self.mechanism.joints if joint.nv]
+        moving = self.mechanism.moving_joints
         widths = [len(list_place_suffixes(joint)) for joint in moving]
         if given.shape[1] == sum(widths):
             return given

@@ -19,7 +19,7 @@ from flexinv.files.regular_files import NotRegularFile, read_regular
 from flexinv.files.values import FORMAT, check_name, find_correction
 
 LARGEST_FILE = 1 << 20  # [byte]: the largest hand-written mechanism is a thousand times smaller
-LONGEST_PATH = 4096  # [characters]: the longest that Linux takes
+LONGEST_PATH = 4096  # [characters]: the LONGEST_SHOWN that Linux takes
 # Keys of fifty parts and more, which the parser takes a time for that grows with their square; a mechanism has three.
 LONG_KEY = re.compile(rb"""(?:^|[\[{,])[ \t]*(?:[\w"'-]+[ \t]*\.[ \t]*){50}""", re.MULTILINE)
 # Examples that are a whole line: the head of a table, or a key and its value.
@@ -100,8 +100,11 @@ class Location:
         return make_input_error(self.describe_key(key), given, expected, write)
 
 
-def format_toml(value: Any, longest: int = 80) -> str:
-    """Write a value as TOML would show it, cut after ``longest`` [characters]."""
+LONGEST_SHOWN = 80  # characters of a value that an error shows
+
+
+def format_toml(value: Any) -> str:
+    """Write a value as TOML would show it, cut after LONGEST_SHOWN [characters]."""
     if isinstance(value, bool):
         text = str(value).lower()
     elif isinstance(value, dict):
@@ -109,12 +112,12 @@ def format_toml(value: Any, longest: int = 80) -> str:
     elif isinstance(value, list):
         text = "[" + ", ".join(format_toml(v) for v in value[:20]) + "]"
     elif isinstance(value, str):
-        text = '"' + value[: longest + 1].encode("unicode_escape").decode("ascii") + '"'
+        text = '"' + value[: LONGEST_SHOWN + 1].encode("unicode_escape").decode("ascii") + '"'
     elif isinstance(value, int) and abs(value) > 1 << 1000:
         text = "a very large integer"
     else:
         text = value.isoformat() if isinstance(value, datetime.date) else repr(value)
-    return text if len(text) <= longest else text[: longest - 4] + " ..."
+    return text if len(text) <= LONGEST_SHOWN else text[: LONGEST_SHOWN - 4] + " ..."
 
 
 ROBOT_FILES = (".urdf", ".xml", ".sdf", ".usd", ".usda", ".usdc", ".xacro")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
@@ -42,7 +43,7 @@ class Balance:
     dissipated: Array
     meshes: Array = field(default_factory=lambda: np.empty((0, 0)))
 
-    def check(self, mesh: Mesh, time: Array, qd: Array, passive: set[str], step: float) -> None:
+    def check(self, mesh: Mesh, time: Array, qd: Array, passive: Collection[str], step: float) -> None:
         """Raise ConvergenceError where kinetic and elastic energy exceed what was put in beyond all reason (`REASON`).
 
         Put in are the energy of the start, the work of drives and forces, that of gravity, and what a motion that is given to the
@@ -67,7 +68,7 @@ class Balance:
             )
 
 
-def compute_carried_energy(mesh: Mesh, qd: Array, passive: set[str]) -> Array:
+def compute_carried_energy(mesh: Mesh, qd: Array, passive: Collection[str]) -> Array:
     """Return the kinetic energy of the total mass at the speed of the given joint rates at full length, (samples,) [J]."""
     m = mesh.mechanism
     speed = np.zeros(len(qd))

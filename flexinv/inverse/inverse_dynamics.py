@@ -16,6 +16,7 @@ from flexinv.inverse.nodal_sums import Masses, fill_nodal_forces, fill_outboard_
 from flexinv.kernels.memory import make_contiguous
 from flexinv.kinematics.mesh import Mesh, find_attachment_node
 from flexinv.kinematics.nodal_motion import NodalMotion, read_scalar_coordinate
+from flexinv.model.attachments import Spring
 from flexinv.model.joint_kinds import KINDS
 from flexinv.model.mechanism import Attachment, Mechanism
 from flexinv.typing import Array
@@ -148,42 +149,41 @@ def compute_applied_forces(mesh: Mesh, motion: NodalMotion, time: Array) -> Noda
         return None
     out = NodalForces(np.zeros_like(motion.x), np.zeros_like(motion.x))
     for spring in m.springs:
-        a, arm_a, xa, va = _evaluate_attachment(mesh, motion, spring.first)
-        b, arm_b, xb, vb = _evaluate_attachment(mesh, motion, spring.second)
-        length = np.linalg.norm(xb - xa, axis=1, keepdims=True)
-        along = (xb - xa) / np.maximum(length, np.finfo(float).tiny)
-        rate = np.sum(along * (vb - va), axis=1, keepdims=True)
-        pull = (spring.evaluate_pull(length) + spring.damping * rate) * along  # on a, towards b
-        for node, arm, end_force in ((a, arm_a, pull), (b, arm_b, -pull)):
-            _add(out, node, arm, end_force, np.zeros_like(pull))
+        gap, speed, _ = compute_spring_gap(mesh, motion, spring)
+        length = np.linalg.norm(gap, axis=1, keepdims=True)
+        along = gap / np.maximum(length, np.finfo(float).tiny)
+        rate = np.sum(along * speed, axis=1, keepdims=True)
+        pull = (spring.evaluate_pull(length) + spring.damping * rate) * along  # on the first end, towards the second
+        for end, end_force in ((spring.first, pull), (spring.second, -pull)):
+            _add(out, mesh, motion, end, end_force, np.zeros_like(pull))
     for force in m.forces:
-        node, arm, _, _ = _evaluate_attachment(mesh, motion, force.at)
+        node = find_attachment_node(mesh, force.at)
         wrench = np.stack([np.interp(time, force.time, column) for column in force.wrench.T], axis=1)  # (sample, 6)
         push = wrench[:, :3]
         turn = wrench[:, 3:]
         if force.follower and node >= 0:
             axes = motion.rotation[:, node] @ force.at.placement.rotation
             push, turn = (np.einsum("sij,sj->si", axes, part) for part in (push, turn))
-        _add(out, node, arm, push, turn)
+        _add(out, mesh, motion, force.at, push, turn)
     return out
 
 
-def _evaluate_attachment(mesh: Mesh, motion: NodalMotion, at: Attachment) -> tuple[int, Array, Array, Array]:
-    """Node, lever arm, position and velocity of an attachment's origin, (samples, 3) world."""
+def compute_spring_gap(mesh: Mesh, motion: NodalMotion, spring: Spring) -> tuple[Array, Array, Array]:
+    """Return the vector from a spring's first end to its second and its two rates, world axes, (samples, 3) [m, s]."""
+    ends = [
+        motion.compute_point_motion(find_attachment_node(mesh, at), at.placement.position)
+        for at in (spring.first, spring.second)
+    ]
+    gap, rate, second = (b - a for a, b in zip(*ends, strict=True))
+    return gap, rate, second
+
+
+def _add(out: NodalForces, mesh: Mesh, motion: NodalMotion, at: Attachment, force: Array, moment: Array) -> None:
+    """Add a force and a moment (samples, 3) at an attachment, in the world, to those of its node."""
     node = find_attachment_node(mesh, at)
-    place = at.placement.position
-    if node < 0:
-        still = np.zeros_like(motion.x[:, 0])
-        return node, still, still + place, still
-    arm = motion.rotation[:, node] @ place
-    spin = np.einsum("sij,sj->si", motion.rotation[:, node], np.cross(motion.omega[:, node], place))
-    return node, arm, motion.x[:, node] + arm, motion.v[:, node] + spin
-
-
-def _add(out: NodalForces, node: int, arm: Array, force: Array, moment: Array) -> None:
     if node >= 0:
         out.force[:, node] += force
-        out.moment[:, node] += moment + np.cross(arm, force)
+        out.moment[:, node] += moment + np.cross(motion.rotation[:, node] @ at.placement.position, force)
 
 
 def compute_spring_efforts(mechanism: Mechanism, q: Array, history: bool = True) -> Array:

@@ -13,18 +13,36 @@ import numpy as np
 from flexinv.elements.joint_law import compute_joint_effort, take_joint_law
 from flexinv.kernels.jit import jit, jit_inner
 from flexinv.kernels.records import send_by_address
-from flexinv.kernels.vec3 import add, add_pair, apply, cross, dot, mat, put, put_pair, scale, sub, tapply, vec, vec_at
+from flexinv.kernels.vec3 import (
+    ZERO,
+    add,
+    add_pair,
+    apply,
+    cross,
+    dot,
+    mat,
+    pair,
+    put,
+    put_pair,
+    scale,
+    sub,
+    tapply,
+    tapply_pair,
+    vec,
+)
 from flexinv.kinematics.configuration import read_coordinate
+from flexinv.kinematics.tree import compute_wrench_effort, take_sample
 from flexinv.typing import Array, Indices
 
 
 @jit_inner
-def compute_nodal_force(mass, inertia, gravity, rotation, omega, a, alpha):
-    """Return P = M (a - g) [N] and Q = R (J al + w x J w) [N m] of one node at one sample."""
-    w = vec(omega)
-    tensor = mat(inertia)
-    body = add(apply(tensor, vec(alpha)), cross(w, apply(tensor, w)))
-    return scale(mass, sub(vec(a), gravity)), apply(mat(rotation), body)
+def compute_nodal_force(masses, n, frames):
+    """Return P = M (a - g) [N] and Q = R (J al + w x J w) [N m] of node n; masses : `Masses`, or what has its fields."""
+    w = vec(frames.w[n])
+    tensor = mat(masses.inertia[n])
+    body = add(apply(tensor, vec(frames.al[n])), cross(w, apply(tensor, w)))
+    force = scale(masses.mass[n], sub(vec(frames.a[n]), vec(masses.gravity)))
+    return force, apply(mat(frames.r[n]), body)
 
 
 @send_by_address
@@ -39,14 +57,10 @@ class Masses(NamedTuple):
 @jit
 def fill_nodal_forces(masses, frames, force, moment):
     """Set P and Q of `compute_nodal_force` [N], [N m] of every node, (samples, nodes, 3)."""
-    gravity = vec(masses.gravity)
     for s in range(force.shape[0]):
+        now = take_sample(frames, s)
         for n in range(force.shape[1]):
-            r = frames.r[s, n]
-            w = frames.w[s, n]
-            a = frames.a[s, n]
-            al = frames.al[s, n]
-            p, q = compute_nodal_force(masses.mass[n], masses.inertia[n], gravity, r, w, a, al)
+            p, q = compute_nodal_force(masses, n, now)
             put(force[s, n], p)
             put(moment[s, n], q)
 
@@ -72,8 +86,8 @@ def add_outboard_forces(parent, x, line):
     for n in range(parent.shape[0] - 1, -1, -1):
         m = parent[n]
         if m >= 0:
-            push = vec(line[n])
-            add_pair(line[m], push, add(vec_at(line[n], 3), cross(sub(vec(x[n]), vec(x[m])), push)))
+            push, turn = pair(line[n])
+            add_pair(line[m], push, add(turn, cross(sub(vec(x[n]), vec(x[m])), push)))
 
 
 @jit
@@ -82,8 +96,7 @@ def fill_sums_in_frames(parent, nodes, x, rotation, force, moment, line, out):
     for s in range(x.shape[0]):
         fill_sample_sums(parent, x[s], force[s], moment[s], line)
         for k in range(nodes.shape[0]):
-            turn = mat(rotation[s, nodes[k]])
-            put_pair(out[k, s], tapply(turn, vec(line[nodes[k]])), tapply(turn, vec_at(line[nodes[k]], 3)))
+            put_pair(out[k, s], *tapply_pair(mat(rotation[s, nodes[k]]), pair(line[nodes[k]])))
 
 
 @send_by_address
@@ -115,14 +128,8 @@ def fill_instant_torques(nodes, drives, masses, frames, line, motion, tau):
 @jit_inner
 def fill_instant_forces(masses, frames, line):
     """Set P and Q of every node at one instant, ``line`` (nodes, 6) [N], [N m]."""
-    gravity = vec(masses.gravity)
     for n in range(line.shape[0]):
-        r = frames.r[n]
-        w = frames.w[n]
-        a = frames.a[n]
-        al = frames.al[n]
-        force, moment = compute_nodal_force(masses.mass[n], masses.inertia[n], gravity, r, w, a, al)
-        put_pair(line[n], force, moment)
+        put_pair(line[n], *compute_nodal_force(masses, n, frames))
 
 
 @jit_inner
@@ -131,14 +138,12 @@ def fill_projected_efforts(nodes, drives, frames, line, motion, tau):
     q, qd, qdd = motion
     for n in range(nodes.parent.shape[0]):
         if drives.freedoms[n] > 0:
-            turned = mat(frames.r[n])
-            force = tapply(turned, vec(line[n]))
-            moment = tapply(turned, vec_at(line[n], 3))
+            wrench = tapply_pair(mat(frames.r[n]), pair(line[n]))
             law = take_joint_law(drives.law, n)
             place = read_coordinate(n, nodes, q) if law.stiffness != 0.0 else law.rest
             for i in range(drives.freedoms[n]):
                 v = nodes.v_index[n] + i
-                effort = dot(vec(drives.slide[n, i]), force) + dot(vec(drives.turn[n, i]), moment)
+                effort = compute_wrench_effort(drives, n, i, wrench)
                 tau[v] = effort + compute_joint_effort(law, place, qd[v], qdd[v], np.sign(qd[v]))
 
 
@@ -220,17 +225,18 @@ def fill_second_step(skeleton, moving, given, line, out):
     work = 0.0
     start = 0.0
     for s in range(moving.x.shape[0]):
-        outside = _fill_forces(s, skeleton, moving, given, out)
-        fill_sample_sums(skeleton.parent, moving.x[s], out.force[s], out.moment[s], line)
-        tau = _fill_efforts(s, skeleton, moving, given, line, out)
+        now = take_sample(moving, s)
+        outside = _fill_forces(s, skeleton, now, given, out)
+        fill_sample_sums(skeleton.parent, now.x, out.force[s], out.moment[s], line)
+        tau = _fill_efforts(s, skeleton, now, given, line, out)
         for i in range(len(skeleton.tip)):
             n = skeleton.tip[i]
-            put(out.tip[i, s], add(vec(moving.x[s, n]), apply(mat(moving.r[s, n]), vec(skeleton.point[i]))))
+            put(out.tip[i, s], add(vec(now.x[n]), apply(mat(now.r[n]), vec(skeleton.point[i]))))
         for i in range(len(skeleton.root)):
             n = skeleton.root[i]
-            along = tapply(mat(moving.r[s, n]), sub(vec(moving.x[s, skeleton.end[i]]), vec(moving.x[s, n])))
+            along = tapply(mat(now.r[n]), sub(vec(now.x[skeleton.end[i]]), vec(now.x[n])))
             put(out.deflection[i, s], sub(along, vec(skeleton.straight[i])))
-        kinetic, potential, moved = _fill_energies(s, skeleton, moving, given, out)
+        kinetic, potential, moved = _fill_energies(s, skeleton, now, given, out)
         energy = kinetic + potential + given.energy[s, 0]
         before = supplied
         supplied = tau + outside - given.energy[s, 2]
@@ -247,20 +253,15 @@ def fill_second_step(skeleton, moving, given, line, out):
 
 
 @jit_inner
-def _fill_forces(s, skeleton, moving, given, out):
+def _fill_forces(s, skeleton, now, given, out):
     """Set the nodal forces; return the power of those that are applied [W]."""
-    gravity = vec(skeleton.gravity)
     power = 0.0
     for n in range(len(skeleton.parent)):
-        r = moving.r[s, n]
-        w = moving.w[s, n]
-        a = moving.a[s, n]
-        al = moving.al[s, n]
-        p, q = compute_nodal_force(skeleton.mass[n], skeleton.inertia[n], gravity, r, w, a, al)
+        p, q = compute_nodal_force(skeleton, n, now)
         if given.force.shape[0] > 0:
             force = vec(given.force[s, n])
             moment = vec(given.moment[s, n])
-            power += dot(force, vec(moving.v[s, n])) + dot(moment, apply(mat(r), vec(w)))
+            power += dot(force, vec(now.v[n])) + dot(moment, apply(mat(now.r[n]), vec(now.w[n])))
             p = sub(p, force)
             q = sub(q, moment)
         put(out.force[s, n], p)
@@ -269,33 +270,29 @@ def _fill_forces(s, skeleton, moving, given, out):
 
 
 @jit_inner
-def _fill_efforts(s, skeleton, moving, given, line, out):
+def _fill_efforts(s, skeleton, now, given, line, out):
     """Set what the joints carry and give; return the power of their efforts [W]."""
     power = 0.0
     for n in range(len(skeleton.parent)):
         if skeleton.freedoms[n] > 0:
-            turned = mat(moving.r[s, n])
-            force = tapply(turned, vec(line[n]))
-            moment = tapply(turned, vec_at(line[n], 3))
-            pull = tapply(turned, vec(given.wrench[s, n]))
-            twist = vec_at(given.wrench[s, n], 3)
+            turned = mat(now.r[n])
+            wrench = tapply_pair(turned, pair(line[n]))
+            pull, twist = pair(given.wrench[s, n])
+            pull = tapply(turned, pull)
             for i in range(skeleton.freedoms[n]):
                 v = skeleton.v_index[n] + i
-                slide = vec(skeleton.slide[n, i])
-                turn = vec(skeleton.turn[n, i])
-                effort = dot(slide, force) + dot(turn, moment)
+                effort = compute_wrench_effort(skeleton, n, i, wrench)
                 out.tau[s, v] = effort
-                out.reaction[s, v] = dot(slide, pull) + dot(turn, twist)
+                out.reaction[s, v] = compute_wrench_effort(skeleton, n, i, (pull, twist))
                 power += effort * given.qd[s, v]
     for j in range(len(skeleton.joint)):
         n = skeleton.joint[j]
-        turned = mat(moving.r[s, skeleton.joint[j]])
-        put_pair(out.wrench[j, s], tapply(turned, vec(line[n])), tapply(turned, vec_at(line[n], 3)))
+        put_pair(out.wrench[j, s], *tapply_pair(mat(now.r[n]), pair(line[n])))
     return power
 
 
 @jit_inner
-def _fill_energies(s, skeleton, moving, given, out):
+def _fill_energies(s, skeleton, now, given, out):
     """Set the balance of momentum about the origin; return kinetic and potential energy [J] and the power P . v + Q . w [W].
 
     momentum : what the base gives (wrenches of the nodes that hang on the world) less sum P, sum x x P + Q
@@ -304,16 +301,15 @@ def _fill_energies(s, skeleton, moving, given, out):
     kinetic = 0.0
     potential = 0.0
     power = 0.0
-    none = (0.0, 0.0, 0.0)
-    base_push = none
-    base_turn = none
-    push = none
-    turn = none
+    base_push = ZERO
+    base_turn = ZERO
+    push = ZERO
+    turn = ZERO
     for n in range(len(skeleton.parent)):
-        place = vec(moving.x[s, n])
-        speed = vec(moving.v[s, n])
-        w = vec(moving.w[s, n])
-        turned = mat(moving.r[s, n])
+        place = vec(now.x[n])
+        speed = vec(now.v[n])
+        w = vec(now.w[n])
+        turned = mat(now.r[n])
         p = vec(out.force[s, n])
         q = vec(out.moment[s, n])
         kinetic += 0.5 * (skeleton.mass[n] * dot(speed, speed) + dot(w, apply(mat(skeleton.inertia[n]), w)))
@@ -322,9 +318,8 @@ def _fill_energies(s, skeleton, moving, given, out):
         push = add(push, p)
         turn = add(turn, add(cross(place, p), q))
         if skeleton.parent[n] < 0:
-            force = vec(given.wrench[s, n])
-            moment = apply(turned, vec_at(given.wrench[s, n], 3))
+            force, moment = pair(given.wrench[s, n])
             base_push = add(base_push, force)
-            base_turn = add(base_turn, add(cross(place, force), moment))
+            base_turn = add(base_turn, add(cross(place, force), apply(turned, moment)))
     put_pair(out.momentum[s], sub(base_push, push), sub(base_turn, turn))
     return kinetic, potential, power

@@ -17,11 +17,11 @@ from numpy.lib.stride_tricks import sliding_window_view
 from numpy.polynomial import Polynomial
 
 from flexinv.errors import InputError
+from flexinv.inverse.inverse_dynamics import compute_spring_gap
 from flexinv.kernels.smooth_pieces import fit_pieces
-from flexinv.kinematics.mesh import Mesh, find_attachment_node
+from flexinv.kinematics.mesh import Mesh
 from flexinv.kinematics.nodal_motion import NodalMotion
 from flexinv.model.attachments import Spring
-from flexinv.model.links import Attachment
 from flexinv.typing import Array, Mask, Triple
 
 if TYPE_CHECKING:
@@ -69,9 +69,9 @@ def check_spring_lengths(mesh: Mesh, motion: NodalMotion, time: Array, given: In
         if float(spring.evaluate_pull(np.zeros(1))[0]) == 0.0:
             continue  # its force is smooth there
         if given is None or len(time) < 2:
-            instant = find_zero_vector(_compute_gap(mesh, motion, spring), time, mesh.length)
+            instant = find_zero_vector(compute_spring_gap(mesh, motion, spring), time, mesh.length)
         else:
-            instant = _find_zero_length(mesh, spring, given, time, _compute_gap(mesh, motion, spring))
+            instant = _find_zero_length(mesh, spring, given, time, compute_spring_gap(mesh, motion, spring))
         if instant is not None:
             raise InputError(
                 f"mechanism '{mesh.mechanism.name}', t = {instant:.10g} s: spring '{spring.name}' has no length there, so that "
@@ -88,7 +88,7 @@ def _find_zero_length(mesh: Mesh, spring: Spring, given: InterpolatedMotion, tim
 
     def evaluate_gap(times: Array) -> Triple:
         parts = [times[k : k + GAPS_AT_ONCE] for k in range(0, len(times), GAPS_AT_ONCE)]
-        gaps = [_compute_gap(mesh, given.nodes(part), spring) for part in parts]
+        gaps = [compute_spring_gap(mesh, given.nodes(part), spring) for part in parts]
         d, rate, second = (np.concatenate(one) for one in zip(*gaps, strict=True))
         return d, rate, second
 
@@ -211,25 +211,3 @@ def _convert_to_powers(piece: BPoly) -> Polynomial:
     degree = len(piece.c) - 1
     places = np.linspace(0.0, 1.0, degree + 1)
     return Polynomial.fit(places, piece(places), degree).convert()
-
-
-def _compute_gap(mesh: Mesh, motion: NodalMotion, spring: Spring) -> Triple:
-    """The vector from a spring's first end to its second and its two rates, world axes, (samples, 3)."""
-    ends = [_end(mesh, motion, at) for at in (spring.first, spring.second)]
-    d, rate, second = (b - a for a, b in zip(*ends, strict=True))
-    return d, rate, second
-
-
-def _end(mesh: Mesh, motion: NodalMotion, at: Attachment) -> Triple:
-    node = find_attachment_node(mesh, at)
-    place = at.placement.position
-    if node < 0:
-        still = np.zeros((len(motion.x), 3))
-        return still + place, still, still
-    r = motion.rotation[:, node]
-    w = motion.omega[:, node]
-    al = motion.alpha[:, node]
-    spin = np.cross(w, place)
-    bent = np.cross(al, place) + np.cross(w, spin)
-    arm, speed, turned = (np.einsum("sij,sj->si", r, part) for part in (np.tile(place, (len(r), 1)), spin, bent))
-    return motion.x[:, node] + arm, motion.v[:, node] + speed, motion.a[:, node] + turned

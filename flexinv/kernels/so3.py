@@ -185,6 +185,13 @@ def tangent3(psi: Array) -> Array:
     return np.asarray(np.eye(3) - a * skew + b * skew @ skew)
 
 
+def find_vectors_across(axis: Array) -> tuple[Array, Array]:
+    """Return two unit vectors (3,) [-] that make a right-handed frame with a unit ``axis`` (3,), which is its last."""
+    across = np.cross(axis, np.eye(3)[int(np.argmin(np.abs(axis)))])
+    across /= np.linalg.norm(across)
+    return across, np.cross(axis, across)
+
+
 def from_quaternion(q: Array) -> Array:
     """Return rotation matrices (..., 3, 3) [-] of unit quaternions (..., 4), order x, y, z, w.
 

@@ -24,6 +24,18 @@ def vec_at(a, first):
 
 
 @jit_vector
+def pair_at(a, first):
+    """Return two vectors, as of a wrench, from six entries of a one-dimensional array from ``first`` on [any unit]."""
+    return vec_at(a, first), vec_at(a, first + 3)
+
+
+@jit_vector
+def pair(a):
+    """Return two vectors, as of a wrench, from the first six entries of a one-dimensional array [any unit]."""
+    return pair_at(a, 0)
+
+
+@jit_vector
 def mat(a):
     """Return a (3, 3) array as rows [any unit]."""
     return (a[0, 0], a[0, 1], a[0, 2]), (a[1, 0], a[1, 1], a[1, 2]), (a[2, 0], a[2, 1], a[2, 2])
@@ -138,6 +150,12 @@ def dot(a, b):
 
 
 @jit_vector
+def dot_pair(a, b):
+    """Return the product of two pairs of vectors, as the power of a wrench and a motion [any unit]."""
+    return dot(a[0], b[0]) + dot(a[1], b[1])
+
+
+@jit_vector
 def cross(a, b):
     """Return a x b [any unit]."""
     return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
@@ -205,6 +223,12 @@ def tapply(a, v):
         a[0][1] * v[0] + a[1][1] * v[1] + a[2][1] * v[2],
         a[0][2] * v[0] + a[1][2] * v[1] + a[2][2] * v[2],
     )
+
+
+@jit_vector
+def tapply_pair(a, v):
+    """Return a^T v for a matrix and a pair of vectors: a wrench or a motion along the axes of a frame [any unit]."""
+    return tapply(a, v[0]), tapply(a, v[1])
 
 
 @jit_vector

@@ -12,9 +12,9 @@ from typing import NamedTuple
 from flexinv.kernels.jit import jit, jit_inner
 from flexinv.kernels.records import send_by_address
 from flexinv.kernels.so3 import quadratic
-from flexinv.kernels.vec3 import ZERO, add, apply, cross, dot, mat, mul, put, put_at, put_mat, scale, vec, vec_at
+from flexinv.kernels.vec3 import ZERO, add, apply, cross, dot, mat, mul, put_at, scale, vec, vec_at
 from flexinv.kinematics.mesh import Mesh
-from flexinv.kinematics.tree import Joints, compute_child_motion, take_sample
+from flexinv.kinematics.tree import compute_child_motion, take_joints, take_sample, write_joint
 from flexinv.model.joint_kinds import CONTINUOUS, FREE, SPHERICAL
 from flexinv.typing import Array, Indices
 
@@ -58,17 +58,17 @@ def move_joint(n, nodes, q, qd, qdd, joints):
     placed = mat(nodes.rotation[n])
     p = vec(nodes.offset[n])
     if k < 0:
-        _write_joint(n, joints, p, ZERO, ZERO, placed, ZERO, ZERO)
+        write_joint(n, joints, p, ZERO, ZERO, placed, ZERO, ZERO)
     elif kind == SPHERICAL:
         turn = mul(placed, turn_of(q, i))
-        _write_joint(n, joints, p, ZERO, ZERO, turn, vec_at(qd, k), vec_at(qdd, k))
+        write_joint(n, joints, p, ZERO, ZERO, turn, vec_at(qd, k), vec_at(qdd, k))
     elif kind == FREE:
         turn = mul(placed, turn_of(q, i + 3))
         v = vec_at(qd, k)
         w = vec_at(qd, k + 3)
         dp = apply(turn, v)
         ddp = apply(turn, add(vec_at(qdd, k), cross(w, v)))
-        _write_joint(n, joints, add(p, apply(placed, vec_at(q, i))), dp, ddp, turn, w, vec_at(qdd, k + 3))
+        write_joint(n, joints, add(p, apply(placed, vec_at(q, i))), dp, ddp, turn, w, vec_at(qdd, k + 3))
     else:
         _move_scalar_joint(n, nodes, q, qd, qdd, joints)
 
@@ -97,17 +97,14 @@ def _move_scalar_joint(n, nodes, q, qd, qdd, joints):
         turn = mul(placed, quadratic(axis, c, s, 1.0 - c))
         w = scale(qd[k], axis)
         al = scale(qdd[k], axis)
-    _write_joint(n, joints, p, dp, ddp, turn, w, al)
+    write_joint(n, joints, p, dp, ddp, turn, w, al)
 
 
 @jit_inner
-def _write_joint(n, joints, p, dp, ddp, turn, w, al):
-    put(joints.p[n], p)
-    put(joints.dp[n], dp)
-    put(joints.ddp[n], ddp)
-    put_mat(joints.r[n], turn)
-    put(joints.w[n], w)
-    put(joints.al[n], al)
+def move_joints(nodes, q, qd, qdd, joints):
+    """Set the relative motion of all nodes [m, rad, s] from the joints' coordinates."""
+    for n in range(nodes.parent.shape[0]):
+        move_joint(n, nodes, q, qd, qdd, joints)
 
 
 @jit_inner
@@ -175,9 +172,7 @@ def integrate_array(nodes, q, d):
 def fill_relative_motion(nodes, q, qd, qdd, out):
     """Set the relative motion of all nodes, `Joints` (samples, nodes, ...) [m, rad, s], from the joints' coordinates."""
     for s in range(q.shape[0]):
-        joints = Joints(out.p[s], out.dp[s], out.ddp[s], out.r[s], out.w[s], out.al[s])
-        for n in range(nodes.parent.shape[0]):
-            move_joint(n, nodes, q[s], qd[s], qdd[s], joints)
+        move_joints(nodes, q[s], qd[s], qdd[s], take_joints(out, s))
 
 
 @jit
@@ -196,9 +191,8 @@ def read_coordinate(n, nodes, q):
 
 @jit
 def fill_relative(nodes, q, qd, qdd, joints):
-    """Set the relative motion of all nodes [m, rad, s] from the joints' coordinates."""
-    for n in range(nodes.parent.shape[0]):
-        move_joint(n, nodes, q, qd, qdd, joints)
+    """Set the relative motion of all nodes [m, rad, s] by `move_joints`."""
+    move_joints(nodes, q, qd, qdd, joints)
 
 
 @jit

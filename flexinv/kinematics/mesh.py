@@ -110,6 +110,13 @@ class Mesh(MeshPlaces):
         placed = (self.kind != SHAPED) | (self.mass == 0.0)
         return float(np.abs(self.offset[placed]).sum()) or 1.0
 
+    def build_drive_table(self) -> Array:
+        """Return the law of each node's joint as `mechanism.Mechanism.drive_table` [kg m^2], [N m], (5, nodes), else zeros."""
+        out = np.zeros((5, self.size))
+        moves = self.v_index >= 0
+        out[:, moves] = self.mechanism.drive_table[:, self.v_index[moves]]
+        return out
+
 
 _AT_ITS_PARENT = Placement()  # of the second axis of a joint on its first
 

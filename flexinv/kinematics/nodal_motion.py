@@ -8,7 +8,7 @@ motion, so that one rule walks the tree (`kinematics.tree.carry`).
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Collection, Iterator
 from dataclasses import dataclass
 from math import perm
 
@@ -60,6 +60,21 @@ class NodalMotion:
     def take_samples(self, span: slice) -> NodalMotion:
         """Return the samples of ``span``, not copied [m, rad, s]."""
         return NodalMotion(*(part[span] for part in self.parts))
+
+    def compute_point_motion(self, node: int, place: Array) -> tuple[Array, Array, Array]:
+        """Return position, velocity, acceleration (samples, 3) [m, s] of a place (3,) in a node's frame, -1: the world.
+
+        x + R p,  v + R (w x p),  a + R (al x p + w x (w x p))
+        """
+        if node < 0:
+            still = np.zeros((len(self.x), 3))
+            return still + place, still, still
+        r = self.rotation[:, node]
+        w = self.omega[:, node]
+        spin = np.cross(w, place)
+        swing = np.cross(self.alpha[:, node], place) + np.cross(w, spin)
+        v, a = (np.einsum("sij,sj->si", r, part) for part in (spin, swing))
+        return self.x[:, node] + r @ place, self.v[:, node] + v, self.a[:, node] + a
 
 
 ORDER = 2  # of the formulas of `compute_differenced_motion`, in the step
@@ -222,12 +237,12 @@ def list_sliding_coordinates(mechanism: Mechanism) -> Mask:
     return np.array([slide for joint in mechanism.joints for slide in KINDS[joint.kind].translations], dtype=bool)
 
 
-def fill_passive(mesh: Mesh, motion: NodalMotion, passive: set[str], q: Array, qd: Array, qdd: Array) -> None:
+def fill_passive(mesh: Mesh, motion: NodalMotion, passive: Collection[str], q: Array, qd: Array, qdd: Array) -> None:
     """Write the coordinates of the passive joints into q (samples, nq), qd, qdd (samples, nv) [rad or m, s].
 
     R_j = R_A^T R_B, w_j = w_B - R_j^T w_A, al_j = al_B - R_j^T al_A - (R_j^T w_A) x w_j, and likewise for p = R_A^T (x_B - x_A).
     """
-    for name in passive & mesh.mechanism.joint_of.keys():
+    for name in set(passive) & mesh.mechanism.joint_of.keys():
         span = mesh.mechanism.v_slices[name]
         for node in np.flatnonzero((mesh.v_index >= span.start) & (mesh.v_index < span.stop)):
             nq = mesh.q_index[node]

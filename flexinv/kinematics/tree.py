@@ -14,7 +14,9 @@ Both maps come with their first variation, which the implicit time integration l
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
+
+import numpy as np
 
 from flexinv.kernels.jit import jit, jit_inner
 from flexinv.kernels.records import send_by_address
@@ -24,14 +26,15 @@ from flexinv.kernels.vec3 import (
     add_scaled,
     apply,
     cross,
+    dot_pair,
     mat,
     mul,
+    pair,
     put,
     put_mat,
     sum3,
     tapply,
     vec,
-    vec_at,
 )
 from flexinv.typing import Array
 
@@ -75,6 +78,14 @@ class Variation(NamedTuple):
     al: Array
 
 
+NodeRecord = TypeVar("NodeRecord", Frames, Joints, Variation)
+
+
+def make_room(record: type[NodeRecord], *shape: int) -> NodeRecord:
+    """Return a record of motions with zeros [any unit], vectors (shape, 3) and matrices ``r`` (shape, 3, 3)."""
+    return record(*(np.zeros((*shape, 3, 3) if name == "r" else (*shape, 3)) for name in record._fields))
+
+
 @jit_inner
 def compute_child_motion(n, m, frames, joints):
     """Set the motion of node n from that of its parent m (-1: the fixed world) [m, rad, s]."""
@@ -85,7 +96,7 @@ def compute_child_motion(n, m, frames, joints):
     wj = vec(joints.w[n])
     alj = vec(joints.al[n])
     if m < 0:
-        _write_frame(n, frames, p, rj, dp, wj, ddp, alj)
+        write_frame(n, frames, p, rj, dp, wj, ddp, alj)
         return
     r = mat(frames.r[m])
     w = vec(frames.w[m])
@@ -98,11 +109,12 @@ def compute_child_motion(n, m, frames, joints):
     a = add(vec(frames.a[m]), apply(r, z))
     v = add(v, apply(r, add(wp, dp)))
     alpha = sum3(tapply(rj, al), alj, cross(c, wj))
-    _write_frame(n, frames, x, mul(r, rj), v, add(c, wj), a, alpha)
+    write_frame(n, frames, x, mul(r, rj), v, add(c, wj), a, alpha)
 
 
 @jit_inner
-def _write_frame(n, frames, position, rotation, velocity, omega, acceleration, alpha):
+def write_frame(n, frames, position, rotation, velocity, omega, acceleration, alpha):
+    """Write the motion of node n [m, rad, s], fields as of `Frames`."""
     put(frames.x[n], position)
     put_mat(frames.r[n], rotation)
     put(frames.v[n], velocity)
@@ -159,9 +171,18 @@ def add_parent_variation(n, m, columns, frames, joints, variation):
 @jit_inner
 def add_wrench_to_parent(n, m, frames, joints, wrench):
     """Add the wrench of node n, [N] world and [N m] own frame, to that of its parent m."""
-    force = vec(wrench[n])
+    force, moment = pair(wrench[n])
     arm = cross(vec(joints.p[n]), tapply(mat(frames.r[m]), force))
-    add_pair(wrench[m], force, add(arm, apply(mat(joints.r[n]), vec_at(wrench[n], 3))))
+    add_pair(wrench[m], force, add(arm, apply(mat(joints.r[n]), moment)))
+
+
+@jit_inner
+def compute_wrench_effort(joints, n, i, wrench):
+    """Return the effort of a wrench in the frame of node n along freedom i of its joint [N m], [N].
+
+    joints : `configuration.Nodes` or what else has ``slide`` and ``turn``, the axes of freedoms, (nodes, 6, 3)
+    """
+    return dot_pair((vec(joints.slide[n, i]), vec(joints.turn[n, i])), wrench)
 
 
 @jit_inner
@@ -174,11 +195,31 @@ def take_sample(frames, sample):
     return Frames(x, r, v, w, frames.a[sample], frames.al[sample])
 
 
+@jit_inner
+def take_joints(joints, sample):
+    """Return one sample of relative motions with a leading axis of samples [m, rad, s]."""
+    p = joints.p[sample]
+    dp = joints.dp[sample]
+    ddp = joints.ddp[sample]
+    return Joints(p, dp, ddp, joints.r[sample], joints.w[sample], joints.al[sample])
+
+
+@jit_inner
+def write_joint(n, joints, p, dp, ddp, turn, w, al):
+    """Write the relative motion of node n [m, rad, s], fields as of `Joints`."""
+    put(joints.p[n], p)
+    put(joints.dp[n], dp)
+    put(joints.ddp[n], ddp)
+    put_mat(joints.r[n], turn)
+    put(joints.w[n], w)
+    put(joints.al[n], al)
+
+
 @jit
 def compute_tree_motion(parent, frames, joints):
     """Walk the tree for every sample: fill ``frames`` from ``joints``, both with a leading axis of samples [m, rad, s]."""
     for s in range(frames.x.shape[0]):
         f = take_sample(frames, s)
-        j = Joints(joints.p[s], joints.dp[s], joints.ddp[s], joints.r[s], joints.w[s], joints.al[s])
+        j = take_joints(joints, s)
         for n in range(len(parent)):
             compute_child_motion(n, parent[n], f, j)

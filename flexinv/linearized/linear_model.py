@@ -173,7 +173,7 @@ def linear_model(
     if free is not None:
         free = check_names("free", free, "joints")
     accelerated = check_names("accelerated", accelerated, "joints")
-    moving = [j.name for j in mechanism.joints if j.nv and j.name not in set(accelerated)]
+    moving = [j.name for j in mechanism.moving_joints if j.name not in set(accelerated)]
     freed = tuple(moving if free is None else free)
     _check_accelerated(mechanism, accelerated)
     mesh, at, chosen_names = resolve_setup(resolve_damping_ratio(mechanism), q, (*freed, *accelerated), None)
@@ -342,16 +342,12 @@ def _build_undamped_basis(allowed: Sparse, matrices: tuple[Array, Array, Array],
     m = scipy.sparse.csc_array((mass + mass.T) / 2)
     shapes = allowed @ find_undamped_modes(k, m)[1][:, :modes]
     if modes is not None:
-        return _make_symmetric_basis(shapes)
+        return Basis(shapes, shapes, 0, shapes.shape[1])
     by_rates, following = find_rate_driven_motions(split_by_inertia(m), damping, k)
     moved = np.asarray((allowed @ by_rates).toarray())
     held = np.asarray((allowed @ following).toarray())
     every = np.hstack([shapes, moved, held])
     return Basis(every, every, 0, shapes.shape[1], moved.shape[1], held.shape[1])
-
-
-def _make_symmetric_basis(shapes: Array) -> Basis:
-    return Basis(shapes, shapes, 0, shapes.shape[1])
 
 
 def _find_real_basis(shapes: Complex, mass: Array) -> Span:

@@ -220,8 +220,7 @@ def resolve_setup(
     if count is not None:
         check_whole_number("count", count, 1, "1 or more, or None for all")
     at = mechanism.neutral if q is None else np.array(convert_to_floats("modes: q", q))
-    moves = [j.name for j in mechanism.joints if j.nv]
-    moving = _resolve_free_joints(mechanism, moves, free)
+    moving = _resolve_free_joints(mechanism, free)
     mesh = build(mechanism)
     if at.shape != (mechanism.nq,) or not np.isfinite(at).all():
         raise InputError(f"modes: q has shape {at.shape}, expected ({mechanism.nq},) finite numbers [rad], [m]")
@@ -231,18 +230,19 @@ def resolve_setup(
     if not moving and mechanism.is_rigid:
         raise InputError(
             f"modes: nothing of '{mechanism.name}' can move: no link is a beam and no joint is free; "
-            f"write free=[...] with names of {', '.join(moves) or 'joints'}"
+            f"write free=[...] with names of {', '.join(mechanism.moving_names) or 'joints'}"
         )
     return mesh, at, moving
 
 
-def _resolve_free_joints(mechanism: Mechanism, moves: list[str], free: Collection[str] | None) -> tuple[str, ...]:
+def _resolve_free_joints(mechanism: Mechanism, free: Collection[str] | None) -> tuple[str, ...]:
     """The free joints among those that move, as they are asked for, else those of loops that have no drive."""
+    moves = mechanism.moving_names
     for name in free or ():
         if name not in moves:
             raise InputError(f"modes: free joint {name!r}: '{mechanism.name}' moves by {', '.join(moves)}")
     if free is None:
-        free = [name for name in moves if mechanism.closures and not mechanism.joint_of[name].actuated]
+        return mechanism.undriven_names if mechanism.closures else ()
     return tuple(name for name in moves if name in free)
 
 

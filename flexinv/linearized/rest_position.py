@@ -119,10 +119,11 @@ def count_unstable_motions(solver: Solver, joints: Joints) -> tuple[int, bool]:
     if not len(solver.topology.scale):
         return 0, True
     allowed = find_allowed_motions(solver)
-    rest_matrices = compute_rest_matrices(solver, joints)
-    m, c, k = (scipy.sparse.csc_array(allowed.T @ part @ allowed) for part in rest_matrices)
+    mass, damping, stiffness = compute_rest_matrices(solver, joints)
+    k = scipy.sparse.csc_array(allowed.T @ stiffness @ allowed)
     if is_symmetric(k):
         return count_negative_eigenvalues(k), True
+    m, c = (scipy.sparse.csc_array(allowed.T @ part @ allowed) for part in (mass, damping))
     few = k.shape[0] <= ONE_AND_ALL
     if abs(c).max() > 0.0:
         root = (find_roots(m, c, k) if few else find_slowest_roots(m, c, k, SLOWEST)).root

@@ -244,7 +244,7 @@ def _build_turning(solver: Solver, rates: Mapping[str, float], part: float) -> S
     for name, rate in rates.items():
         if rate:
             node = mesh.joint_node[name]
-            carried = find_outboard_nodes(mesh, mesh.joint_node[name])
+            carried = find_outboard_nodes(mesh, node)
             axis = solver.frames.r[node] @ mesh.axis[node]
             _check_across(mesh, mesh.mechanism.joint_of[name], axis)
             out.rate[carried] = part * rate * axis

@@ -47,11 +47,6 @@ class GasLaw(Frozen):
         left = 1.0 - (np.asarray(length, dtype=np.float64) - rest) / self.travel
         return np.asarray(self.force * left**-self.exponent)
 
-    def evaluate_slope(self, length: ArrayLike, rest: float) -> Array:
-        """Return the derivative of the pull by the length [N/m] at lengths [m] (any shape)."""
-        left = 1.0 - (np.asarray(length, dtype=np.float64) - rest) / self.travel
-        return np.asarray(self.force * self.exponent / self.travel * left ** (-self.exponent - 1.0))
-
     def scale_forces(self, factor: float) -> GasLaw:
         """Return the law with all forces times a factor [-]."""
         return replace(self, force=self.force * factor)
@@ -88,21 +83,14 @@ class TableLaw(Frozen):
         after = [self.length[-1], 0.0, 0.0, ends[1], self.force[-1]]
         return np.vstack([before, np.column_stack([self.length[:-1], inner.c.T]), after])
 
-    def _find_piece(self, length: ArrayLike) -> tuple[Array, Array]:
+    def evaluate_pull(self, length: ArrayLike, rest: float) -> Array:
+        """Return the pull [N] at lengths [m] (any shape); the table's lengths are whole ones, ``rest`` has no part in it."""
         table = self.list_pieces()
         at = np.asarray(length, dtype=np.float64)
         piece = table[np.clip(np.searchsorted(table[:, 0], at, side="right") - 1, 0, len(table) - 1)]
-        return piece[..., 1:], at - np.where(np.isfinite(piece[..., 0]), piece[..., 0], self.length[0])
-
-    def evaluate_pull(self, length: ArrayLike, rest: float) -> Array:
-        """Return the pull [N] at lengths [m] (any shape); the table's lengths are whole ones, ``rest`` has no part in it."""
-        c, x = self._find_piece(length)
-        return np.asarray(((c[..., 0] * x + c[..., 1]) * x + c[..., 2]) * x + c[..., 3])
-
-    def evaluate_slope(self, length: ArrayLike, rest: float) -> Array:
-        """Return the derivative of the pull by the length [N/m] at lengths [m] (any shape)."""
-        c, x = self._find_piece(length)
-        return np.asarray((3.0 * c[..., 0] * x + 2.0 * c[..., 1]) * x + c[..., 2])
+        start, a, b, c, d = np.moveaxis(piece, -1, 0)
+        x = at - np.where(np.isfinite(start), start, self.length[0])
+        return np.asarray(((a * x + b) * x + c) * x + d)
 
     def scale_forces(self, factor: float) -> TableLaw:
         """Return the law with all forces times a factor [-]."""

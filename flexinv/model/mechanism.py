@@ -187,6 +187,21 @@ class Mechanism(Shown, Frozen):
         """Joints by name."""
         return {joint.name: joint for joint in self.joints}
 
+    @cached_property
+    def moving_joints(self) -> tuple[Joint, ...]:
+        """Joints that have coordinates, in their order."""
+        return tuple(joint for joint in self.joints if joint.nv)
+
+    @cached_property
+    def moving_names(self) -> tuple[str, ...]:
+        """Names of the joints that have coordinates, in their order."""
+        return tuple(joint.name for joint in self.moving_joints)
+
+    @cached_property
+    def undriven_names(self) -> tuple[str, ...]:
+        """Names of those that have coordinates and no actuator."""
+        return tuple(joint.name for joint in self.moving_joints if not joint.actuated)
+
     @property
     def attachments(self) -> tuple[Attachment, ...]:
         """Every frame that a closure, a spring or a force is attached to."""

@@ -27,11 +27,10 @@ PlacedFrame = tuple[Array, Array]  # position (3,) [m] and rotation (3, 3) in th
 
 def make_mechanism_card(mechanism: Mechanism) -> Card:
     """Return the card of a mechanism: links, joints, masses [kg], gravity [m/s^2], and its outline."""
-    moving = [joint for joint in mechanism.joints if joint.nv]
     title = f"Mechanism '{mechanism.name}'" + (f": {mechanism.title}" if mechanism.title else "")
-    facts = (_describe_size(mechanism, moving), _describe_mass(mechanism), *_describe_parts(mechanism))
-    rows = make_rows(_list_joint_row(mechanism, joint) for joint in moving)
-    return Card(title, facts, JOINT_COLUMNS, rows, len(moving), lambda: _draw_outline(mechanism))
+    facts = (_describe_size(mechanism), _describe_mass(mechanism), *_describe_parts(mechanism))
+    rows = make_rows(_list_joint_row(mechanism, joint) for joint in mechanism.moving_joints)
+    return Card(title, facts, JOINT_COLUMNS, rows, len(mechanism.moving_joints), lambda: _draw_outline(mechanism))
 
 
 def describe_links(mechanism: Mechanism) -> str:
@@ -43,7 +42,8 @@ def describe_links(mechanism: Mechanism) -> str:
     return f"{links}, of which {'; '.join(several)}" if several else f"{links}, all rigid"
 
 
-def _describe_size(mechanism: Mechanism, moving: list[Joint]) -> str:
+def _describe_size(mechanism: Mechanism) -> str:
+    moving = mechanism.moving_joints
     kinds = describe_links(mechanism)
     drives = format_count(sum(joint.actuated for joint in moving), "drive")
     joints = f"{format_count(len(moving), 'joint')} that move" if len(moving) != 1 else "1 joint that moves"

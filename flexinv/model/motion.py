@@ -8,7 +8,7 @@ its linear velocity there, v = R^T p', v' = R^T p'' - omega x v.  Before time 0 
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from typing import Literal
@@ -174,7 +174,7 @@ class Motion(Shown, ByValue):
         """Return the names of the joints [-] that the motion gives; the others are passive.  Raises InputError."""
         arguments.check_kind("mechanism", mechanism, Mechanism)
         given = {joint.name for track in self.tracks for joint, _ in list_joint_columns(mechanism, track)}
-        missing = [j.name for j in mechanism.joints if j.nv and j.actuated and j.name not in given]
+        missing = [j.name for j in mechanism.moving_joints if j.actuated and j.name not in given]
         if missing and not mechanism.closures:  # in a loop the closures move the joints that the motion leaves out
             others = f" (and {len(missing) - 1} more)" if len(missing) > 1 else ""
             advice = f"give it a motion (start = end holds it) or write actuated = false{others}"
@@ -295,7 +295,7 @@ def _copy_read_only(values: ArrayLike, where: str) -> Array:
 
 
 def resolve_start_coordinates(
-    mechanism: Mechanism, passive: set[str], start: ByJoint, rate: ByJoint = None
+    mechanism: Mechanism, passive: Collection[str], start: ByJoint, rate: ByJoint = None
 ) -> tuple[dict[str, Array], dict[str, Array]]:
     """Return initial coordinates (nq,) [rad], [m] and rates (nv,) [1/s] by joint; of a continuous joint an angle is enough.
 

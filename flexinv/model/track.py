@@ -400,7 +400,7 @@ def list_joint_columns(mechanism: Mechanism, track: Track) -> tuple[tuple[Joint,
 
 
 def _find_joints(names: tuple[str, ...] | None, mechanism: Mechanism) -> list[Joint]:
-    movable = {j.name: j for j in mechanism.joints if j.nv}
+    movable = {j.name: j for j in mechanism.moving_joints}
     for name in names or ():
         if name not in movable:
             like = find_nearest_word(name, movable)

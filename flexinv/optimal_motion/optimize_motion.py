@@ -250,7 +250,7 @@ class _MotionSearch:
             return self._find_best_duration(weights["duration"], others, variables, duration)
         found, _, settled = self._find_at(variables, duration, self._make_aim(others))
         self._check_kept(found, duration)
-        return found, duration, _describe_end(settled)
+        return found, duration, "nothing better is near" if settled else f"gave up after {PROGRAMS} linear programs"
 
     def _make_aim(self, weights: Mapping[str, float]) -> Aim:
         return Aim(weights, self.problem.limits.residual or np.inf, self.given)
@@ -401,7 +401,3 @@ def _choose_duration(kept: tuple[float, float] | None, broken: tuple[float, floa
     power = np.log(min(broken[1], WORST) / use) / np.log(broken[0] / duration)
     guess = duration * np.exp(np.log((1.0 - 0.5 * SETTLED) / use) / power)
     return float(np.clip(guess, broken[0] + 0.1 * width, duration - 0.3 * width))
-
-
-def _describe_end(settled: bool) -> str:
-    return "nothing better is near" if settled else f"gave up after {PROGRAMS} linear programs"

@@ -46,14 +46,6 @@ def _compute_gap(x, y, arm_a, arm_b, order):
 
 
 @jit_inner
-def _compute_gaps(x, y, arm_a, arm_b):
-    """d, d' and d''."""
-    gap = _compute_gap(x, y, arm_a, arm_b, 0)
-    rate = _compute_gap(x, y, arm_a, arm_b, 1)
-    return gap, rate, _compute_gap(x, y, arm_a, arm_b, 2)
-
-
-@jit_inner
 def _dot(a, b):
     return a[0] * b[0] + a[1] * b[1]
 
@@ -80,7 +72,8 @@ def evaluate_ties(constraints, frames, rated):
         else:
             arm_a = _compute_rates(_apply_rotation(on_a, constraints.place_a[r]), x[1][2], x[2][2])
             arm_b = _compute_rates(_apply_rotation(on_b, constraints.place_b[r]), y[1][2], y[2][2])
-            w = _compute_gaps(x, y, arm_a, arm_b)
+            ends = x, y, arm_a, arm_b
+            w = _compute_gap(*ends, 0), _compute_gap(*ends, 1), _compute_gap(*ends, 2)
             _write_position_gradient(constraints.gradient[r], u[0], w[0], arm_a[0], arm_b[0])
         constraints.value[r] = _dot(u[2], w[0]) + 2 * _dot(u[1], w[1]) + _dot(u[0], w[2]) if rated else _dot(u[0], w[0])
 

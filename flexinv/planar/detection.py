@@ -14,6 +14,7 @@ import numpy as np
 
 from flexinv.constraints.closures import Rows, build_constraint_rows
 from flexinv.elements.beam_element import Elements
+from flexinv.kernels.so3 import find_vectors_across
 from flexinv.kinematics.mesh import Mesh
 from flexinv.model.joint_kinds import SECTION
 from flexinv.model.owned_cache import make_owner_cache
@@ -108,9 +109,7 @@ def _list_normals(mesh: Mesh, rotation: Array) -> list[Array]:
 
 
 def _check(mesh: Mesh, rotation: Array, normal: Array) -> Plane | NotPlanar:
-    across = np.cross(normal, np.eye(3)[int(np.argmin(np.abs(normal)))])
-    across /= np.linalg.norm(across)
-    axes = np.stack([across, np.cross(normal, across), normal], axis=1)
+    axes = np.stack([*find_vectors_across(normal), normal], axis=1)
     frames = axes.T @ rotation
     heights = np.zeros(mesh.size)
     for n, parent in enumerate(mesh.parent):

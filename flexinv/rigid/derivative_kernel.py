@@ -27,7 +27,23 @@ from typing import NamedTuple
 from flexinv.kernels import vec3
 from flexinv.kernels.jit import jit, jit_inner
 from flexinv.kernels.records import send_by_address
-from flexinv.kernels.vec3 import EYE, add, apply, cross, dot, mat, mat_at, put_at, scale, sub, tapply, vec, vec_at
+from flexinv.kernels.vec3 import (
+    EYE,
+    add,
+    apply,
+    cross,
+    dot,
+    dot_pair,
+    mat,
+    mat_at,
+    pair_at,
+    put_at,
+    scale,
+    sub,
+    tapply,
+    vec,
+    vec_at,
+)
 from flexinv.typing import Array, Indices
 
 
@@ -83,11 +99,6 @@ def force_cross(m, f):
 
 
 @jit_inner
-def _read_spatial_vector(a, first):
-    return vec_at(a, first), vec_at(a, first + 3)
-
-
-@jit_inner
 def _write_spatial_vector(a, first, m):
     put_at(a, first, m[0])
     put_at(a, first + 3, m[1])
@@ -96,11 +107,6 @@ def _write_spatial_vector(a, first, m):
 @jit_inner
 def _add_spatial_vectors(m, k):
     return add(m[0], k[0]), add(m[1], k[1])
-
-
-@jit_inner
-def _compute_scalar_product(m, f):
-    return dot(m[0], f[0]) + dot(m[1], f[1])
 
 
 @jit_inner
@@ -129,14 +135,14 @@ def _fill_body(body, mass, moment, inertia, rotation, arm):
     put_at(body, FIRST_MOMENT, h)
     for i in range(3):
         put_at(body, INERTIA + 3 * i, about[i])
-    v = _read_spatial_vector(body, VELOCITY)
+    v = pair_at(body, VELOCITY)
     w, u = v
     n, p = _apply_inertia(body, v)
     put_at(body, MOMENTUM, p)
     _write_spatial_vector(
         body,
         BODY_WRENCH,
-        _add_spatial_vectors(_apply_inertia(body, _read_spatial_vector(body, VELOCITY_RATE)), force_cross(v, (n, p))),
+        _add_spatial_vectors(_apply_inertia(body, pair_at(body, VELOCITY_RATE)), force_cross(v, (n, p))),
     )
     for k in range(3):
         e = EYE[k]
@@ -149,32 +155,24 @@ def _fill_body(body, mass, moment, inertia, rotation, arm):
 @jit_inner
 def _fill_columns(b, j, carried, axes, body, by_q, by_qd, by_qdd):
     """All pairs of axis j of body b with the axes of b and of the bodies that carry it."""
-    s = _read_spatial_vector(axes[j], AXIS)
-    rate = _read_spatial_vector(axes[j], AXIS_RATE)
+    s = pair_at(axes[j], AXIS)
+    rate = pair_at(axes[j], AXIS_RATE)
     inertial = _apply_inertia(body, s)
-    by_place = _add_spatial_vectors(
-        _apply_coupling(body, rate), _apply_inertia(body, _read_spatial_vector(axes[j], AXIS_SECOND))
-    )
-    turned = _add_spatial_vectors(by_place, force_cross(s, _read_spatial_vector(body, BODY_WRENCH)))
-    by_rate = _add_spatial_vectors(
-        _apply_coupling(body, s), _apply_inertia(body, _read_spatial_vector(axes[j], AXIS_SLOPE))
-    )
+    by_place = _add_spatial_vectors(_apply_coupling(body, rate), _apply_inertia(body, pair_at(axes[j], AXIS_SECOND)))
+    turned = _add_spatial_vectors(by_place, force_cross(s, pair_at(body, BODY_WRENCH)))
+    by_rate = _add_spatial_vectors(_apply_coupling(body, s), _apply_inertia(body, pair_at(axes[j], AXIS_SLOPE)))
     # 2 B^T s, which has no linear part
     back = add(tapply(mat_at(body, GYRATION), s[0]), scale(2.0, cross(vec_at(body, MOMENTUM), s[1])))
     carrier = b
     while carrier > 0:
         for i in range(carried.first[carrier], carried.first[carrier] + carried.freedoms[carrier]):
-            axis = _read_spatial_vector(axes[i], AXIS)
-            by_q[i, j] = _compute_scalar_product(axis, by_place if carrier == b else turned)
-            by_qd[i, j] = _compute_scalar_product(axis, by_rate)
-            by_qdd[i, j] = _compute_scalar_product(axis, inertial)
+            axis = pair_at(axes[i], AXIS)
+            by_q[i, j] = dot_pair(axis, by_place if carrier == b else turned)
+            by_qd[i, j] = dot_pair(axis, by_rate)
+            by_qdd[i, j] = dot_pair(axis, inertial)
             if carrier != b:
-                by_q[j, i] = dot(vec_at(axes[i], AXIS_RATE), back) + _compute_scalar_product(
-                    _read_spatial_vector(axes[i], AXIS_SECOND), inertial
-                )
-                by_qd[j, i] = dot(axis[0], back) + _compute_scalar_product(
-                    _read_spatial_vector(axes[i], AXIS_SLOPE), inertial
-                )
+                by_q[j, i] = dot(vec_at(axes[i], AXIS_RATE), back) + dot_pair(pair_at(axes[i], AXIS_SECOND), inertial)
+                by_qd[j, i] = dot(axis[0], back) + dot_pair(pair_at(axes[i], AXIS_SLOPE), inertial)
                 by_qdd[j, i] = by_qdd[i, j]
         carrier = carried.parent[carrier]
 
@@ -221,9 +219,9 @@ def _fill_body_motion(body, s, n, motion, arm, g):
 def _fill_axes(b, carried, r, arm, bodies, axes):
     """The axes of the joint of body b, how they move with the body that carries it, and how the velocity does with its rate."""
     above = bodies[carried.parent[b]]
-    up = _read_spatial_vector(above, VELOCITY)
-    up_rate = _read_spatial_vector(above, VELOCITY_RATE)
-    velocity = _read_spatial_vector(bodies[b], VELOCITY)
+    up = pair_at(above, VELOCITY)
+    up_rate = pair_at(above, VELOCITY_RATE)
+    velocity = pair_at(bodies[b], VELOCITY)
     for i in range(carried.freedoms[b]):
         t = apply(r, vec(carried.turn[b, i]))
         entry = axes[carried.first[b] + i]

@@ -131,7 +131,7 @@ def torque_regressor(
     values = np.concatenate([compute_link_parameters(link) for link in mechanism.links])
     parts = [(matrix, names, INERTIAL_UNITS * len(mechanism.links), values)]
     if drives:
-        parts += [_build_drive_columns(mechanism, joint, *states) for joint in mechanism.joints if joint.nv]
+        parts += [_build_drive_columns(mechanism, joint, *states) for joint in mechanism.moving_joints]
     columns, named, units, numbers = zip(*parts, strict=True)
     whole_matrix = np.concatenate(columns, axis=2)
     values = np.concatenate(numbers)

@@ -323,9 +323,9 @@ closure_at = _make_record_reader(ClosureRecord, CLOSURE_RECORDS)
 column_at = _make_record_reader(ColumnRecord, COLUMNS)
 
 
-def make_choice_of_four(make: Callable[[int], Any], first: int) -> Any:
-    """Return the kernel that hands all but its first argument, a number of 0 to 3 [-], to ``make(first + number)``."""
-    one, two, three, four = (make(first + number) for number in range(4))
+def make_choice_of_four(make: Callable[[int], Any]) -> Any:
+    """Return the kernel that hands all but its first argument, a number of 0 to 3 [-], to ``make(number)``."""
+    one, two, three, four = map(make, range(4))
 
     @jit_lanes
     def run_choice(number, *given):

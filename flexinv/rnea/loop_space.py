@@ -196,7 +196,7 @@ def make_ground_kernel(count: int) -> Any:
     return fill_ends
 
 
-_from_ground = layout.make_choice_of_four(make_ground_kernel, 0)
+_from_ground = layout.make_choice_of_four(make_ground_kernel)
 
 
 @jit_lanes
@@ -270,7 +270,7 @@ def make_column_kernel(count: int) -> Any:
     return fill_lanes
 
 
-_whole_column = layout.make_choice_of_four(make_column_kernel, 0)
+_whole_column = layout.make_choice_of_four(make_column_kernel)
 
 
 @jit_lanes

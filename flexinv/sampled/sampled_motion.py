@@ -15,7 +15,6 @@ from numpy.polynomial import Polynomial
 from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
-from flexinv.files.csv_dialect import Share
 from flexinv.files.motion_columns import list_place_suffixes
 from flexinv.files.motion_table import MotionPart, MotionSource, join_parts
 from flexinv.files.toml_tables import make_input_error
@@ -57,7 +56,7 @@ def list_place_slices(mechanism: Mechanism) -> list[tuple[Joint, slice]]:
     """Return the places of each joint's positions in `MotionPart.positions` [-]."""
     out = []
     at = 0
-    for joint in (one for one in mechanism.joints if one.nv):
+    for joint in mechanism.moving_joints:
         width = len(list_place_suffixes(joint))
         out.append((joint, slice(at, at + width)))
         at += width
@@ -200,9 +199,9 @@ def _check_times(table: MotionSource, part: MotionPart, time: Array) -> None:
         raise make_input_error(where, given, expected, "the samples between, or two files")
 
 
-def read_whole_motion(table: MotionSource, rows: int, progress: Share | None = None) -> MotionPart:
+def read_whole_motion(table: MotionSource, rows: int) -> MotionPart:
     """Return all samples of a motion as one part [rad], [m], [s]."""
-    return join_parts(list(table.read_parts(rows, progress)))
+    return join_parts(list(table.read_parts(rows, None)))
 
 
 @dataclass(frozen=True, eq=False)

@@ -120,7 +120,7 @@ class TorqueRun:
         m = self.mechanism
         given = {column.joint for column in self.table.columns.positions} | set(self.table.hold)
         switched = any(closure.active or closure.capture for closure in m.closures)
-        return m.is_rigid and not switched and all(joint.name in given for joint in m.joints if joint.nv)
+        return m.is_rigid and not switched and all(joint.name in given for joint in m.moving_joints)
 
     def _compute_rigid(self) -> Iterator[EffortRows]:
         function = prepare(self.mechanism)
@@ -195,7 +195,7 @@ class TorqueRun:
         """Given rates and accelerations where joints are numbers of their own; else the spline through positions."""
         m = self.mechanism
         given = {column.joint for column in self.table.columns.positions} | set(self.table.hold)
-        joints = [joint for joint in m.joints if joint.nv and joint.name in given]
+        joints = [joint for joint in m.moving_joints if joint.name in given]
         if whole.accelerations is not None and all(KINDS[joint.kind].scalar for joint in joints):
             angles = np.zeros((len(time), m.nv))
             for joint, places in list_place_slices(m):
@@ -210,7 +210,7 @@ class TorqueRun:
     def _describe_free(self) -> Iterator[str]:
         """Joints of a tree that nobody moves."""
         given = {column.joint for column in self.table.columns.positions} | set(self.table.hold)
-        free = [joint.name for joint in self.mechanism.joints if joint.nv and joint.name not in given]
+        free = [joint.name for joint in self.mechanism.moving_joints if joint.name not in given]
         if free and not self.mechanism.closures:
             yield f"joints without actuator and column move as forces make them: {', '.join(free)}"
 
@@ -284,7 +284,7 @@ def _apply_friction(mechanism: Mechanism, friction: Friction) -> Mechanism:
     joints = dict(mechanism.joint_of)
     for name, numbers in stated.items():
         if name not in joints or not joints[name].nv or joints[name].drive is not None:
-            without = [joint.name for joint in mechanism.joints if joint.nv and joint.drive is None]
+            without = [joint.name for joint in mechanism.moving_joints if joint.drive is None]
             refuse("friction: joint", name, f"one that moves and has no drive of its own: {', '.join(without[:12])}")
         dry, viscous = check_finite_array(f"friction: joint {name!r}", numbers, (2,), "N m, N m s/rad")
         joints[name] = replace(joints[name], friction=float(dry), damping=float(viscous))

@@ -13,9 +13,16 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from flexinv.constraints.equations import compute_fixed_vector, compute_gap
+from flexinv.constraints.equations import compute_gap
 from flexinv.dynamics.assembly import run_forward_pass
-from flexinv.dynamics.constraint_rows import COUPLING, DIRECTION, PULL, REDUNDANT_PIVOT
+from flexinv.dynamics.constraint_rows import (
+    COUPLING,
+    DIRECTION,
+    PULL,
+    REDUNDANT_PIVOT,
+    compute_row_vectors,
+    join_rates,
+)
 from flexinv.dynamics.linearization import LARGE_FACTOR
 from flexinv.kernels.dense import factorise_blocks, solve_blocks, solve_dense
 from flexinv.kernels.jit import jit_inner
@@ -56,10 +63,7 @@ def begin_border(system, border):
             border.gradient[r, i] = 0.0 if pulls else -ties.across[r, i]
             border.across[r, i] = ties.across[r, i]
         if pulls:
-            for i in range(border.bent.shape[0]):
-                if ties.sides[r, i] != 0.0:
-                    for j in range(border.bent.shape[1]):
-                        border.bent[i, j] -= ties.sides[r, i] * ties.across[r, j]
+            _add_pulls(ties.sides[r], ties.across[r], border.bent)
         elif ties.kind[r] != COUPLING:
             _turn_forces(system, r, border.bent)
 
@@ -71,11 +75,19 @@ def fill_drags(system, border):
     border.dragged[:] = 0.0
     for r in range(len(ties.a)):
         if ties.kind[r] == PULL:
-            for i in range(border.dragged.shape[0]):
-                if ties.sides[r, i] != 0.0:
-                    for j in range(border.dragged.shape[1]):
-                        slope = (ties.across[r, j] - border.across[r, j]) / LARGE_FACTOR
-                        border.dragged[i, j] -= ties.sides[r, i] * slope
+            slope = border.across[r]
+            for j in range(len(slope)):
+                slope[j] = (ties.across[r, j] - slope[j]) / LARGE_FACTOR
+            _add_pulls(ties.sides[r], slope, border.dragged)
+
+
+@jit_inner
+def _add_pulls(side, across, out):
+    """Add -C A of a spring's row, its ``side`` -C and ``across`` -A."""
+    for i in range(len(side)):
+        if side[i] != 0.0:
+            for j in range(len(across)):
+                out[i, j] -= side[i] * across[j]
 
 
 @jit_inner
@@ -238,28 +250,18 @@ def _fill_rate_slope(system, r, into):
     a = ties.a[r]
     b = ties.b[r]
     directed = ties.kind[r] == DIRECTION
-    u = compute_fixed_vector(frames, a, vec(ties.u[r]))
-    if directed:
-        w = compute_fixed_vector(frames, b, vec(ties.w[r]))
-    else:
-        w = compute_gap(frames, a, b, vec(ties.place_a[r]), vec(ties.place_b[r]))
+    u, w = compute_row_vectors(r, ties, frames)
     for c in range(topology.width[a] if a >= 0 else 0):
         at = topology.first[a] + c
-        into[at] += _join_rates(_compute_vector_slopes(frames, variation, a, c, vec(ties.u[r])), w)
+        into[at] += join_rates(_compute_vector_slopes(frames, variation, a, c, vec(ties.u[r])), w)
         if not directed:
-            into[at] -= _join_rates(_compute_point_slopes(frames, variation, a, c, vec(ties.place_a[r])), u)
+            into[at] -= join_rates(_compute_point_slopes(frames, variation, a, c, vec(ties.place_a[r])), u)
     for c in range(topology.width[b] if b >= 0 else 0):
         at = topology.first[b] + c
         if directed:
-            into[at] += _join_rates(_compute_vector_slopes(frames, variation, b, c, vec(ties.w[r])), u)
+            into[at] += join_rates(_compute_vector_slopes(frames, variation, b, c, vec(ties.w[r])), u)
         else:
-            into[at] += _join_rates(_compute_point_slopes(frames, variation, b, c, vec(ties.place_b[r])), u)
-
-
-@jit_inner
-def _join_rates(one, other):
-    """one''.other + 2 one'.other' + one.other''."""
-    return dot(one[2], other[0]) + 2.0 * dot(one[1], other[1]) + dot(one[0], other[2])
+            into[at] += join_rates(_compute_point_slopes(frames, variation, b, c, vec(ties.place_b[r])), u)
 
 
 @jit_inner

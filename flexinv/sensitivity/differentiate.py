@@ -19,7 +19,7 @@ from flexinv.analysis.task import Start, build_joint_histories, check_settings, 
 from flexinv.constraints.loop_starts import build_joint_mask
 from flexinv.dynamics.generalized_alpha import EARLY, EXACT, SUBSTEPS, Scheme, build_start_scheme, list_early_times
 from flexinv.errors import ConvergenceError, InputError
-from flexinv.kinematics.nodal_motion import NodalMotion
+from flexinv.kinematics.nodal_motion import NodalMotion, collect_scalar_places
 from flexinv.model.joint_kinds import KINDS
 from flexinv.model.mechanism import Mechanism
 from flexinv.model.motion import Motion, resolve_start_coordinates
@@ -45,7 +45,6 @@ from flexinv.sensitivity.march_states import (
     build_turns,
     build_varied_system,
     compute_end_slopes,
-    compute_scalar_coordinates,
     list_tip_nodes,
     make_histories,
     make_no_record,
@@ -171,7 +170,7 @@ class _Differentiation:
         self.started = started
         self.of, self.order = of
         prescribed = motion.joints(mechanism)
-        self.passive = {j.name for j in mechanism.joints if j.nv} - set(prescribed)
+        self.passive = set(mechanism.moving_names) - set(prescribed)
         self.prescribed = prescribed
         self.given = build_joint_mask(mechanism, prescribed)
         self.system = build_free_system(mechanism, prescribed)
@@ -348,7 +347,7 @@ class _Differentiation:
             elif not all(motion is self.motion for _, motion in variation.setups):
                 series = (self._evaluate_motion(setup, time) for setup in variation.setups)
                 out[..., k] = variation.join_results(
-                    np.stack([compute_scalar_coordinates(mechanism, q), qd, qdd]) for q, qd, qdd in series
+                    np.stack([collect_scalar_places(mechanism, q), qd, qdd]) for q, qd, qdd in series
                 )
         return np.ascontiguousarray(out[:, :, self.given])  # one layout of memory, or kernels are compiled twice
 

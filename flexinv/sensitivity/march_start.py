@@ -152,7 +152,7 @@ def integrate_parts(start: MarchStart, joints: Triple, time: Array, settings: Se
     """
     solver = start.solver
     mesh = solver.mesh
-    relative = Joints(*(np.ascontiguousarray(part) for part in compute_relative_motion(mesh, *joints)))
+    relative = compute_relative_motion(mesh, *joints)
     loads = build_load_table(mesh, time)
     coupled = solver.compute_coupling_terms(*joints)
     out = Trajectory.make_zero(len(time), mesh, _count_rows(solver))

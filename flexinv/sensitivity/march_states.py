@@ -9,6 +9,7 @@ import numpy as np
 
 from flexinv.dynamics.constraint_rows import PULL
 from flexinv.dynamics.generalized_alpha import STATICS
+from flexinv.dynamics.initial_state import compute_joint_motion
 from flexinv.dynamics.linearization import count_entries
 from flexinv.dynamics.loads import build_load_table
 from flexinv.dynamics.solver import Solver, build_coordinate_map
@@ -17,10 +18,14 @@ from flexinv.elements.beam_element import Elements
 from flexinv.errors import ConvergenceError, InputError
 from flexinv.kernels.so3 import exp_so3, log_so3
 from flexinv.kinematics.mesh import Mesh, build, list_tips
-from flexinv.kinematics.nodal_motion import NodalMotion, compute_relative_motion, integrate_configuration
+from flexinv.kinematics.nodal_motion import (
+    NodalMotion,
+    collect_scalar_places,
+    compute_relative_motion,
+    integrate_configuration,
+)
 from flexinv.kinematics.tree import Joints
 from flexinv.linearized.modal_damping import apply_stated_ratio
-from flexinv.model.joint_kinds import KINDS
 from flexinv.model.mechanism import Mechanism
 from flexinv.planar.detection import NotPlanar, find_plane
 from flexinv.sensitivity.border_tangents import BorderScratch
@@ -156,7 +161,7 @@ def build_march_states(system: FreeSystem, motion: NodalMotion, joints: Triple, 
     x[:, held] = relative.p[:, held]
     r[:, held] = relative.r[:, held]
     u, du, place = np.zeros((3, len(time), system.size))
-    place[:, system.unknown] = compute_scalar_coordinates(mesh.mechanism, q)
+    place[:, system.unknown] = collect_scalar_places(mesh.mechanism, q)
     u[:, system.unknown] = qd
     du[:, system.unknown] = qdd
     at = system.first[:, None] + np.arange(6)
@@ -261,24 +266,11 @@ def _move_end(system: FreeSystem, states: MarchStates, moves: Array, joints: Tri
     q, qd, qdd = joints
     by_joint = system.unknown
     moved = integrate_configuration(system.mesh.mechanism, q, pose[by_joint])
-    relative = compute_relative_motion(
-        system.mesh, moved[None], (qd + rate[by_joint])[None], (qdd + acceleration[by_joint])[None]
-    )
+    relative = compute_joint_motion(system.mesh, moved, qd + rate[by_joint], qdd + acceleration[by_joint])
     held = solver.topology.freedoms > 0
-    state.x[held] = relative.p[0, held]
-    state.r[held] = relative.r[0, held]
-    return Joints(*(part[0] for part in relative))
-
-
-def compute_scalar_coordinates(mechanism: Mechanism, q: Array) -> Array:
-    """Return the coordinates (samples, nv) [rad], [m] of joints that have one number each; turns are counted along q."""
-    out = np.empty((len(q), mechanism.nv))
-    for joint in mechanism.joints:
-        columns = q[:, mechanism.q_slices[joint.name]]
-        if KINDS[joint.kind].circle:
-            columns = np.unwrap(np.arctan2(columns[:, 1], columns[:, 0]))[:, None]
-        out[:, mechanism.v_slices[joint.name]] = columns
-    return out
+    state.x[held] = relative.p[held]
+    state.r[held] = relative.r[held]
+    return relative
 
 
 def build_massive_solver(solver: Solver) -> Solver:

@@ -57,7 +57,7 @@ class RigidLoops:
         self.variations = [variation for _, variation in parameters]
         self.changing = [k for k, variation in enumerate(self.variations) if variation.changes_mechanism]
         self.given = given
-        self.names = [joint.name for joint in mechanism.joints if joint.nv]
+        self.names = mechanism.moving_names
         self.system = build_free_system(mechanism, self.names)
         states = add_spring_forces(self.system, self._build_states(self.system))
         self.record = sample_forces(self.system, states, slopes=True)

@@ -21,13 +21,12 @@ points take part as `border_tangents` says; what closures act on is shown with a
 from __future__ import annotations
 
 from flexinv.dynamics.constraint_rows import PULL, evaluate_ties, has_acting_closure
-from flexinv.dynamics.linearization import LARGE_FACTOR, fill_sparse_entries, make_weighted_scheme
-from flexinv.dynamics.loads import update_loads
+from flexinv.dynamics.linearization import LARGE_FACTOR, fill_sparse_entries, make_weighted_scheme, move_system_to
 from flexinv.dynamics.stepper import evaluate, write_sample
 from flexinv.kernels.jit import jit, jit_inner
 from flexinv.kernels.so3 import exp, inverse_tangent
 from flexinv.kernels.vec3 import add, apply, cross, mat, put, put_mat, tapply, vec
-from flexinv.kinematics.tree import Joints
+from flexinv.kinematics.tree import take_joints
 from flexinv.sensitivity.border_tangents import (
     add_border_forces,
     apply_spring_forces,
@@ -83,8 +82,7 @@ def _compute_matrices(system, massive, states, k, scratch, stages):
 
     Return -1 or the element that turned too much.
     """
-    rel = states.joints
-    joints = Joints(rel.p[k], rel.dp[k], rel.ddp[k], rel.r[k], rel.w[k], rel.al[k])
+    joints = take_joints(states.joints, k)
     _fill_state(system, states, k)
     for stage in range(max(stages, 1)):
         which = max(stage - 1, 0)
@@ -111,8 +109,7 @@ def _write_record(system, massive, task, k, scratch, record):
 
     Springs pull as they must where the system stands.  Return -1 or the element that turned too much.
     """
-    rel = task.states.joints
-    joints = Joints(rel.p[k], rel.dp[k], rel.ddp[k], rel.r[k], rel.w[k], rel.al[k])
+    joints = take_joints(task.states.joints, k)
     ties = system.border.ties
     bad = _compute_matrices(system, massive, task.states, k, scratch, 0)
     if bad < 0 and apply_spring_forces(ties):
@@ -166,8 +163,7 @@ def _update_shown_accelerations(system, massive, task, k, tangents, scratch):
     bad = _compute_matrices(system, massive, task.shown, k, scratch, 1)
     if bad >= 0:
         return bad
-    rel = task.shown.joints
-    fill_rate_slopes(system, Joints(rel.p[k], rel.dp[k], rel.ddp[k], rel.r[k], rel.w[k], rel.al[k]), border)
+    fill_rate_slopes(system, take_joints(task.shown.joints, k), border)
     for i in range(shown.shape[0]):
         for p in range(shown.shape[1]):
             shown[i, p] = 0.0 if freedoms.order[i] >= 0 else tangents.acceleration[i, p]
@@ -193,16 +189,7 @@ def _update_shown_accelerations(system, massive, task, k, tangents, scratch):
 @jit_inner
 def _fill_state(system, states, k):
     """Put the system where it was at sample k [m, rad, s], with the loads of then [N], [N m]."""
-    state = system.state
-    for n in range(states.x.shape[1]):
-        put(state.x[n], vec(states.x[k, n]))
-        put_mat(state.r[n], mat(states.r[k, n]))
-    for i in range(states.u.shape[1]):
-        state.u[i] = states.u[k, i]
-        state.du[i] = states.du[k, i]
-        state.place[i] = states.place[k, i]
-        state.d[i] = 0.0
-    update_loads(system.loads, states.table[k], states.u[0, :0])
+    move_system_to(system, states, k)
     ties = system.border.ties
     for r in range(states.multiplier.shape[1]):
         ties.multiplier[r] = states.multiplier[k, r]

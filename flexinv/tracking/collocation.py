@@ -21,8 +21,8 @@ import numpy as np
 
 from flexinv.dynamics.generalized_alpha import DYNAMIC, Scheme
 from flexinv.dynamics.initial_state import compute_joint_motion
-from flexinv.dynamics.linearization import fill_dense_matrices
-from flexinv.dynamics.loads import build_load_table, update_loads
+from flexinv.dynamics.linearization import fill_dense_matrices, move_system_to
+from flexinv.dynamics.loads import build_load_table
 from flexinv.dynamics.solver import Solver, build_coordinate_map
 from flexinv.dynamics.stepper import evaluate, write_sample
 from flexinv.dynamics.system import System, Trajectory
@@ -31,7 +31,7 @@ from flexinv.kernels.dense import solve_tridiagonal
 from flexinv.kernels.jit import jit
 from flexinv.kernels.records import send_by_address
 from flexinv.kernels.so3 import exp_so3, inverse_tangent, log_so3
-from flexinv.kernels.vec3 import mat, put, put_mat, vec
+from flexinv.kernels.vec3 import put_mat, vec
 from flexinv.kinematics.mesh import Mesh, build
 from flexinv.kinematics.nodal_motion import compute_relative_motion, compute_rigid_motion
 from flexinv.kinematics.tree import Joints
@@ -93,15 +93,7 @@ def evaluate_instants(system, joints, motion, frame, out):
     first = system.topology.offset[block]
     size = system.topology.size[block]
     for k in range(motion.x.shape[0]):
-        for n in range(motion.x.shape[1]):
-            put(state.x[n], vec(motion.x[k, n]))
-            put_mat(state.r[n], mat(motion.r[k, n]))
-        for i in range(len(state.d)):
-            state.d[i] = 0.0
-            state.u[i] = motion.u[k, i]
-            state.du[i] = motion.du[k, i]
-            state.place[i] = motion.place[k, i]
-        update_loads(system.loads, motion.table[k], state.d[:0])
+        move_system_to(system, motion, k)
         bad = fill_dense_matrices(system, joints, out.tangent[k]) if want else evaluate(system, still, joints, False)
         if bad >= 0:
             return k, bad
@@ -158,7 +150,7 @@ class FreeLayout:
         """Lay out the unknowns of a mesh with every joint free [m], [rad]."""
         m = mesh.mechanism
         zero = np.zeros(mesh.mechanism.nv)
-        self.solver = Solver.build_for(mesh, {joint.name for joint in m.joints if joint.nv})
+        self.solver = Solver.build_for(mesh, m.moving_names)
         self.joints, t = compute_joint_motion(mesh, m.neutral, zero, zero), self.solver.topology
         first = t.first + np.where(t.independent, 3, t.column + t.triple)
         self.node = np.flatnonzero(t.independent | (t.triple >= 0))

@@ -87,8 +87,8 @@ class Following(ByValue):
         m = self.solution.mechanism
         q = self.reach.q
         time = self.time - self.time[0]
-        given = {j.name: q[:, m.q_slices[j.name]] for j in m.joints if j.nv and j.actuated}
-        rest = {j.name: q[0, m.q_slices[j.name]] for j in m.joints if j.nv and not j.actuated}
+        given = {j.name: q[:, m.q_slices[j.name]] for j in m.moving_joints if j.actuated}
+        rest = {j.name: q[0, m.q_slices[j.name]] for j in m.moving_joints if not j.actuated}
         motion = Motion.from_samples(time, given, rest=True)
         step = float(self.time[1] - self.time[0])
         # the end: rounding of the first time must not lose the last sample
@@ -115,7 +115,7 @@ class Following(ByValue):
         q = self.solution.q[0]
         m = self.solution.mechanism
         step = float(self.time[1] - self.time[0])
-        places = {j.name: q[m.q_slices[j.name]] for j in m.joints if j.nv}
+        places = {j.name: q[m.q_slices[j.name]] for j in m.moving_joints}
         return simulate(m, self.time, torque, step, spectral_radius, _resolve_initial(m), start=places)
 
 
@@ -155,7 +155,7 @@ def follow(
     runs = _Runs(path, frame, start, asked is None)
     way = runs.make_way(mechanism)
     time = _build_window(way, settings.step, before, after)
-    if mechanism.is_rigid and all(j.actuated for j in mechanism.joints if j.nv):
+    if mechanism.is_rigid and all(j.actuated for j in mechanism.moving_joints):
         return _build_rigid_following(way, way.solve_joint_motion(time), time)
     if asked is None:
         mesh, first = runs.run(mechanism, time, (), settings)
@@ -227,7 +227,7 @@ def _solve_inversion(horizon: Horizon) -> tuple[FirstStep, tuple[float, float]]:
     time = horizon.time
     q = horizon.reach.q.copy()
     trajectory = solve_stable_inversion(horizon)
-    moves = {joint.name for joint in mesh.mechanism.joints if joint.nv}
+    moves = mesh.mechanism.moving_names
     qd, qdd = (np.zeros((len(time), mesh.mechanism.nv)) for _ in range(2))
     fill_passive(mesh, trajectory.motion, moves, q, qd, qdd)
     applied = compute_applied_forces(mesh, trajectory.motion, time)

@@ -58,17 +58,8 @@ class Frame:
 
     def compute_poses(self, motion: NodalMotion) -> Poses:
         """Return the motion of the frame [m, rad, s]."""
-        r = motion.rotation[:, self.node]
-        w = motion.omega[:, self.node]
-        al = motion.alpha[:, self.node]
-        x, v, a = (part[:, self.node] for part in (motion.x, motion.v, motion.a))
-        if self.point.any():  # else at the node itself, as a beam's tip
-            spin = np.cross(w, self.point)
-            swing = np.cross(al, self.point) + np.cross(w, spin)
-            x = x + r @ self.point
-            v = v + _apply_matrices(r, spin)
-            a = a + _apply_matrices(r, swing)
-        return Poses(x, v, a, r @ self.turn, w @ self.turn, al @ self.turn)
+        turned = (part[:, self.node] @ self.turn for part in (motion.rotation, motion.omega, motion.alpha))
+        return Poses(*motion.compute_point_motion(self.node, self.point), *turned)
 
 
 @dataclass(frozen=True)
@@ -232,7 +223,7 @@ class RigidPath:
         """A spline through the angles at places of the path, found one after the other."""
         m = self.mesh.mechanism
         knots = np.linspace(0.0, self.path.duration, KNOTS)
-        places, _ = resolve_start_coordinates(m, {j.name for j in m.joints if j.nv}, self.start)
+        places, _ = resolve_start_coordinates(m, m.moving_names, self.start)
         angles = np.empty((KNOTS, m.nv))
         first = np.zeros(m.nv)
         for joint in m.joints:

@@ -120,9 +120,7 @@ def _read_task(data: Any, name: str, mechanism: Mechanism, where: Location) -> P
     if mechanism.closures:
         expected = "an open mechanism: a path of a frame is not followed by closed loops so far"
         raise where.make_error("", "a task of a mechanism with closures", expected, "a case")
-    start = read_places(
-        table.start, mechanism, [j.name for j in mechanism.joints if j.nv], where.make_inner_location("start")
-    )
+    start = read_places(table.start, mechanism, mechanism.moving_names, where.make_inner_location("start"))
     mesh = (table.mesh.elements, table.mesh.order) if table.mesh is not None else None
     if table.station is not None and mechanism.link_of[table.frame].beam is None:
         raise where.make_error("station", f"station = {table.station:g}", f"no station: {table.frame} is rigid", "at_m")

@@ -9,10 +9,10 @@ import inspect
 import pytest
 
 from campaigns.log_faults.trial import Row, read_rows, run_row
-from campaigns.thresholds.__main__ import format_table
+from campaigns.thresholds.__main__ import PAGE, format_table, list_changed_verdicts, render_page
 from campaigns.thresholds.constants import LOGS, TORQUES, Threshold, list_thresholds, replace_threshold, scale_value
 from campaigns.thresholds.kept_rounds import keep_rounds
-from campaigns.thresholds.trials import COUNTED
+from campaigns.thresholds.trials import COUNTED, LISTS, Verdict
 from crosscheck.causes import diagnosis, naming
 from crosscheck.identification.causes import name_causes, rounds
 from crosscheck.identification.causes.cause import NamedCause
@@ -50,6 +50,24 @@ def test_the_table_has_both_ways_of_each() -> None:
     ]
     line = f"| `{module}.SEEN` | {rounds.SEEN} | `log_faults` | 9 / 4 / 4 / 4 | 8 / 4 / 4 / 4 |"
     assert line in format_table(rows)
+
+
+def test_the_page_has_the_values_of_the_code_and_what_stands() -> None:
+    """`python -m campaigns.thresholds --page` writes it; a value that changes in the code alone is found here."""
+    text = PAGE.read_text()
+    assert render_page(text) == text
+    for threshold in (*list_thresholds(LOGS), *list_thresholds(TORQUES)):
+        place = f"`{threshold.module.removeprefix('crosscheck.')}.{threshold.name}`"
+        assert f"| {place} | {threshold.value} |" in text
+    assert render_page(text.replace("| 12.0 |", "| 13.0 |")) == text
+
+
+def test_a_value_that_cannot_be_is_no_verdict(monkeypatch: pytest.MonkeyPatch) -> None:
+    def refuse() -> list[Verdict]:
+        raise ValueError("Quantiles must be in the range [0, 1]")
+
+    monkeypatch.setitem(LISTS, LOGS, refuse)
+    assert list_changed_verdicts(LOGS) is None
 
 
 def test_a_whole_number_changes_in_modules_that_import_it_and_in_no_other() -> None:

@@ -16,6 +16,7 @@ import click
 import numpy as np
 from logged_arm import jitter
 from scipy.interpolate import CubicSpline
+from scipy.stats import beta
 
 sys.path.insert(0, str(Path(__file__).parents[2]))
 
@@ -34,14 +35,16 @@ from flexinv.typing import Array
 CLASSES = ("rigid", "rigid", "drives", "beams", "loop")
 NOISE, LASTING, MEMORY = 0.01, 0.01, 0.05  # of an effort's spread: white, and lasting so long [s]
 ENCODER = 1e-5  # [rad]
+WIDE = 0.35  # interval over prior width beyond which the data's own error is more than a third of that
 RATE, SECONDS = 125.0, 6.0
 
 
 @dataclass(frozen=True)
 class ParameterOutcome:
-    """An identifiable parameter: its class, whether its interval holds the truth, and interval over prior width [-].
+    """A parameter: its class, whether its interval holds the truth, and interval over prior width [-].
 
     said : that data and prior contradict each other; off : its truth was put off by so many widths of its prior
+    told : by the logs, else it is said to be held by its prior
     """
 
     mechanism: str
@@ -52,6 +55,7 @@ class ParameterOutcome:
     ratio: float
     said: bool = False
     off: bool = False
+    told: bool = True
 
 
 def text_of(kind: str, random: np.random.Generator) -> tuple[str, str]:
@@ -211,7 +215,7 @@ def trial(kind: str, seed: int, off: float = 0.0) -> tuple[list[ParameterOutcome
     result = fit(task)
     told = predict(machine, result, compute_margins(task, result), runs[1])
     return (
-        list(_told(machine, result, z, f"{kind}{seed}", moved)),
+        list(_list_outcomes(machine, result, z, f"{kind}{seed}", moved)),
         [r.coverage for r in judge(machine, runs[1], told)],
         "",
     )
@@ -250,19 +254,26 @@ def moved_by_jitter(kind: str, seed: int) -> tuple[list[str], int]:
     return outside, len(tables[0])
 
 
-def _told(machine: Machine, found: Fit, z: Array, name: str, moved: Key | None) -> Iterator[ParameterOutcome]:
+def _list_outcomes(machine: Machine, found: Fit, z: Array, name: str, moved: Key | None) -> Iterator[ParameterOutcome]:
     truth = machine.space.compute_values(z)
     table = {(r.parameter, r.place): r for r in list_parameter_rows(machine.space, found)}
     for link, factor in machine.space.factors.items():
         com = convert_to_com(move_mass_properties(factor, np.array([truth[MASS, f"{link}.{n}"] for n in NAMES])))
         truth |= {(q, link): float(v) for q, v in zip(QUANTITIES, com, strict=True)}
     for (kind, place), row in table.items():
-        if row.identifiable:
-            class_ = KINDS[kind].class_ if kind in KINDS else "mass properties"
-            ratio = (row.high - row.low) / (row.before_high - row.before_low)
-            holds = row.low <= truth[kind, place] <= row.high
-            said = abs(row.conflict) > CONFLICT
-            yield ParameterOutcome(name, class_, kind, place, holds, ratio, said, (kind, place) == moved)
+        class_ = KINDS[kind].class_ if kind in KINDS else "mass properties"
+        ratio = (row.high - row.low) / (row.before_high - row.before_low)
+        holds = row.low <= truth[kind, place] <= row.high
+        said = abs(row.conflict) > CONFLICT
+        off = (kind, place) == moved
+        yield ParameterOutcome(name, class_, kind, place, holds, ratio, said, off, row.identifiable)
+
+
+def count_range(number: int, holds: int) -> tuple[float, float]:
+    """Return the ends of the exact 95 % interval [-] of a part of which so many of a number hold (Clopper and Pearson 1934)."""
+    low = float(beta.ppf(0.025, holds, number - holds + 1)) if holds else 0.0
+    high = float(beta.ppf(0.975, holds + 1, number - holds)) if holds < number else 1.0
+    return low, high
 
 
 def summary(outcomes: list[ParameterOutcome]) -> dict[str, tuple[int, float, float]]:
@@ -283,36 +294,68 @@ def summary(outcomes: list[ParameterOutcome]) -> dict[str, tuple[int, float, flo
     "--off", default=0.0, show_default=True, help="Widths of its prior by which one parameter of each truth is off."
 )
 @click.option(
+    "--only", "kinds", multiple=True, type=click.Choice(sorted(set(CLASSES))), help="Mechanisms of this class."
+)
+@click.option(
     "--jitter", "uneven", is_flag=True, help="Hold logs at uneven times against the same at even ones instead."
 )
-def main(count: int, first: int, off: float, uneven: bool) -> None:
+def main(count: int, first: int, off: float, kinds: tuple[str, ...], uneven: bool) -> None:
     """Identify random mechanisms of known truth, and count how often 90 % intervals hold it."""
+    chosen = kinds or CLASSES
     if uneven:
-        for k in range(count):
-            kind = CLASSES[k % len(CLASSES)]
-            outside, number = moved_by_jitter(kind, first + k)
-            click.echo(f"{kind}{first + k}: {number - len(outside)} of {number} within the intervals of the even log")
-            for words in outside:
-                click.echo(f"  {words}")
+        _write_jitter(chosen, count, first)
         return
-    told: list[ParameterOutcome] = []
+    outcomes: list[ParameterOutcome] = []
     covered: list[float] = []
     for k in range(count):
-        kind = CLASSES[k % len(CLASSES)]
+        kind = chosen[k % len(chosen)]
         more, coverage, _ = trial(kind, first + k, off)
-        told += more
+        outcomes += more
         covered += coverage
-        held = np.mean([one.holds for one in more])
+        told = [one for one in more if one.told]
+        held = np.mean([one.holds for one in told])
+        lost = ", ".join(f"{one.parameter} of {one.place}" for one in told if one.off and not one.holds)
         click.echo(
-            f"{kind}{first + k}: {len(more)} told, {held:.1%} held; bands on another motion {np.mean(coverage):.1%}"
+            f"{kind}{first + k}: {len(told)} told, {held:.1%} held; bands on another motion {np.mean(coverage):.1%}"
+            + (f"; what is off is missed: {lost}" if lost else "")
         )
+    _write_summary(outcomes, covered)
+
+
+def _write_jitter(kinds: tuple[str, ...], count: int, first: int) -> None:
+    """Print which parameters leave the intervals of the even log, mechanism by mechanism."""
+    for k in range(count):
+        kind = kinds[k % len(kinds)]
+        outside, number = moved_by_jitter(kind, first + k)
+        click.echo(f"{kind}{first + k}: {number - len(outside)} of {number} within the intervals of the even log")
+        for words in outside:
+            click.echo(f"  {words}")
+
+
+def _write_summary(outcomes: list[ParameterOutcome], covered: list[float]) -> None:
+    """Print by class how often intervals hold, of what is off apart; conflicts; what is held by the prior."""
+    told = [one for one in outcomes if one.told]
     for class_, (number, part, ratio) in summary(told).items():
+        low, high = count_range(number, round(part * number))
         click.echo(
-            f"{class_:16s} {number:5d} intervals, {part:.1%} hold; interval over prior width {ratio:.2f} (median)"
+            f"{class_:16s} {number:5d} intervals, {part:.1%} hold ({low:.1%} to {high:.1%}); "
+            f"interval over prior width {ratio:.2f} (median)"
         )
     for words, some in (("is off", [o for o in told if o.off]), ("is not", [o for o in told if not o.off])):
         if some:
-            click.echo(f"conflicts said where the truth {words}: {np.mean([o.said for o in some]):.1%} of {len(some)}")
+            held = sum(o.holds for o in some)
+            click.echo(
+                f"where the truth {words}: {held} of {len(some)} intervals hold, conflicts said "
+                f"{np.mean([o.said for o in some]):.1%}"
+            )
+    off = [o for o in told if o.off]
+    for class_, (number, part, _) in summary(off).items():
+        click.echo(f"  off, {class_}: {round(part * number)} of {number} hold")
+    wide = [o for o in outcomes if o.ratio > WIDE]
+    if wide:
+        click.echo(
+            f"wider than a third of the prior: {len(wide)}, said to be held by it {np.mean([not o.told for o in wide]):.1%}"
+        )
     click.echo(f"bands on other motions hold {np.mean(covered):.1%}")
 
 

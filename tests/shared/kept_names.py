@@ -35,12 +35,12 @@ KEPT: dict[str, str] = {
     """,
     "standard terms of mathematics and systems": """
         _cross _dot _eliminate_block _eliminate_column _exp_many _factorise_front _fork _log_many _reflect _series _sign
-        _subtract_row _sweep block coefficients compose cos_sin cross cross_columns diagonal dot eliminate escape exp exp_so3
-        exp_with factorise_blocks factorise_qr fetch force_cross fork from_quaternion inverse inverse_coefficient
+        _subtract_row _sweep block coefficients compose cos_sin cross cross_columns diagonal dot dot_pair eliminate escape exp
+        exp_so3 exp_with factorise_blocks factorise_qr fetch force_cross fork from_quaternion inverse inverse_coefficient
         inverse_tangent inverse_transposed invert invert_scaled jit_formula jit_pass log log_so3 madd mat mat_at motion_cross
-        mscale msub mul outer pause plus_cross plus_out_of predict put put_at put_block put_mat put_pair put_vec quadratic
-        quiet row rows skew sub subtract subtract_four sum3 swap tangent3 tangent_with tapply times tmul transpose
-        uninterrupted vec vec_at vec_of
+        mscale msub mul outer pair pair_at pause plus_cross plus_out_of predict put put_at put_block put_mat put_pair put_vec
+        quadratic quiet row rows skew sub subtract subtract_four sum3 swap tangent3 tangent_with tapply tapply_pair times
+        tmul transpose uninterrupted vec vec_at vec_of
     """,
     "what pytest prescribes": """
         pytest_addoption pytest_collect_file pytest_configure pytest_configure_node pytest_report_collectionfinish

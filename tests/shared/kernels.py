@@ -7,6 +7,7 @@ from collections.abc import Callable
 import numpy as np
 
 from flexinv.dynamics.generalized_alpha import end_step, prepare_step, update_rates
+from flexinv.dynamics.loads import evaluate_pull
 from flexinv.dynamics.tree_solver import solve_tree
 from flexinv.elements.beam import fill_relative_poses, fill_relative_rates
 from flexinv.elements.beam_element import (
@@ -23,8 +24,8 @@ from flexinv.rnea.loop_allocation import solve_row, solve_six_forces
 from flexinv.typing import Array
 
 __all__ = [
-    "all_coefficients", "damped_element", "derivative", "element", "eliminate", "inverse_tangent_one",
-    "oscillate", "six", "solved_by",
+    "all_coefficients", "damped_element", "derivative", "element", "eliminate", "fill_pulls",
+    "inverse_tangent_one", "oscillate", "six", "solved_by",
 ]  # fmt: skip
 
 STEP = 1e-3
@@ -37,6 +38,13 @@ def derivative(f: Callable[[float], Array]) -> Array:
     """f'(0) by the fourth-order central difference."""
     near, far = f(STEP) - f(-STEP), f(2 * STEP) - f(-2 * STEP)
     return np.asarray((8 * near - far) / (12 * STEP))
+
+
+@jit
+def fill_pulls(laws, k, lengths, out):
+    """Pull and slope of spring k at lengths, a row each."""
+    for i in range(len(lengths)):
+        out[i, 0], out[i, 1] = evaluate_pull(laws, k, lengths[i])
 
 
 @jit

@@ -29,7 +29,8 @@ class Cause:
     daily : it differs from day to day, and is no fault beside others
     rare : it is named only where it explains more than all others by as much as counts as evidence
     wave : it is the sine or the cosine of a wave; both together are one cause, whose size is the amplitude
-    spot, make_at : a second number that says where [-], and the same cause where it is another
+    scanned : sizes that are looked at first, where the cost has several valleys [unit]
+    spot, make_at : further numbers (numbers,) [-] that say where, before the log standard normal, and the same cause elsewhere
     """
 
     name: str
@@ -47,8 +48,9 @@ class Cause:
     daily: bool = False
     rare: bool = False
     wave: bool = False
-    spot: float = 0.0
-    make_at: Callable[[float], Cause] | None = None
+    scanned: tuple[float, ...] = ()
+    spot: tuple[float, ...] = ()
+    make_at: Callable[[tuple[float, ...]], Cause] | None = None
 
 
 @dataclass(frozen=True)

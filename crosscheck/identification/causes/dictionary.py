@@ -7,7 +7,8 @@ of a gear.  Of the machine: tilted gravity, payload.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -36,6 +37,9 @@ SLOW = (0.001, 0.002, 0.005, 0.01, 0.02)
 # Largest sizes that can be, without being a gross fault: of a delay or lag [s], a relative error, an angle [rad].
 LATEST = 0.2
 LARGEST_SCALE = 0.5
+LARGEST_GAIN = (
+    20.0  # times as large or small: of shunts, amplifiers and torque constants; units and gears are gross faults
+)
 LEAST_EFFICIENCY = (
     0.3  # below a half a gear holds by itself, as worms do; such drives are at the lower end of what is built
 )
@@ -44,6 +48,10 @@ ORDERS = (1, 2)
 LARGEST_RIPPLE = 0.05  # [rad]: a disc of 20 mm radius that runs out by a millimetre
 LARGEST_ANGLE = 0.6
 LONGER = 0.3  # of the way to a joint
+# Relative errors of a stiffness: its natural frequency passes those of the motion, and of two that are a tenth apart neither
+# leads to the other.
+STIFFNESSES = (-0.8, -0.7, -0.6, -0.5, -0.4, -0.3, -0.2, -0.1, 0.1, 0.25, 0.5, 1.0, 2.0)
+STIFFER = 9.0  # relative: beyond ten times its stiffness a drive is another one
 # Of gravity: on the Earth it is 9.764 to 9.834 m/s^2 (Hirt et al. 2013, doi:10.1002/grl.50838), and 10 is written for it.
 HEAVIER = 0.03
 # Of what is known, and as a number [unit of the law]: so much less than nothing may be there by the error of a fit.
@@ -51,6 +59,10 @@ LITTLE = 0.1
 TINY = 1e-6
 # Places on the line through the centre of mass of a link without a tip, in its distances, from which a payload is looked for.
 OUTWARD = (1.0, 0.5, 1.5, 2.0, 2.5, 3.0)
+BESIDE_LINE = (
+    0.05  # of its distance from the origin: a payload so far from that line is told by its coordinates; as near as
+)
+# that to the centre of mass it is said to be there
 PAYLOAD = "payload beside what is known"
 
 
@@ -76,11 +88,27 @@ def list_possible_causes(machine: Machine, values: Values) -> Iterator[Cause]:
     for channel in machine.channels:
         if has_friction(machine, channel):
             yield from _list_drive_causes(machine, channel, values)
+    yield from _list_stiffness_causes(machine)
     yield from _list_length_causes(machine)
     for channel in machine.channels:
         if has_friction(machine, channel):
             slow = _list_slow_causes(machine, channel, values)
             yield from (replace(one, rare=True) for one in (*slow, *_list_gear_causes(machine, channel, values)))
+
+
+def _list_stiffness_causes(machine: Machine) -> Iterator[Cause]:
+    """Yield springs of joints that no column measures, as of elastic drives, which are another than was identified."""
+    for joint in machine.mechanism.joints:
+        if joint.stiffness > 0.0 and joint.name not in machine.settings.joints:
+            name = "stiffness of the joint, relative error"
+            undo = partial(_scale_stiffness, joint.name)
+            yield Cause(name, joint.name, "-", 1e-3, undo, scanned=STIFFNESSES, least=-1.0, most=STIFFER, rare=True)
+
+
+def _scale_stiffness(name: str, log: Log, mechanism: Mechanism, phi: float) -> tuple[Log, Mechanism]:
+    """The machine with a joint that is so much stiffer [-]."""
+    joints = tuple(replace(j, stiffness=j.stiffness * (1.0 + phi)) if j.name == name else j for j in mechanism.joints)
+    return log, replace(mechanism, joints=joints)
 
 
 def _list_length_causes(machine: Machine) -> Iterator[Cause]:
@@ -199,7 +227,15 @@ def _list_channel_causes(channel: Channel) -> Iterator[Cause]:
     what = "torque constant, relative error" if kind == "effort" else f"gain of the {kind}, relative error"
     gain = _make_gain_undo(channel.column)
     yield Cause(
-        what, place, "-", 1e-3, gain, False, least=-LARGEST_SCALE, most=1.0 / LARGEST_SCALE, scales=channel.column
+        what,
+        place,
+        "-",
+        1e-3,
+        gain,
+        False,
+        least=1.0 / LARGEST_GAIN - 1.0,
+        most=LARGEST_GAIN - 1.0,
+        scales=channel.column,
     )
     lag = _make_lag_undo(channel.column)
     yield Cause(f"first-order lag of the {kind}", place, "s", 1e-3, lag, False, SLOW, True, 0.0, LATEST)
@@ -231,44 +267,73 @@ def _list_drive_causes(machine: Machine, channel: Channel, values: Values) -> It
 
 
 def _list_payload_causes(machine: Machine, values: Values) -> Iterator[Cause]:
-    """Yield more mass on rigid links: at the last of several bodies, or on the single one of a link that ends a chain.
+    """Yield more mass on rigid links that move: first on those that end a chain or have several bodies, then on the others.
 
-    Where a single link states no tip, a payload is looked for on the line through its centre of mass.
+    Of several bodies it is at the last, and where a link states a tip it is there.  Else it is looked for from places on the
+    line through the centre of mass.
     """
     mechanism = machine.mechanism
-    ten = compute_link_inertias(machine.space, mechanism, values)
+    inertias = dict(zip(mechanism.link_of, compute_link_inertias(machine.space, mechanism, values), strict=True))
     parents = {joint.parent for joint in mechanism.joints}
-    for link, numbers in zip(mechanism.links, ten, strict=True):
-        several = len(link.bodies) > 1
-        if link.beam is not None or not link.bodies or not (several or link.name not in parents):
-            continue
-        if numbers[0] <= 0.0:
-            continue
-        least = -float(numbers[0])
-        if several or np.any(link.tip):
-            where = link.bodies[-1].inertia.com if several else link.tip
-            place = f"{link.name}/{link.bodies[-1].name}" if several else f"{link.name}, at its tip"
-            yield Cause(PAYLOAD, place, "kg", 0.1, _make_payload_undo(link.name, where), least=least)
-        else:
-            yield from (_make_payload_cause(link, numbers[1:4] / numbers[0], least, times) for times in OUTWARD)
+    moved = {joint.child for joint in mechanism.joints if joint.nv}
+    massive = [one for one in mechanism.links if one.beam is None and one.bodies and float(inertias[one.name][0]) > 0.0]
+    last = [one for one in massive if len(one.bodies) > 1 or one.name not in parents]
+    for link in last:
+        yield from _list_payload_places(link, inertias[link.name])
+    for link in massive:
+        if link.name in moved and link not in last:
+            yield from (replace(one, rare=True) for one in _list_payload_places(link, inertias[link.name]))
 
 
-def _make_payload_cause(link: Link, com: Array, least: float, times: float) -> Cause:
-    """More mass on a link, so many times as far out as its centre of mass (3,) [m]; least : so much it has [kg]."""
-    far = f"{times:.2g}"
-    place = f"{link.name}, " + ("at" if far == "1" else f"{far} times as far out as") + " its centre of mass"
-    undo = _make_payload_undo(link.name, times * com)
-    return Cause(
-        PAYLOAD,
-        place,
-        "kg",
-        0.1,
-        undo,
-        least=least,
-        kin=f"{PAYLOAD} {link.name}",
-        spot=times,
-        make_at=lambda other: _make_payload_cause(link, com, least, other),
-    )
+def _list_payload_places(link: Link, ten: Array) -> Iterator[Cause]:
+    """Yield more mass on a link with m, h, I (10,) [kg], [kg m], [kg m^2], from all places at which one begins to look."""
+    mass = float(ten[0])
+    several = len(link.bodies) > 1
+    if several or np.any(link.tip):
+        where = link.bodies[-1].inertia.com if several else link.tip
+        place = f"{link.name}/{link.bodies[-1].name}" if several else f"{link.name}, at its tip"
+        yield Cause(PAYLOAD, place, "kg", 0.1, _make_payload_undo(link.name, where), least=-mass)
+        return
+    com = ten[1:4] / mass
+    size = float(np.sqrt(max(ten[4:7].sum(), 0.0) / (2.0 * mass)))  # radius of gyration about the origin of the frame
+    yield from (_PayloadLine(link.name, com, size, mass, times).make_at((0.0, 0.0, 0.0)) for times in OUTWARD)
+
+
+@dataclass(frozen=True)
+class _PayloadLine:
+    """Places of a payload on a link of a mass [kg]: around one so many times as far out as the centre of mass (3,) [m].
+
+    size : how far from there it may be, as one standard deviation [m]
+    """
+
+    link: str
+    com: Array
+    size: float
+    mass: float
+    times: float
+
+    def make_at(self, spot: tuple[float, ...]) -> Cause:
+        """Return more mass at a place beside that one; spot : its distances (3,) in widths [-]."""
+        where = self.times * self.com + self.size * np.array(spot)
+        return Cause(
+            PAYLOAD,
+            f"{self.link}, {self._describe_place(where)}",
+            "kg",
+            0.1,
+            _make_payload_undo(self.link, where),
+            least=-self.mass,
+            kin=f"{PAYLOAD} {self.link}",
+            spot=spot,
+            make_at=self.make_at,
+        )
+
+    def _describe_place(self, where: Array) -> str:
+        """A place (3,) [m] in words: on the line through the centre of mass by how far out, else in the frame of the link."""
+        times = float(where @ self.com) / max(float(self.com @ self.com), TINY**2)
+        if np.linalg.norm(where - times * self.com) > BESIDE_LINE * np.linalg.norm(where):
+            return "at " + ", ".join(f"{axis} = {x + 0.0:.3g} m" for axis, x in zip("xyz", where.round(4), strict=True))
+        there = abs(times - 1.0) < BESIDE_LINE
+        return ("at" if there else f"{times:.2g} times as far out as") + " its centre of mass"
 
 
 def _make_delay_undo(*columns: str) -> Undo:

@@ -4,11 +4,16 @@ q_link - q_motor = c - T qd - tau / k - (b / 2) sign(tau) - (h / 2) sign(qd) + e
 
 T how much later the link angle is [s], k stiffness of the drive, b backlash, h hysteresis, e relative error of the gear ratio or
 of a scale.  Terms enter one after the other, the one with the most evidence first, as long as there is any.
+
+A standard error is the larger of what the scatter of the rest says and of how much a size differs where one block of time after
+the other is left out (jackknife, B. Efron, C. Stein, Annals of Statistics 9, 1981): what the terms lack lasts longer than noise.
+A stiffness cannot be told where no twist enters, or 1 / k is within `SURE` errors of nothing.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -23,6 +28,7 @@ from crosscheck.identification.settings import ANGLES
 from flexinv.typing import Array
 
 EVIDENCE = 12.0  # drop of the cost, as of any other cause
+SURE = 3.0  # standard errors that a size has to be from 0, as of any other cause; a stiffness is as sure as 1 / k is
 DELAY = "link angle later than the motor's"
 TWIST = "twist of the drive, stiffness"
 BACKLASH = "backlash"
@@ -30,19 +36,42 @@ HYSTERESIS = "hysteresis between motor and link angle"
 SCALE = "scale of link over motor angle (gear), relative error"
 
 
-def compare_encoders(machine: Machine, fit: Fit, log: Log) -> list[NamedCause]:
-    """Return by what motor and link angles disagree [unit of each], joint by joint, the most evident first."""
+@dataclass(frozen=True)
+class EncoderComparison:
+    """By what motor and link angles disagree, the most evident first, and joints whose stiffness cannot be told, in words."""
+
+    named: list[NamedCause]
+    untold: list[str]
+
+
+def compare_encoders(machine: Machine, fit: Fit, log: Log) -> EncoderComparison:
+    """Return by what motor and link angles disagree [unit of each], joint by joint, and what they cannot tell."""
     tables = {n: t.link_angle for n, t in machine.settings.joints.items() if t.link_angle is not None}
     tables = {n: t for n, t in tables.items() if t.column in log.columns}
     if not tables:
-        return []
+        return EncoderComparison([], [])
     run = make_run(machine, log, efforts=False, once=True)
     effort = run.response(machine.space.compute_values(fit.z))[0]
     out: list[NamedCause] = []
+    untold: list[str] = []
     for name, table in tables.items():
         link = log.read_column(table.column) * (ANGLES[table.unit] / table.over)
-        out += _compare_joint_encoders(machine, run, name, link, effort[:, run.motion.names.index(name)])
-    return sorted(out, key=lambda one: -one.drop)
+        found = list(_compare_joint_encoders(machine, run, name, link, effort[:, run.motion.names.index(name)]))
+        twist = next((one for one in found if one.name == TWIST), None)
+        if twist is None or twist.size < SURE * twist.error:
+            untold.append(_describe_untold_stiffness(name, twist))
+        out += [one for one in found if abs(one.size) >= SURE * one.error]
+    return EncoderComparison(sorted(out, key=lambda one: -one.drop), untold)
+
+
+def _describe_untold_stiffness(name: str, twist: NamedCause | None) -> str:
+    """That a log cannot tell the stiffness of a drive [-], and why."""
+    why = "motor and link angle show no twist that follows the load"
+    if twist is not None:
+        why = f"{twist.size:.2g} +- {twist.error:.2g} {twist.unit} would fit"
+    return (
+        f"{TWIST} of {name}: it cannot be told from this log ({why}); a log with larger loads at slow rates tells more"
+    )
 
 
 def _compare_joint_encoders(machine: Machine, run: Run, name: str, link: Array, effort: Array) -> Iterator[NamedCause]:
@@ -64,8 +93,9 @@ def _compare_joint_encoders(machine: Machine, run: Run, name: str, link: Array, 
     }
     columns = [c for c, channel in enumerate(machine.channels) if channel.place == name and channel.sense == "effort"]
     counted = run.counted[:, columns[0]] if columns else run.counted.any(axis=1)
+    block = np.floor((run.time - run.time[0]) / machine.settings.block_s)[counted]
     for kind, size, error, drop, left in _find_entering_terms(
-        difference[counted], {k: v[1][counted] for k, v in terms.items()}
+        difference[counted], {k: v[1][counted] for k, v in terms.items()}, block
     ):
         unit = terms[kind][0]
         if kind == TWIST:
@@ -75,7 +105,7 @@ def _compare_joint_encoders(machine: Machine, run: Run, name: str, link: Array, 
 
 
 def _find_entering_terms(
-    difference: Array, terms: dict[str, Array]
+    difference: Array, terms: dict[str, Array], block: Array
 ) -> Iterator[tuple[str, float, float, float, float]]:
     """Kind, size, its error, drop, and the part of the scatter that is left, of each term that enters."""
     chosen: list[str] = []
@@ -94,8 +124,19 @@ def _find_entering_terms(
         chosen.append(kind)
         left = rest
     if chosen:
-        _, size, error = _solve_regression(difference, [terms[c] for c in chosen])
+        columns = [terms[c] for c in chosen]
+        _, size, error = _solve_regression(difference, columns)
+        error = np.maximum(error, _compute_block_errors(difference, columns, block))
         yield from zip(chosen, size.tolist(), error.tolist(), *zip(*drops, strict=True), strict=True)
+
+
+def _compute_block_errors(values: Array, columns: list[Array], block: Array) -> Array:
+    """Standard errors (columns,) of a regression's sizes, where one block after the other is left out; block : (samples,)."""
+    numbers = np.unique(block)
+    if len(numbers) < 2:
+        return np.zeros(len(columns))
+    left_out = [_solve_regression(values[block != n], [c[block != n] for c in columns])[1] for n in numbers]
+    return np.asarray(np.sqrt((len(numbers) - 1) * np.var(left_out, axis=0)))
 
 
 def _solve_regression(values: Array, columns: list[Array]) -> tuple[Array, Array, Array]:

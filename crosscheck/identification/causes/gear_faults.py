@@ -36,9 +36,8 @@ LARGEST_PART = 1.5  # of the effort of another joint: belts have about one to on
 CARRIED = "part of the effort of another joint, carried too"
 READ = "part of the reading of another effort"
 TURNED = "part of the angle of another joint"
-PASSED = (
-    0.15  # of the spread of its load: a gear is in its play while it carries less; looked for from half to twice of it
-)
+# Of the spread of its load: a gear is in its play while it carries less.  It may be twice or half of that.
+PASSED = 0.15
 TINY = 1e-300  # a gear without load is always in its play
 FEWEST = 1.25  # periods of a ripple on the way: gravity that is wrongly known has less
 ORDERS = 200  # at a time
@@ -103,7 +102,7 @@ def list_play_causes(machine: Machine, values: Values, noisy: Collection[int]) -
     """
     drives = [channel for channel in machine.channels if has_friction(machine, channel)]
     for channel in (machine.channels[c] for c in noisy if machine.channels[c] in drives):
-        yield _make_play_cause(machine, channel, values, PASSED)
+        yield _make_play_cause(machine, channel, values, (0.0,))
         unit = "m/N" if machine.mechanism.joint_of[channel.place].kind == "prismatic" else "rad/(N m)"
         undo = partial(_remove_play, machine, channel, values, lambda load: load)
         yield Cause("twist of the gear by its load", channel.place, unit, 1e-6, undo, rare=True, least=0.0)
@@ -131,7 +130,9 @@ def _remove_part(
     return apply_to_column(log, column, partial(_add_part, -phi * factor, log.read_column(other))), mechanism
 
 
-def _make_play_cause(machine: Machine, channel: Channel, values: Values, passed: float) -> Cause:
+def _make_play_cause(machine: Machine, channel: Channel, values: Values, spot: tuple[float, ...]) -> Cause:
+    """Play of a gear; spot : logarithm to the base 2 of the load below which it is in between, over the usual one [-]."""
+    passed = PASSED * 2.0 ** spot[0]
     slides = machine.mechanism.joint_of[channel.place].kind == "prismatic"
     return Cause(
         "backlash of the gear",
@@ -142,7 +143,7 @@ def _make_play_cause(machine: Machine, channel: Channel, values: Values, passed:
         rare=True,
         least=0.0,
         most=LARGEST_PLAY,
-        spot=passed,
+        spot=spot,
         make_at=partial(_make_play_cause, machine, channel, values),
     )
 

@@ -11,13 +11,16 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import partial
 from itertools import combinations
 
 import numpy as np
 
 from crosscheck.identification.causes.cause import Undo, apply_column_swap, apply_to_column
+from crosscheck.identification.logs.log import Log
 from crosscheck.identification.machine import Channel, Machine
 from crosscheck.identification.settings import ACCELERATIONS, ANGLES
+from flexinv.model.mechanism import Mechanism
 from flexinv.typing import Array
 
 ROUNDS = 3  # the weights are known when the residuals are
@@ -104,6 +107,7 @@ def _list_channel_faults(machine: Machine, channel: Channel) -> Iterator[GrossFa
 
 
 def _list_swap_faults(machine: Machine) -> Iterator[GrossFault]:
+    yield from _list_joint_swaps(machine)
     alike: dict[str, list[tuple[str, str, bool]]] = {}
     for channel in machine.channels:
         alike.setdefault(f"{channel.sense}s", []).append((channel.place, channel.column, False))
@@ -114,6 +118,24 @@ def _list_swap_faults(machine: Machine) -> Iterator[GrossFault]:
             undone = _make_swap_undo(first, second)
             name = f"swapped columns of the {kind}"
             yield GrossFault(name, f"{one} and {other}", "-", 1.0, undone, (one, other), moves)
+
+
+def _list_joint_swaps(machine: Machine) -> Iterator[GrossFault]:
+    """Yield joints of which angle and effort both stand in the columns of another: cables that were plugged the other way."""
+    efforts = {channel.place: channel.column for channel in machine.channels if channel.sense == "effort"}
+    joints = {name: table.angle.column for name, table in machine.settings.joints.items() if name in efforts}
+    for one, other in combinations(joints, 2):
+        undone = partial(_remove_joint_swap, ((joints[one], joints[other]), (efforts[one], efforts[other])))
+        yield GrossFault("swapped columns of the joints", f"{one} and {other}", "-", 1.0, undone, (one, other), True)
+
+
+def _remove_joint_swap(
+    pairs: tuple[tuple[str, str], ...], log: Log, mechanism: Mechanism, phi: float
+) -> tuple[Log, Mechanism]:
+    """The log with both pairs of columns swapped."""
+    for first, second in pairs:
+        log = apply_column_swap(log, first, second)
+    return log, mechanism
 
 
 def _make_factor_undo(column: str, factor: float) -> Undo:

@@ -56,18 +56,27 @@ LARGEST = 4  # causes named at most
 # Faults at once, beside friction that is another on another day: rows 169, 316 and 319 of
 # campaigns/log_faults named three, among them wrong ones.
 TOGETHER = 2
-REACH = 2.0  # times a place from which a better one is looked for, inwards and outwards
+REACH = 3.0  # widths of what is known of a place, beyond which none is looked for
+SPOT_STEP = 1e-3  # of its derivatives: of a size in parts of the first one, of a place in those widths
+PLACED = 12  # steps on the way to it
+MOVED = 2  # more steps then, as the weights by which it was found were those of a log that has the cause
+FINE = 1e-3  # relative change of the cost, and of a place in those widths, at which it is found
 PART = 0.2  # of the largest drop: a further cause that explains less is what the first one leaves, linear as it is
+REMAINDER = 0.01  # of the square of what another cause does: what does less stands for what that one's law leaves
 SURE = 3.0  # standard errors that a size has to be from 0
 UNKNOWN = "no cause that is known"
 
 
 @dataclass(frozen=True)
 class CauseFindings:
-    """Causes of a log, the most certain first, and the least sizes of those not named that it would show."""
+    """Causes of a log, the most certain first, and the least sizes of those not named that it would show.
+
+    untold : what two encoders of a joint cannot tell, in words
+    """
 
     named: list[NamedCause]
     least: list[DetectionLimit]
+    untold: list[str]
 
 
 def find_causes(known: Identification, log: Log, seen: bool = False) -> list[NamedCause]:
@@ -102,7 +111,8 @@ def find_remaining_causes(known: Identification, log: Log, seen: bool = False, h
     least = find_least_sizes(here, at, compute_evidence_threshold(here.causes)) if hidden else []
     if broken:  # which says why more than noise is left
         small = [one for one in small if one.name != UNKNOWN]
-    return CauseFindings([*named, *small, *compare_encoders(machine, found, log)], least)
+    encoders = compare_encoders(machine, found, log)
+    return CauseFindings([*named, *small, *encoders.named], least, encoders.untold)
 
 
 # ----------------------------------------------------------------------------------------------------- gross faults
@@ -175,13 +185,13 @@ def _find_small_causes(search: CauseSearch, log: Log) -> tuple[list[NamedCause],
             break
         k, one = best
         if causes[k].make_at is not None:
-            causes[k] = _find_spot(here, at, k, one.size)
-            one = replace(one, place=causes[k].place)
+            causes[k], size = _find_spot(here, at, k, one.size)
+            one = replace(one, place=causes[k].place, size=size)
         at[k] = one.size
         named[k] = one
         here = CauseRound(search, log, causes, at, here.wide)
-        if len(named) > 1:
-            at, _ = here.fit_named_sizes()
+        for _ in range(MOVED if causes[k].make_at is not None else len(named) > 1):
+            causes, at, _ = here.fit_named_sizes()
             here = CauseRound(search, log, causes, at, here.wide)
     return _list_sure_causes(here, at, named, first), here, at
 
@@ -191,9 +201,13 @@ def _list_sure_causes(here: CauseRound, at: Array, named: dict[int, NamedCause],
 
     first : `CauseRound.compute_levels` of the log as it is
     """
-    errors = here.fit_named_sizes()[1]
+    errors = here.fit_named_sizes()[2]
+    shown = _drop_remainders(here, named)
     found = _join_waves(
-        [(here.causes[k], replace(one, size=float(at[k]), error=float(errors[k]))) for k, one in named.items()]
+        [
+            (here.causes[k], replace(one, place=here.causes[k].place, size=float(at[k]), error=float(errors[k])))
+            for k, one in shown.items()
+        ]
     )
     possible = all(here.causes[k].least < at[k] < here.causes[k].most for k in named)
     faults = {(here.causes[k].name, here.causes[k].place) for k in named if not here.causes[k].daily}
@@ -206,6 +220,13 @@ def _list_sure_causes(here: CauseRound, at: Array, named: dict[int, NamedCause],
     if worst:
         return [_make_unknown_cause(channel, level, found) for channel, level in worst]
     return [one for one in found if abs(one.size) > SURE * one.error]
+
+
+def _drop_remainders(here: CauseRound, named: dict[int, NamedCause]) -> dict[int, NamedCause]:
+    """The named causes without those that do next to nothing beside another: they are what its law leaves."""
+    effects = here.compute_named_effects()
+    least = REMAINDER * max((effects[k] for k in named), default=0.0)
+    return {k: one for k, one in named.items() if effects[k] >= least}
 
 
 def _join_waves(found: list[tuple[Cause, NamedCause]]) -> list[NamedCause]:
@@ -273,7 +294,12 @@ def _list_nearest_causes(here: CauseRound, first: list[tuple[float, int, float]]
     first : about how much the cost falls, cause, and size
     """
     start: dict[int, float] = {}
+    kin: set[str] = set()
     for _, k, size in sorted(first, reverse=True):
+        own = here.causes[k].kin
+        if k not in start and own and own in kin:
+            continue
+        kin.add(own)
         start.setdefault(k, size)
     groups: dict[tuple[bool, bool], list[int]] = {}
     for k in start:
@@ -298,22 +324,33 @@ def _is_possible(here: CauseRound, k: int, one: NamedCause) -> bool:
     return evident and here.causes[k].least < one.size < here.causes[k].most
 
 
-def _find_spot(here: CauseRound, at: Array, k: int, size: float) -> Cause:
-    """The cause k at the place [-] where its best size leaves least; size : a first one [unit]."""
+def _find_spot(here: CauseRound, at: Array, k: int, size: float) -> tuple[Cause, float]:
+    """The cause k where it leaves least together with its size, and that [unit]; size : a first one [unit].
+
+    What is known of the place holds it where the log tells nothing.
+    """
     first = here.causes[k]
     assert first.make_at is not None
-    level = here.compute_weighed_residual(at)
+    make_at = first.make_at
     one = np.eye(len(at))[k]
 
-    def compute_cost(spot: float) -> float:
-        assert first.make_at is not None
-        causes = replace_cause(here.causes, k, first.make_at(spot))
-        slope = (here.compute_weighed_residual(at + size * one, causes) - level) / size
-        return float(level @ level - (slope @ level) ** 2 / (slope @ slope))
+    def compute_rest(x: Array) -> Array:
+        causes = replace_cause(here.causes, k, make_at(tuple(x[1:].tolist())))
+        return np.concatenate([here.compute_weighed_residual(at + x[0] * size * one, causes), x[1:]])
 
-    around = (first.spot / REACH, first.spot * REACH)
-    found = scipy.optimize.minimize_scalar(compute_cost, bounds=around, method="bounded", options={"xatol": 0.01})
-    return first.make_at(float(found.x))
+    def compute_slopes(x: Array) -> Array:
+        level = compute_rest(x)
+        return np.column_stack([(compute_rest(x + SPOT_STEP * way) - level) / SPOT_STEP for way in np.eye(len(x))])
+
+    start = np.concatenate([[1.0], first.spot])
+    reach = np.concatenate([[np.inf], np.full(len(first.spot), REACH)])
+    try:
+        found = scipy.optimize.least_squares(
+            compute_rest, start, compute_slopes, (-reach, reach), ftol=FINE, xtol=FINE, max_nfev=PLACED
+        )
+    except (InputError, ConvergenceError):  # on the way to a better place lies a motion that cannot be
+        return first, size
+    return make_at(tuple(found.x[1:].tolist())), float(found.x[0] * size)
 
 
 def compute_evidence_threshold(causes: Collection[Cause]) -> float:
@@ -345,12 +382,26 @@ def _list_start_sizes(here: CauseRound, at: Array, k: int, level: Array) -> list
     out = []
     if square > 0.0:
         out.append((float(slope @ level) ** 2 / square, -float(slope @ level) / square))
+    out += _list_scanned_sizes(here, at, k, level)
     if here.wide and cause.tries:
         costs = [here.compute_cost_above(at + size * one) for size in cause.tries]
         best = int(np.argmin(costs))
         left = here.compute_weighed_residual(at + cause.tries[best] * one)
         out.append((float(level @ level - left @ left), cause.tries[best]))
     return out
+
+
+def _list_scanned_sizes(here: CauseRound, at: Array, k: int, level: Array) -> list[tuple[float, float]]:
+    """The best of the sizes at which a cause is looked at first, with how much the cost falls; none where no size can be."""
+    one = np.eye(len(at))[k]
+    out = []
+    for size in here.causes[k].scanned:
+        try:
+            left = here.compute_weighed_residual(at + size * one)
+        except ConvergenceError:  # nothing moves like that
+            continue
+        out.append((float(level @ level - left @ left), size))
+    return [max(out)] if out else []
 
 
 def _fit_cause_size(here: CauseRound, at: Array, k: int, size: float, before: Array) -> tuple[int, NamedCause]:

@@ -16,7 +16,7 @@ from crosscheck.identification.estimation.fit import Fit, Problem, build_problem
 from crosscheck.identification.estimation.noise import count_agreeing_samples
 from crosscheck.identification.logs.log import Log
 from crosscheck.identification.machine import Channel, Machine
-from crosscheck.identification.parameters import ParameterSpace
+from crosscheck.identification.parameters import Parameter, ParameterSpace
 from crosscheck.identification.readings import (
     Run,
     compute_wide_responses,
@@ -27,7 +27,8 @@ from flexinv.model.mechanism import Mechanism
 from flexinv.rigid.torque_regressor import compute_link_parameters
 from flexinv.typing import Array
 
-SPOT = 0.01  # relative step of a derivative by a place
+SPOT = 0.01  # step of a derivative by a place, in widths of what is known of it
+FARTHEST = 1.0  # of those widths in one step
 # Times the RMS of what blocks left out have left: more is no noise, on another day of the same machine either.
 NOISE = 2.5
 # What is left of a channel beside causes that were named: above so many times that RMS it counts, and the causes have to explain
@@ -83,7 +84,10 @@ class CauseSearch:
 
 
 def update_space(machine: Machine, mechanism: Mechanism) -> ParameterSpace:
-    """Return the parameters as before, with the masses [kg] that the changed mechanism has beside those of the first one."""
+    """Return the parameters as before, with what the changed mechanism has beside the first one.
+
+    Masses [kg] are added to those of the parameters; a stiffness that is free is as many times as large as the mechanism's.
+    """
     if mechanism is machine.mechanism:
         return machine.space
     names = [name for name in machine.space.factors if name in mechanism.link_of]
@@ -91,12 +95,28 @@ def update_space(machine: Machine, mechanism: Mechanism) -> ParameterSpace:
         n: compute_link_parameters(mechanism.link_of[n]) - compute_link_parameters(machine.mechanism.link_of[n])
         for n in names
     }
-    return replace(machine.space, more=more)
+    parameters = tuple(_scale_known_stiffness(one, machine.mechanism, mechanism) for one in machine.space.parameters)
+    return replace(machine.space, parameters=parameters, more=more)
+
+
+def _scale_known_stiffness(one: Parameter, before: Mechanism, after: Mechanism) -> Parameter:
+    if one.kind != "joint stiffness" or one.place not in after.joint_of:
+        return one
+    first, now = (mechanism.joint_of[one.place].stiffness for mechanism in (before, after))
+    return replace(one, known=one.known * now / first) if first > 0.0 and now != first else one
 
 
 def replace_cause(causes: Sequence[Cause], k: int, other: Cause) -> list[Cause]:
     """Return the causes with another one in the place of number k [-]."""
     return [*causes[:k], other, *causes[k + 1 :]]
+
+
+def move_spot(cause: Cause, i: int, way: float) -> Cause:
+    """Return a cause that is elsewhere: number i of its place goes on by a way [-]."""
+    assert cause.make_at is not None
+    spot = list(cause.spot)
+    spot[i] += way
+    return cause.make_at(tuple(spot))
 
 
 def _remove_basis(rows: Array, basis: Array) -> Array:
@@ -130,7 +150,7 @@ class CauseRound:
         self.weight, self.parameters = self._fit_weights(residual)
         self.named: list[int] = np.flatnonzero(at).tolist()
         self.slopes = self._compute_named_slopes()
-        self.basis = np.linalg.qr(np.column_stack([self.parameters, self.slopes]))[0]
+        self.basis = np.linalg.qr(np.column_stack([self.parameters, self._list_told_directions()]))[0]
 
     def add_causes(self, more: Iterable[Cause]) -> CauseRound:
         """Return the same with further causes, of size 0 [-]."""
@@ -168,29 +188,52 @@ class CauseRound:
             ahead = self.at.copy()
             ahead[k] += self.causes[k].step
             columns.append((self._compute_rows_beside_parameters(ahead, self.causes) - level) / self.causes[k].step)
-        columns += [self._compute_spot_slope(k, level) for k in self.named if self.causes[k].make_at is not None]
+        columns += [self._compute_spot_slope(k, i, level) for k, i in self._list_spots()]
         return np.column_stack(columns) if columns else np.zeros((len(level), 0))
 
-    def _compute_spot_slope(self, k: int, level: Array) -> Array:
-        """Slope (rows,) of the weighed residual by the logarithm of the place of cause k [-]."""
-        first = self.causes[k]
-        assert first.make_at is not None
-        moved = replace_cause(self.causes, k, first.make_at(first.spot * (1.0 + SPOT)))
+    def _list_spots(self) -> list[tuple[int, int]]:
+        """The numbers that say where named causes are: which cause, and which of its numbers."""
+        return [(k, i) for k in self.named for i in range(len(self.causes[k].spot))]
+
+    def _compute_spot_slope(self, k: int, i: int, level: Array) -> Array:
+        """Slope (rows,) of the weighed residual by number i of the place of cause k [-]."""
+        moved = replace_cause(self.causes, k, move_spot(self.causes[k], i, SPOT))
         ahead = self._compute_rows_beside_parameters(self.at, moved)
         return (ahead - level) / SPOT
 
-    def fit_named_sizes(self) -> tuple[Array, Array]:
-        """Return the sizes of all causes [unit of each] after a step in those that are named together, and their errors."""
+    def _list_told_directions(self) -> Array:
+        """Directions (rows, directions) of the sizes that are named, and of places where the log tells more than is known."""
+        count = len(self.named)
+        told = np.sum(self.slopes[:, count:] ** 2, axis=0) > 1.0
+        return np.hstack([self.slopes[:, :count], self.slopes[:, count:][:, told]])
+
+    def fit_named_sizes(self) -> tuple[list[Cause], Array, Array]:
+        """Return the causes, where they are, and their sizes [unit of each] after a step in those named, and their errors.
+
+        All are moved together; what is known of places counts as one standard deviation each.
+        """
         level = self._compute_rows_beside_parameters(self.at, self.causes)
-        base = np.linalg.pinv(self.slopes.T @ self.slopes)
-        sizes = self.at.copy()
-        step = base @ (self.slopes.T @ level)
+        count = len(self.named)
+        spots = self._list_spots()
+        known = np.concatenate([np.zeros(count), np.ones(len(spots))])
+        place = np.concatenate([np.zeros(count), [self.causes[k].spot[i] for k, i in spots]])
+        base = np.linalg.pinv(self.slopes.T @ self.slopes + np.diag(known))
+        step = base @ (self.slopes.T @ level + known * place)
         left = level - self.slopes @ step
-        scatter = np.sqrt(np.diag(base) * float(left @ left) / float(self.news.sum()))
+        scatter = np.sqrt(np.diag(base) * max(1.0, float(left @ left) / float(self.news.sum())))
+        sizes = self.at.copy()
         errors = np.zeros(len(sizes))
-        sizes[self.named] -= step[: len(self.named)]
-        errors[self.named] = scatter[: len(self.named)]
-        return sizes, errors
+        sizes[self.named] -= step[:count]
+        errors[self.named] = scatter[:count]
+        causes = self.causes
+        for (k, i), way in zip(spots, step[count:], strict=True):
+            causes = replace_cause(causes, k, move_spot(causes[k], i, float(np.clip(-way, -FARTHEST, FARTHEST))))
+        return causes, sizes, errors
+
+    def compute_named_effects(self) -> dict[int, float]:
+        """Return of each named cause the square of what its size does to the weighed rows [-]."""
+        squares = np.sum(self.slopes[:, : len(self.named)] ** 2, axis=0) * self.at[self.named] ** 2
+        return dict(zip(self.named, squares.tolist(), strict=True))
 
     def compute_levels(self) -> Array:
         """Return the RMS that is left of each channel over that of blocks left out (channels,) [-]."""

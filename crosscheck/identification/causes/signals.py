@@ -23,6 +23,7 @@ from flexinv.typing import Array
 REACH = 1.0  # periods of the bandwidth over which the low-pass carries a clipped sample
 HELD = 8  # equal samples on end that no measured signal has
 QUIET = 0.95  # of the steps of a signal are none of its spikes
+AT_ONCE = 2  # samples: what is elsewhere for no longer is a spike, which may be as large as the range
 BESIDE = 12  # samples after a step, whose median says whether it lasts
 LEVELS = 5000  # a signal of more of them is no coarse one
 EXACT = 0.05  # part of a step by which values may miss its multiples: what few decimals leave of it
@@ -85,7 +86,8 @@ def _list_whole_faults(channel: Channel, values: Array, expected: Array) -> Iter
     period = float(np.ptp(values))
     turns = np.round((expected - values) / max(period, TINY)) if period > 0.0 else np.zeros(1)
     wrapped = np.abs(np.diff(values)) > WHOLE * period
-    if wrapped.any() and turns.any() and np.std(values + period * turns - expected) < HALF * left[0]:
+    stays = np.convolve(turns != 0.0, np.ones(AT_ONCE + 1), mode="valid").max(initial=0.0) > AT_ONCE
+    if wrapped.any() and stays and np.std(values + period * turns - expected) < HALF * left[0]:
         words = f"it begins anew at the other end of its range {int(wrapped.sum())} times"
         yield NamedCause(f"wrapped {channel.sense}", channel.place, channel.unit, period, 0.0, np.inf, words)
 
@@ -130,8 +132,9 @@ def _find_held_samples(values: Array, stands: bool) -> NDArray[np.bool_]:
     for first, last in ends.reshape(-1, 2):
         if last - first < HELD:
             continue
-        begins = first <= 1  # a signal that comes late stands on its first value
-        if (stands or begins) and not _is_beside_leap(steps, max(first - 1, 0), last - 1, typical):
+        # A signal that comes late stands on its first value, and one that is out early on its last.
+        at_end = first <= 1 or last >= len(values)
+        if (stands or at_end) and not _is_beside_leap(steps, max(first - 1, 0), last - 1, typical):
             continue
         out[max(first - 1, 0) : last] = True
     return out

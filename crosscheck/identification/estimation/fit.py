@@ -32,6 +32,7 @@ SCAN = (-1.0, -0.5, 0.5, 1.0)  # of the prior's width: where stiffnesses, dampin
 STEADY = 0.03  # relative change of all weights at which the rounds end: intervals change by less
 CLOSE = 1e-4  # relative change of cost, and of z, at which the optimiser stops: far below the width of any interval
 EVALUATIONS = 40
+FAILED = 1e3  # times the residuals of the start are those where no march succeeds: no step leads there
 WIDER = 10.0  # times the priors' widths: where the search looks whether they hold it at a place that leaves much
 SMALLEST = 1e-2  # of its value that one step leaves of what is positive
 # What is left there of a residual, if it is worth a fit of its own.  Wider priors take a half away from noise that lasts, too.
@@ -174,7 +175,10 @@ def fit(task: Problem, start: Array | None = None, prior: tuple[Array, Array] | 
         return _compute_posterior(task, _find_mode(task, measured, start.copy(), mean, root), root)
     near = _find_mode(task, measured, _find_start_by_scan(task, measured, np.zeros(count)), mean, root)
     moved = _move_in_values(task, measured, near, root)
-    far, _ = _find_minimum(task, measured, 1.0 / near.noise.spread, moved, mean, root / WIDER)
+    try:
+        far = _find_minimum(_KeptSlopes(task), measured, 1.0 / near.noise.spread, moved, mean, root / WIDER)
+    except ConvergenceError:  # no machine moves like that: what is known before does not hold it there
+        return _compute_posterior(task, near, root)
     left = np.array([np.sqrt(np.mean(r**2)) for r in _compute_residuals(task, measured, far)])
     if (left < LESS * near.noise.spread).any():
         other = _find_mode(task, measured, far, mean, root)
@@ -199,8 +203,10 @@ class _Mode:
 def _find_mode(task: Problem, measured: list[Array], z: Array, mean: Array, root: Array) -> _Mode:
     """The parameters of least cost near z (parameters,) [-], found with the noise that they leave in turn."""
     noise = compute_noise(_compute_residuals(task, measured, z), [np.zeros((len(m), len(z))) for m in measured], root)
+    kept = _KeptSlopes(task)
     for _ in range(ROUNDS):
-        z, slopes = _find_minimum(task, measured, noise.weight, z, mean, root)
+        z = _find_minimum(kept, measured, noise.weight, z, mean, root)
+        slopes = kept.compute_at(z)
         last = noise.weight
         noise = compute_noise(_compute_residuals(task, measured, z), slopes, root)
         if np.abs(noise.weight / last - 1.0).max() < STEADY:
@@ -294,25 +300,46 @@ def _list_day_numbers(task: Problem) -> list[Array]:
     return [np.full(c.shape, float(day)) for c, day in zip(task.chosen, task.days, strict=True)]
 
 
-def _find_minimum(
-    task: Problem, measured: list[Array], weight: Array, z: Array, mean: Array, root: Array
-) -> tuple[Array, list[Array]]:
-    """The parameters of least cost, and the slopes there."""
-    last: list[tuple[Array, list[Array]]] = []
+class _KeptSlopes:
+    """The slopes of a task where they were asked for last: a search begins with those at which the one before has ended."""
+
+    def __init__(self, task: Problem) -> None:
+        self.task = task
+        self._last: tuple[Array, list[Array]] | None = None
+
+    def compute_at(self, z: Array) -> list[Array]:
+        """The `compute_jacobian` at z (size,) [-], (counted, size) [units of channels]."""
+        if self._last is None or not np.array_equal(self._last[0], z):
+            self._last = z.copy(), compute_jacobian(self.task, z)
+        return self._last[1]
+
+
+def _find_minimum(kept: _KeptSlopes, measured: list[Array], weight: Array, z: Array, mean: Array, root: Array) -> Array:
+    """The parameters of least cost; a step to where the machine cannot be marched along the log is too long.
+
+    Raises ConvergenceError where it cannot be at the start either.
+    """
+    first: list[Array] = []
 
     def compute_residual(x: Array) -> Array:
-        parts = [-w * r for w, r in zip(weight, _compute_residuals(task, measured, x), strict=True)]
-        return np.concatenate([*parts, root @ (x - mean)])
+        try:
+            residuals = _compute_residuals(kept.task, measured, x)
+        except ConvergenceError:
+            if not first:
+                raise
+            return FAILED * first[0]
+        parts = [-w * r for w, r in zip(weight, residuals, strict=True)]
+        out = np.concatenate([*parts, root @ (x - mean)])
+        first[:] = first or [out]
+        return out
 
     def compute_scaled_jacobian(x: Array) -> Array:
-        last[:] = [(x.copy(), compute_jacobian(task, x))]
-        return np.vstack([*(w * j for w, j in zip(weight, last[0][1], strict=True)), root])
+        return np.vstack([*(w * j for w, j in zip(weight, kept.compute_at(x), strict=True)), root])
 
     found = scipy.optimize.least_squares(
         compute_residual, z, compute_scaled_jacobian, method="lm", ftol=CLOSE, xtol=CLOSE, max_nfev=EVALUATIONS
     )
-    x = np.asarray(found.x)
-    return x, last[0][1] if np.array_equal(last[0][0], x) else compute_jacobian(task, x)
+    return np.asarray(found.x)
 
 
 def _move_in_values(task: Problem, measured: list[Array], mode: _Mode, root: Array) -> Array:

@@ -16,7 +16,7 @@ from crosscheck.identification.logs.bag import SUFFIXES, is_bag, read_bag_column
 from crosscheck.identification.logs.even_times import GAP, take_even_times
 from crosscheck.identification.settings import TIMES
 from flexinv.errors import InputError
-from flexinv.files.csv_dialect import read_csv_dialect
+from flexinv.files.csv_dialect import make_exact_options, read_csv_dialect
 from flexinv.files.regular_files import MISSING, describe_kind
 from flexinv.files.toml_tables import LONGEST_PATH
 from flexinv.typing import Array
@@ -162,6 +162,7 @@ def _read_csv(path: Path) -> Any:
     if not any(dialect.header):
         raise InputError(f"{path.name}: its first line is empty, expected the names of columns; export the log anew")
     options = {"sep": dialect.mark, "decimal": dialect.decimal, "encoding": "utf-8-sig", "skipinitialspace": True}
+    options |= make_exact_options()
     with warnings.catch_warnings():
         warnings.simplefilter("error", pd.errors.ParserWarning)
         try:

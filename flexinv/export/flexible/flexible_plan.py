@@ -107,7 +107,7 @@ def _format_changes(image: MemoryImage, state: FlexibleState, prefix: str) -> di
     if (damping := format_damping(image, mesh, elements)) is not None:
         out["damping"] = damping
     if state.loads is not None and list_moved_forces(mesh):
-        tables = [state.loads.applied.wrench, state.arguments[0].table]
+        tables = [state.loads.applied.forces.wrench, state.arguments[0].table]
         out["forces"] = format_forces(image, mesh, tables, prefix)
     return out
 

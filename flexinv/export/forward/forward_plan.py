@@ -56,9 +56,7 @@ def plan_forward_library(mechanism: Mechanism, prefix: str, settings: MarchSetti
     """
     mesh = build(apply_stated_ratio(add_payload_bodies(mechanism, settings.payloads)))
     m = mesh.mechanism
-    solver = Solver.build_for(
-        mesh, {joint.name for joint in m.joints if joint.nv}, lambda at, _: np.zeros((len(at), m.nv))
-    )
+    solver = Solver.build_for(mesh, m.moving_names, lambda at, _: np.zeros((len(at), m.nv)))
     begins, joints = _begin_at_rest(solver, settings)
     if not m.is_rigid:
         warn_of_long_step(m, begins, settings.step)

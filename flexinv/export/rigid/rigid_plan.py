@@ -148,7 +148,7 @@ def _format_changes(
         texts |= format_acting_sets(mechanism, prefix)
     if list_moved_forces(mesh):
         parts.append("forces")
-        texts |= format_forces(image, mesh, [build_applied_loads(mesh).wrench], prefix)
+        texts |= format_forces(image, mesh, [build_applied_loads(mesh).forces.wrench], prefix)
     return parts, texts
 
 

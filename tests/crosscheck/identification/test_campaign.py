@@ -36,7 +36,8 @@ relative = 1.0
 @pytest.mark.slow
 def test_intervals_of_a_random_chain_hold_the_truth() -> None:
     """34 or so 90 % intervals, of which neighbours hang together: fewer than three quarters would be a mistake."""
-    told, covered, _ = campaign.trial("rigid", 1)
+    outcomes, covered, _ = campaign.trial("rigid", 1)
+    told = [one for one in outcomes if one.told]
     assert len(told) > 15
     assert np.mean([one.holds for one in told]) > 0.75
     assert np.mean(covered) > 0.8
@@ -47,10 +48,17 @@ def test_a_truth_outside_of_every_interval_is_counted() -> None:
     assert campaign.summary(told)["friction"] == (10, 0.6, 0.1)
 
 
+def test_the_range_of_a_part_is_the_exact_one() -> None:
+    """Of ten none: the part at which that has a chance of 1 in 40 is 1 - 0.025^(1/10)."""
+    assert campaign.count_range(10, 0) == pytest.approx((0.0, 1.0 - 0.025**0.1))
+    assert campaign.count_range(10, 10) == pytest.approx((0.025**0.1, 1.0))
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", ["loop", "drives", "beams"])
 def test_intervals_of_loops_drives_and_beams_hold_the_truth(kind: str) -> None:
-    told, covered, _ = campaign.trial(kind, 4)
+    outcomes, covered, _ = campaign.trial(kind, 4)
+    told = [one for one in outcomes if one.told]
     assert len(told) >= 4
     assert np.mean([one.holds for one in told]) >= 0.6  # some five intervals
     assert np.mean(covered) > 0.8  # of the other motion; the loop's cranks nearly stand often, where its bands are wide

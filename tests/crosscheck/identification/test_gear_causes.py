@@ -30,6 +30,14 @@ def test_a_fault_of_a_gear_is_named_with_its_size(seed: int, fault: str, name: s
     assert abs(one.size - size) < max(most, 3.0 * one.error)
 
 
+@pytest.mark.slow
+def test_a_soft_spring_of_an_elastic_drive_is_named_with_its_size() -> None:
+    """A loose screw leaves seven tenths of the stiffness: no slope leads there: natural frequencies lie between."""
+    (only,) = run_row(Row(0, "elastic", "same", "moves", 293227, "soft gear @ 0 0.7", "")).named
+    assert (only.name, only.place) == ("stiffness of the joint, relative error", "gear")
+    assert abs(only.size + 0.3) < 3.0 * only.error
+
+
 @pytest.mark.parametrize("levels", [5, 400, 3000])
 def test_a_step_is_found_among_many_levels_and_noise_has_none(levels: int) -> None:
     """The tolerance grew with the number of levels, so that above 500 of them any numbers were multiples."""

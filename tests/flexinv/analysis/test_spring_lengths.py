@@ -12,7 +12,7 @@ import pytest
 import flexinv
 from flexinv.files.load_cases import Case, load_cases
 from flexinv.inverse import spring_lengths
-from flexinv.inverse.spring_lengths import _compute_gap as compute_gap
+from flexinv.inverse.inverse_dynamics import compute_spring_gap as compute_gap
 from flexinv.kinematics.mesh import build
 from flexinv.kinematics.nodal_motion import compute_rigid_motion
 from flexinv.model.mechanism import WORLD, Attachment, Placement, Spring

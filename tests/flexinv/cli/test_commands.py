@@ -16,6 +16,7 @@ import pytest
 
 from flexinv.analysis.solve import solve
 from flexinv.cli.commands import COMMANDS, app, main
+from flexinv.files.csv_dialect import make_exact_options
 from flexinv.files.load_cases import load_cases
 from flexinv.files.load_mechanism import load_mechanism
 from flexinv.model.link_mass import compute_link_mass
@@ -91,7 +92,7 @@ def test_solve_writes_what_solve_returns(model: Path, tmp_path: Path, capsys: py
     mechanism = load_mechanism(model)
     case = load_cases(model, mechanism)["swing"]
     solution = solve(mechanism, case.motion, case.step)
-    table = pd.read_csv(out, engine="python")
+    table = pd.read_csv(out, **make_exact_options())
     np.testing.assert_array_equal(table["time [s]"], solution.time)
     # pandas writes the shortest text that gives the same number back
     np.testing.assert_array_equal(table["torque pivot [N m]"], solution.torque[:, 0])
@@ -126,7 +127,7 @@ def read_back(out: Path) -> pd.DataFrame:
     if out.suffix == ".npz":
         with np.load(out) as columns:
             return pd.DataFrame({name: columns[name] for name in columns.files})
-    return pd.read_csv(out, engine="python")
+    return pd.read_csv(out, **make_exact_options())
 
 
 @pytest.mark.parametrize("suffix", [".csv", ".json", ".npz"])

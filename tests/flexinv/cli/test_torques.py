@@ -10,6 +10,7 @@ import pytest
 
 import flexinv
 from flexinv.cli.commands import main
+from flexinv.files.csv_dialect import make_exact_options
 
 
 @pytest.fixture
@@ -33,7 +34,7 @@ def test_the_command_writes_what_the_call_gives(
     main(["torques", str(robot), str(motion), "--out", str(out), *words])
     load = {"link3": flexinv.Inertia(2.5, np.array([0.1, 0.0, 0.0]))}
     expected = flexinv.torques(robot, motion, payload=load, gravity=[0.0, -9.81, 0.0], friction={"joint1": (0.5, 0.25)})
-    pd.testing.assert_frame_equal(pd.read_csv(out, index_col=0), expected, check_exact=True)
+    pd.testing.assert_frame_equal(pd.read_csv(out, index_col=0, **make_exact_options()), expected, check_exact=True)
     said = capsys.readouterr().out
     assert "120 rows, rates and accelerations by a quintic spline" in said
     assert f"wrote {out}" in said
@@ -50,7 +51,7 @@ def test_holding_and_spacing_stand_for_columns(robot: Path, tmp_path: Path) -> N
     words = ["torques", str(robot), str(file), "--out", str(out), "--hold", "joint3=0.5", "--spacing", "0.01"]
     main([*words, "--no-friction"])
     expected = flexinv.torques(robot, file, hold={"joint3": 0.5}, spacing=0.01, friction=False)
-    pd.testing.assert_frame_equal(pd.read_csv(out, index_col=0), expected, check_exact=True)
+    pd.testing.assert_frame_equal(pd.read_csv(out, index_col=0, **make_exact_options()), expected, check_exact=True)
     with pytest.raises(SystemExit):
         main(words)
     main([*words, "--overwrite"])

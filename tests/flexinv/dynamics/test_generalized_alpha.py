@@ -13,7 +13,7 @@ import flexinv
 from flexinv.dynamics.dofs import Topology
 from flexinv.dynamics.generalized_alpha import Scheme, build_generalized_alpha
 from flexinv.dynamics.system import State
-from flexinv.elements.shapes import build_no_shapes
+from flexinv.elements.shapes import build_shapes
 from flexinv.errors import InputError
 from flexinv.typing import Array
 
@@ -26,7 +26,7 @@ def no_nodes() -> Topology:
     axes = np.zeros((0, 6, 3))
     return Topology(
         index, index, np.zeros(0, dtype=np.bool_), *(index,) * 10, axes, axes,
-        np.zeros((5, 0)), none, none, np.zeros((0, 3, 3)), np.zeros(3), 1.0, build_no_shapes(0), index,
+        np.zeros((5, 0)), none, none, np.zeros((0, 3, 3)), np.zeros(3), 1.0, build_shapes(index, [], [], []), index,
     )  # fmt: skip
 
 

@@ -124,7 +124,8 @@ def test_a_call_hands_over_one_address_with_its_promises() -> None:
     (inner,) = (one.library for one in weight.overloads.values())
     (line,) = (one for one in str(inner._final_module).splitlines() if one.startswith("define") and "weight" in one)
     assert line.count("%") == 3  # result, error, record
-    assert "noalias captures(none) %arg.one" in line or "captures(none) noalias %arg.one" in line
+    told = line.replace("captures(none)", "nocapture")  # as LLVM has written it before 21
+    assert "noalias nocapture %arg.one" in told or "nocapture noalias %arg.one" in told
 
 
 def test_other_named_tuples_go_by_value() -> None:

@@ -17,6 +17,7 @@ from flexinv.kernels.vec3 import (
     cross,
     diagonal,
     dot,
+    dot_pair,
     madd,
     mat,
     mat_at,
@@ -24,6 +25,8 @@ from flexinv.kernels.vec3 import (
     msub,
     mul,
     outer,
+    pair,
+    pair_at,
     put,
     put_at,
     put_block,
@@ -35,6 +38,7 @@ from flexinv.kernels.vec3 import (
     sub,
     sum3,
     tapply,
+    tapply_pair,
     times,
     tmul,
     transpose,
@@ -63,6 +67,18 @@ def every_vector(a, b, c, m, k, out):
     add_to(out[10], x)
     add_to(out[10], y)
     out[11, 0] = dot(x, y)
+
+
+@jit
+def every_pair(a, b, six, m, out):
+    """Rows of ``out`` for every function of pairs of vectors; ``dot_pair`` in the last."""
+    one = pair(six)
+    put_pair(out[0], one[0], one[1])
+    other = pair_at(six, 1)
+    put_pair(out[1], other[0], other[1])
+    turned = tapply_pair(mat(m), (vec(a), vec(b)))
+    put_pair(out[2], turned[0], turned[1])
+    out[3, 0] = dot_pair((vec(a), vec(b)), one)
 
 
 @jit
@@ -128,6 +144,17 @@ def test_vectors_are_written_where_they_belong() -> None:
     expected[2, 1:4] = a + b
     expected[3, :6] = [*(a + b), *(a + b)]
     np.testing.assert_allclose(out, expected, rtol=0, atol=ROUNDING)
+
+
+def test_pairs_equal_numpy() -> None:
+    rng = np.random.default_rng(4)
+    a, b = rng.normal(size=(2, 3))
+    six, m, out = rng.normal(size=7), rng.normal(size=(3, 3)), np.zeros((4, 6))
+    every_pair(a, b, six, m, out)
+    both = np.concatenate([a, b])
+    turned = np.concatenate([m.T @ a, m.T @ b])
+    expected = [six[:6], six[1:], turned, [both @ six[:6], 0, 0, 0, 0, 0]]
+    np.testing.assert_allclose(out, expected, rtol=0, atol=2 * ROUNDING)  # of twice as many products
 
 
 def test_every_function_is_here() -> None:

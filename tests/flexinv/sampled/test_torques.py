@@ -15,6 +15,7 @@ from scipy.spatial.transform import Rotation
 
 import flexinv
 from flexinv.errors import InputError, ModelWarning
+from flexinv.files.csv_dialect import make_exact_options
 from flexinv.files.from_urdf import find_robots_folder
 from flexinv.files.motion_columns import list_coordinates
 from flexinv.model.joint_kinds import KINDS
@@ -115,7 +116,7 @@ def test_an_arm_that_bends_has_the_efforts_of_solve_with_the_same_samples(root: 
     assert relative(halved.to_numpy(), finer.torque_all) < 1e-9
     summary = flexinv.write_torques(arm, tmp_path / "motion.csv", tmp_path / "out.csv")
     assert summary.samples == 201
-    np.testing.assert_array_equal(pd.read_csv(tmp_path / "out.csv", index_col=0), found)
+    np.testing.assert_array_equal(pd.read_csv(tmp_path / "out.csv", index_col=0, **make_exact_options()), found)
 
 
 def test_given_rates_and_accelerations_drive_an_arm_that_bends(root: Path) -> None:

@@ -66,7 +66,9 @@ RENAMED = "import numba.core.codegen as private; del private.JITCodeLibrary"
 
 
 def compute_numbers(root: Path, folder: Path, before: str, plain_numba: str) -> tuple[str, list[float], list[str]]:
-    (folder / "small_kernels.py").write_text(MODULE)
+    module_file = folder / "small_kernels.py"
+    if not module_file.is_file():  # by whose time an older Numba judges what it has kept
+        module_file.write_text(MODULE)
     search = os.pathsep.join([str(folder), str(root)])
     asked = {**os.environ, "NUMBA_CACHE_DIR": str(folder), "PYTHONPATH": search, choice.VARIABLE: plain_numba}
     command = [sys.executable, "-c", PROGRAM.format(before=before)]
