@@ -19,7 +19,7 @@ from flexinv.optimal_motion.linear_step import AIMS
 from flexinv.optimal_motion.motion_limits import LIMITED_BY_JOINT, MotionLimits, StrainLimit
 from flexinv.optimal_motion.motion_problem import find_last_move
 from flexinv.optimal_motion.optimize_motion import USUAL_KNOTS, optimize_motion
-from flexinv.optimal_motion.optimum_file import OptimumTask, load_optima, write_rows
+from flexinv.optimal_motion.optimum_file import OptimumTask, read_optima, write_rows
 
 JOINT_LIMIT = "a name and its limit, for example hub=2.0"
 STRAIN_LIMIT = "a beam, its largest strain and two distances [m], for example forearm=2e-3,0.01,0.005"
@@ -80,7 +80,7 @@ def write_best_motion(
     check_plot(plot)
     check_outputs(out, overwrite, [rows, plot])
     mechanism = load_mechanism(model)
-    task = _state_problem(model, mechanism, problem) if optimum is None else _read_problem(model, optimum, problem)
+    task = _build_problem(model, mechanism, problem) if optimum is None else _read_problem(model, optimum, problem)
     case = task.case
     meshed = case.meshed(mechanism)
     found = optimize_motion(
@@ -101,7 +101,7 @@ def write_best_motion(
         click.echo(f"wrote {plot}")
 
 
-def _state_problem(model: Path, mechanism: Mechanism, given: Mapping[str, Any]) -> OptimumTask:
+def _build_problem(model: Path, mechanism: Mechanism, given: Mapping[str, Any]) -> OptimumTask:
     """The motion to be chosen that options state."""
     case = choose(load_cases(resolve_model_folder(model), mechanism), given["name"], model)
     tables: dict[str, Any] = {
@@ -121,7 +121,7 @@ def _read_problem(model: Path, name: str, given: Mapping[str, Any]) -> OptimumTa
         if value not in (None, ()):
             option = "--case" if key == "name" else f"--{key}"
             raise InputError(f"--optimum {name}: its table states the problem; leave out {option}")
-    optima = load_optima(resolve_model_folder(model), load_mechanism(model))
+    optima = read_optima(resolve_model_folder(model), load_mechanism(model))
     if name not in optima:
         known = ", ".join(optima) or "none: write a table [optima.NAME] in its cases.toml"
         raise InputError(f"--optimum {name}: {model} has {known}")

@@ -24,7 +24,7 @@ from flexinv.optimal_motion.motion_limits import LIMITED_BY_JOINT, MotionLimits,
 from flexinv.optimal_motion.optimize_motion import USUAL_KNOTS
 from flexinv.validation import check_kind, find_nearest_word
 
-DIGITS = 17  # of a number, so that it is the same when it is read
+EXACT_DIGITS = 17  # of a number, so that it is the same when it is read
 
 
 class StrainTable(Table):
@@ -35,7 +35,7 @@ class StrainTable(Table):
     z_m: NotNegative = make_key("of fibres as far from the axis along z of the section [m]", "0.005")
 
 
-class LimitsTable(Table):
+class MotionLimitsTable(Table):
     """Limits that hold at every instant."""
 
     torque: dict[str, Positive] | None = make_optional_key(
@@ -71,7 +71,7 @@ class OptimumTable(Table):
     step_s: Positive | None = make_optional_key(
         "the time step of the search [s]; a two hundredth of the case's motion when absent", "1e-3"
     )
-    limits: LimitsTable = make_key("a table of limits", "limits.residual_m = 1e-4", LimitsTable())
+    limits: MotionLimitsTable = make_key("a table of limits", "limits.residual_m = 1e-4", MotionLimitsTable())
 
 
 @dataclass(frozen=True)
@@ -90,7 +90,7 @@ class OptimumTask:
     limits: MotionLimits
 
 
-def load_optima(path: str | Path, mechanism: Mechanism) -> dict[str, OptimumTask]:
+def read_optima(path: str | Path, mechanism: Mechanism) -> dict[str, OptimumTask]:
     """Load the motions to be chosen of a mechanism by name, none where there are none [m], [s], [rad].
 
     path : ``models/<name>`` or the TOML file.  The format is described in models/README.md.
@@ -124,7 +124,7 @@ def _read_optimum(
     return OptimumTask(name, table.title, cases[table.case], table.aim, table.knots, table.step_s, limits)
 
 
-def _read_limits(table: LimitsTable) -> MotionLimits:
+def _read_limits(table: MotionLimitsTable) -> MotionLimits:
     """The limits of a table."""
     by_joint = {name: getattr(table, name) for name in LIMITED_BY_JOINT}
     strain = {name: StrainLimit(limit.largest, limit.y_m, limit.z_m) for name, limit in table.strain.items()}
@@ -139,7 +139,7 @@ def write_rows(motion: Motion, mechanism: Mechanism, path: Path) -> None:
     units = [KINDS[mechanism.joint_of[name].kind].units[0] for name in joints]
     names = ",".join(["time_s", *(f"{name}_{unit}" for name, unit in zip(joints, units, strict=True))])
     rows = [
-        ",".join(f"{number:.{DIGITS}g}" for number in (time, *row))
+        ",".join(f"{number:.{EXACT_DIGITS}g}" for number in (time, *row))
         for time, row in zip(track.sampling.time, np.asarray(track.values), strict=True)
     ]
     path.write_text("\n".join([names, *rows, ""]))

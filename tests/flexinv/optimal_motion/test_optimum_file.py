@@ -14,7 +14,7 @@ from flexinv.cli.commands import app
 from flexinv.errors import InputError
 from flexinv.files.case_schema import read_cases
 from flexinv.optimal_motion.motion_limits import StrainLimit
-from flexinv.optimal_motion.optimum_file import load_optima, write_rows
+from flexinv.optimal_motion.optimum_file import read_optima, write_rows
 
 CHECKED = 2e-3  # of a limit, by which a search may let its finer march pass it
 OTHER_MESH = 0.01  # of a torque: what the mesh of the replay adds, and its finer step
@@ -29,7 +29,7 @@ FOUND = [
 def _load(root, folder):
     path = root / "models" / folder
     mechanism = flexinv.load_mechanism(path)
-    return mechanism, flexinv.load_cases(path, mechanism), load_optima(path, mechanism)
+    return mechanism, flexinv.load_cases(path, mechanism), read_optima(path, mechanism)
 
 
 @pytest.mark.parametrize(("folder", "name"), FOUND)
@@ -94,7 +94,7 @@ limits.path_m = { link = 0.02 }
 limits.residual_m = 1e-4
 """,
     )
-    task = load_optima(folder, flexinv.load_mechanism(folder))["careful"]
+    task = read_optima(folder, flexinv.load_mechanism(folder))["careful"]
     assert (task.case.name, task.knots, task.step) == ("quintic", 6, 2e-3)
     assert task.aim == {"duration": 1, "rms torque": 0.2}
     assert task.limits.torque == {"hub": 2.0}
@@ -111,7 +111,7 @@ def test_the_table_that_is_shown_is_read(root, tmp_path):
     shutil.copytree(root / "models" / "flex_two_link", folder)
     cases = folder / "cases.toml"
     cases.write_text(cases.read_text() + "\n" + table)
-    task = load_optima(folder, flexinv.load_mechanism(folder))["quick"]
+    task = read_optima(folder, flexinv.load_mechanism(folder))["quick"]
     assert task.limits.path == {"link2": 0.01}
     assert task.limits.strain == {"link1": StrainLimit(2e-4, 0.0005, 0.005)}
 
@@ -132,7 +132,7 @@ def test_the_table_that_is_shown_is_read(root, tmp_path):
 def test_tables_that_cannot_be_are_refused(root, tmp_path, table, words):
     folder = _copy_model(root, tmp_path, f"\n[optima.bad]\n{table}\n")
     with pytest.raises(InputError, match=f"(?s){words}"):
-        load_optima(folder, flexinv.load_mechanism(folder))
+        read_optima(folder, flexinv.load_mechanism(folder))
 
 
 def test_rows_are_read_as_they_were_written(root, tmp_path):
