@@ -384,8 +384,9 @@ class _Differentiation:
         """
         efforts = np.full((self.mechanism.nv, len(self.parameters)), np.nan)
         out = StepTangents(*np.zeros((5, self.system.size, len(self.parameters))))
-        iterated = bool(self.mechanism.closures) or self.settings.initial == "static"
-        slopes = StartSlopes(self._begin, base, self.system, self.given, iterated)
+        static = self.settings.initial == "static"
+        closed = bool(self.mechanism.closures)
+        slopes = StartSlopes(self._begin, base, self.system, self.given, static, closed)
         for k in self._list_start_parameters():
             found, effort = slopes.differentiate(self.parameters[k], self.mechanism, self.motion)
             for part, value in zip(out, found, strict=False):

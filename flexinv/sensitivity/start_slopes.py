@@ -1,8 +1,8 @@
 """Derivatives of the start of a march: differences of starts whose mechanism or motion lies beside the present one.
 
-Where a start is found by iteration, an equilibrium or a closed loop, its places are known to rounding.  Over a change of a
-parameter, and times the stiffness of a beam along its axis, that is much of a force.  So the widest change is taken at which the
-start is still a polynomial: near singular positions it depends on a number in a narrow curve.
+An equilibrium is found by iteration, and its places are known to rounding.  Over a change of a parameter, and times the stiffness
+of a beam along its axis, that is much of a force: the widest change is taken at which the start is still a polynomial.  Loops are
+closed to the last digit; near singular positions their start depends on a number in a narrow curve, and a small change is taken.
 """
 
 from __future__ import annotations
@@ -22,14 +22,14 @@ from flexinv.typing import Array, Mask
 WIDE_CHANGE = 10.0  # of the usual change of a number
 NARROW_CHANGE = 0.2
 CURVED = 3e-9  # of a start's derivative: what differs by more is a curve, not rounding
-LAST_DIGITS = 30.0  # times the last digit of a length over the change of a number: so far a place is known
+LAST_DIGITS = 10.0  # times the last digit of a length over the change of a number: so far a place is known
 
 
 class StartSlopes:
     """Derivatives of a start by parameters.
 
     begin : setup -> start; base : the present start; given : (nv,) mask of joints with a motion
-    iterated : whether starts are found by iteration
+    static, closed : whether it is an equilibrium, and whether it closes loops
     """
 
     def __init__(
@@ -38,14 +38,16 @@ class StartSlopes:
         base: MarchStart,
         system: FreeSystem,
         given: Mask,
-        iterated: bool,
+        static: bool,
+        closed: bool,
     ) -> None:
         """Record where the start stands."""
         self.begin = begin
         self.base = base
         self.system = system
         self.given = given
-        self.iterated = iterated
+        self.static = static
+        self.closed = closed
 
     def differentiate(self, parameter: Parameter, mechanism: Mechanism, motion: Motion) -> tuple[Array, Array]:
         """Return the derivatives (4, unknowns) of the start, and (joints,) of its efforts of joints with a motion [any unit].
@@ -55,17 +57,22 @@ class StartSlopes:
         """
         usual = build_differences(parameter, mechanism, motion)
         found = self._compute(parameter, usual)
-        if not self.iterated:
-            return found
+        if self.static:
+            wider = self._compute_wider(parameter, mechanism, motion)
+            if wider is not None and _compute_distance(wider, found) <= self._compute_rounding(usual):
+                return wider
+        if self.closed:
+            finer = self._compute(parameter, build_differences(parameter, mechanism, motion, NARROW_CHANGE))
+            if _compute_distance(found, finer) > CURVED * np.abs(finer[0][0]).max(initial=0.0):
+                return finer
+        return found
+
+    def _compute_wider(self, parameter: Parameter, mechanism: Mechanism, motion: Motion) -> tuple[Array, Array] | None:
+        """The derivatives by a wide change; None where a number cannot be so far away, or the start is of another kind there."""
         try:
-            wider = self._compute(parameter, build_differences(parameter, mechanism, motion, WIDE_CHANGE))
-        except (InputError, ConvergenceError):  # so far away a number cannot be, or the start is of another kind
-            wider = None
-        if wider is not None and _compute_distance(wider, found) <= self._compute_rounding(usual):
-            return wider
-        finer = self._compute(parameter, build_differences(parameter, mechanism, motion, NARROW_CHANGE))
-        curved = _compute_distance(found, finer) > CURVED * np.abs(finer[0][0]).max(initial=0.0)
-        return finer if curved else found
+            return self._compute(parameter, build_differences(parameter, mechanism, motion, WIDE_CHANGE))
+        except (InputError, ConvergenceError):
+            return None
 
     def _compute(self, parameter: Parameter, variation: ParameterVariation) -> tuple[Array, Array]:
         """The derivatives by differences of starts."""
