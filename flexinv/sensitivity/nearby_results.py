@@ -5,8 +5,8 @@ forces are evaluated anew and the second step of the scheme is made.  What it gi
 
     dR/dp = d/ds R(x + s dx, p) + d/dp R(x, p)
 
-Both are differences, and nothing is marched.  They are apart because places are known to rounding: a change of a
-parameter may be small, and the rounding of moves as small, times the stiffness of a beam along its axis, is much of a force.
+Both are differences, and nothing is marched.  They are apart because places are known to rounding: a change of a parameter may be
+small, and the rounding of moves as small, times the stiffness of a beam along its axis, is much of a force.
 """
 
 from __future__ import annotations
@@ -53,7 +53,7 @@ def check_results(of: Collection[str], order: int) -> tuple[str, ...]:
 
 
 class NearbyResults:
-    """ResultTable beside a solution, along the tangents of its march.
+    """Results beside a solution, along the tangents of its march.
 
     system : all joints are unknowns; tangents : with rates, accelerations and multipliers
     multiplier : (samples, rows) of the solution's closures [N], [N m]; of : names of results; order : of differences along x
@@ -91,7 +91,7 @@ class NearbyResults:
         }
 
     def _list_moves(self, k: int) -> Iterator[tuple[float, float]]:
-        """Changes of a parameter of the motion, and the weights of what is found there; one change where nothing moves."""
+        """Changes of a parameter along x, and the weights of what is found there; changes of 1 where nothing moves."""
         largest = float(np.abs(self.tangents.pose[..., k]).max())
         step = self.change / largest if largest > 0.0 else 1.0
         for place, weight in self.weights.items():

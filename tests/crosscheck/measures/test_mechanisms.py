@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 from pathlib import Path
 
 import pytest
@@ -17,14 +18,15 @@ RATIO = "\n[damping]\nratio = 0.02\n"
 
 @pytest.mark.parametrize("engine", ["exudyn-ge", "exudyn-ancf", "mujoco-flex"])
 def test_no_engine_leaves_a_stated_ratio_out_without_a_word(engine: str, root: Path, tmp_path: Path) -> None:
-    text = (root / "models" / "flex_one_link" / "mechanism.toml").read_text()
-    (tmp_path / "mechanism.toml").write_text(text + RATIO)
-    (tmp_path / "cases.toml").write_text((root / "models" / "flex_one_link" / "cases.toml").read_text())
-    mechanism = load_mechanism(tmp_path)
-    case = next(iter(load_cases(tmp_path, mechanism).values()))
+    folder = tmp_path / "flex_one_link"
+    shutil.copytree(root / "models" / "flex_one_link", folder)
+    text = (folder / "mechanism.toml").read_text()
+    (folder / "mechanism.toml").write_text(text + RATIO)
+    mechanism = load_mechanism(folder)
+    case = next(iter(load_cases(folder, mechanism).values()))
     with pytest.raises(InputError, match=r"stated as a ratio .*read_mechanism\(folder\)"):
         adapter(ENGINES[engine]).run(mechanism, case, engine, {})
-    resolved = read_mechanism(tmp_path)
+    resolved = read_mechanism(folder)
     check_resolved(resolved)
     assert resolved.links[0].beam is not None
     assert resolved.links[0].beam.section.damping.any()

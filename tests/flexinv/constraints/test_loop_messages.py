@@ -142,7 +142,7 @@ def test_modes_of_a_loop_that_is_open_at_zero_name_the_cases(
         main(["modes", str(root / "models" / "four_bar_flexible"), *more])
     said = capsys.readouterr().err
     assert said.count("\n") == 1
-    assert "write --case with one of turn, fast (they close near {'A'" in said
+    assert "write --case with one of turn, fast, shortest (they close near {'A'" in said
     assert "start =" not in said
 
 
