@@ -21,6 +21,7 @@ from types import MappingProxyType
 from typing import TypedDict
 
 from crosscheck import output_folder as owned
+from crosscheck.engines import ENGINES
 from crosscheck.measures.record import read_record
 from crosscheck.verdicts.bars import COARSE
 from crosscheck.verdicts.compare import Comparison
@@ -53,6 +54,8 @@ NO_SIGNALS: Mapping[SignalKey, Signal] = MappingProxyType({})
 # * A limit below 1e-8 of the range is a limit of rounding.  There the value itself is a sum of last digits, which
 #   another order of additions multiplies by any small number.  The values of this project are below 1/150 of such limits:
 #   a tenth leaves them a factor of 15, and still tells when digits get lost.
+# * What an engine iterates until its own tolerance is reached may be as far off as it repeats to on another processor
+#   (`engines.Engine.repeats`), up to a tenth of the limit.
 # * What an engine makes of the last digits of its input (redundant constraints and 1 / h^2 enlarge 1e-16) is measured where a
 #   comparison seems worse: the engine runs again with these digits moved (`repeatability.scattered`).
 SHARE_OF_BLESSED = 0.02
@@ -127,14 +130,21 @@ def _read_fraction(number: int, line: list[str]) -> float:
     return value
 
 
-def compute_allowed_excess(blessed: float, limit: float | None) -> float:
+def compute_allowed_excess(blessed: float, limit: float | None, repeats: float = 0.0) -> float:
     """Return the excess over its blessed value [-] that an error may have without having become worse [-].
 
-    limit : as a fraction of the range [-], None where none is stated
+    limit : as a fraction of the range [-], None where none is stated; repeats : as of `crosscheck.engines.Engine` [-]
     """
     allowed = limit or 0.0
     share = SHARE_OF_ROUNDING if allowed <= ROUNDING_LIMIT else SHARE_OF_LIMIT
-    return max(SHARE_OF_BLESSED * blessed, share * allowed)
+    repeated = min(repeats, SHARE_OF_ROUNDING * allowed)
+    return max(SHARE_OF_BLESSED * blessed, share * allowed, repeated)
+
+
+def _compute_noise(row: Comparison, blessed: float) -> float:
+    """The excess over its blessed value [-] that a comparison may have on another machine or on another day."""
+    engine = ENGINES.get(row.engine)
+    return compute_allowed_excess(blessed, row.limit, 0.0 if engine is None else engine.repeats)
 
 
 def judge_by_baseline(row: Comparison, baseline: Baseline) -> Comparison:
@@ -147,7 +157,7 @@ def judge_by_baseline(row: Comparison, baseline: Baseline) -> Comparison:
         words = f"{UNBLESSED}: {HOW}"
         return replace(row, verdict="unjudged", message=_join_messages(row.message, words))
     row = replace(row, blessed=blessed)
-    slack = compute_allowed_excess(blessed, row.limit)
+    slack = _compute_noise(row, blessed)
     if share <= blessed + slack:
         return row
     if share <= blessed + slack + (row.scatter or 0.0):
@@ -163,11 +173,7 @@ def judge_by_baseline(row: Comparison, baseline: Baseline) -> Comparison:
 def is_worse(row: Comparison, baseline: Baseline | None) -> bool:
     """Return True if a comparison is above its blessed value by more than noise [-]: the engine's scatter is to be measured."""
     blessed = None if baseline is None or not _is_judged(row) else baseline.fractions.get(make_comparison_key(row))
-    return (
-        blessed is not None
-        and row.fraction is not None
-        and row.fraction > blessed + compute_allowed_excess(blessed, row.limit)
-    )
+    return blessed is not None and row.fraction is not None and row.fraction > blessed + _compute_noise(row, blessed)
 
 
 def _is_judged(row: Comparison) -> bool:

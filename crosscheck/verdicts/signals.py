@@ -17,6 +17,7 @@ from pathlib import Path
 import numpy as np
 
 from crosscheck import output_folder as owned
+from crosscheck.engines import ENGINES, ROUNDING
 from crosscheck.measures.record import Record, Series
 from crosscheck.verdicts.compare import COMPARED
 from flexinv.typing import Array
@@ -24,8 +25,6 @@ from flexinv.typing import Array
 FILE = "signals.csv"
 SAMPLES = 16  # values of a series that are blessed
 UNKNOWN_BAR = 1e-6  # of the range: an engine that states no bar is taken to repeat to that
-# Of the range: last digits that another processor computes otherwise (other orders of additions), 1e7 roundings.
-ROUNDING = 1e-9
 EXACT = 17  # digits that tell any two doubles apart
 HEAD = ("mechanism", "case", "engine", "series", "unit", "range", "peak", "rms", "bar", "values", "bars")
 Key = tuple[str, str, str, str]  # mechanism, case, engine, series
@@ -96,18 +95,29 @@ def format_apart(before: float, after: float, fewest: int) -> tuple[str, str]:
 
 
 def describe_signals(record: Record, quantities: Iterable[str]) -> dict[str, Signal]:
-    """Return the signals of a record by name, those of quantities that are compared sample by sample."""
+    """Return the signals of a record by name, those of quantities that are compared sample by sample.
+
+    Bars are no smaller than what an engine repeats to, of the largest component of a quantity: a moment about an axis that
+    nothing turns is rounding of those about the others.
+    """
+    engine = ENGINES.get(record.engine)
+    repeats = ROUNDING if engine is None else engine.repeats
     wanted = [quantity for quantity in quantities if quantity in COMPARED]
-    return {name: describe_series(one) for name, one in record.series.items() if one.quantity in wanted}
+    chosen = {name: one for name, one in record.series.items() if one.quantity in wanted}
+    largest: dict[tuple[str, str], float] = {}
+    for one in chosen.values():
+        kind = one.quantity, one.unit
+        largest[kind] = max(largest.get(kind, 0.0), float(np.abs(one.values).max(initial=0.0)))
+    return {name: describe_series(one, repeats * largest[one.quantity, one.unit]) for name, one in chosen.items()}
 
 
-def describe_series(series: Series) -> Signal:
-    """Return a series in few numbers [unit of the series]."""
+def describe_series(series: Series, floor: float = 0.0) -> Signal:
+    """Return a series in few numbers; floor : half-width of the smallest bar, beside rounding [unit of the series]."""
     values = series.values
     peak = float(np.abs(values).max())
     size = max(float(np.ptp(values)), peak)
     bars = np.full(values.shape, UNKNOWN_BAR * size) if series.error is None else series.error
-    floored = np.maximum(bars, ROUNDING * size)
+    floored = np.maximum(bars, max(floor, ROUNDING * size))
     at = np.unique(np.linspace(0, values.size - 1, SAMPLES).round().astype(int))
     rms = float(np.sqrt(np.mean((values / (peak or 1.0)) ** 2)) * peak)
     return Signal(series.unit, size, peak, rms, float(floored.max()), values[at], floored[at])

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -170,3 +171,21 @@ def test_a_changed_mass_that_all_engines_follow_is_one_change_of_the_model(proje
     assert "moved by more than their error bars" in done.output
     assert "the model double_pendulum (mechanism.toml)" in done.output
     assert run(code=0).moves == ()
+
+
+def test_what_an_engine_iterates_may_move_by_its_tolerance_and_rounding_of_other_components_is_silent() -> None:
+    """Exudyn's DAE repeats to a millionth of the largest component on another processor, Pinocchio to rounding of it."""
+    main_part = np.sin(9.0 * TIME)
+
+    def describe(engine: str, shift: float, component: float) -> dict[str, Any]:
+        parts = {"tip/hand/x": main_part + shift, "tip/hand/z": np.full_like(TIME, component)}
+        made = {name: Series(name, "m", values, np.full_like(TIME, 1e-15)) for name, values in parts.items()}
+        return describe_signals(Record(engine, time=TIME, series=made), ["tip"])
+
+    for engine, silent, told in (("exudyn-dae", 5e-7, 1e-5), ("pinocchio", 5e-10, 1e-8)):
+        before = describe(engine, 0.0, 1e-17)
+        small = describe(engine, silent, -3e-17)
+        large = describe(engine, told, told)
+        for name in before:
+            assert find_moves((*KEY[:3], name), before[name], small[name]) is None
+            assert find_moves((*KEY[:3], name), before[name], large[name]) is not None
