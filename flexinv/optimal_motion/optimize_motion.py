@@ -102,7 +102,7 @@ def optimize_motion(
     check_kind("motion", motion, Motion)
     held = MotionLimits() if limits is None else check_kind("limits", limits, MotionLimits)
     held.check_names(mechanisms[0])
-    weights = _read_aim(aim)
+    weights = read_aim(aim)
     if step is not None:
         check_seconds("step", step, "a time step [s], for example 1e-3")
     count = check_whole_number("knots", knots, 1, "1 or more rows to be chosen, for example 10")
@@ -114,8 +114,8 @@ def optimize_motion(
     return search.run(weights)
 
 
-def _read_aim(aim: str | Mapping[str, float]) -> dict[str, float]:
-    """Weights by their aims; InputError for what is none."""
+def read_aim(aim: str | Mapping[str, float]) -> dict[str, float]:
+    """Return weights [-] by their aims; raises InputError for what is none."""
     known = ("duration", *AIMS)
     given = (
         {aim: 1.0}

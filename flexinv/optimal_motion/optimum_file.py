@@ -21,7 +21,7 @@ from flexinv.model.joint_kinds import KINDS
 from flexinv.model.mechanism import Mechanism
 from flexinv.model.motion import Motion
 from flexinv.optimal_motion.motion_limits import LIMITED_BY_JOINT, MotionLimits, StrainLimit
-from flexinv.optimal_motion.optimize_motion import USUAL_KNOTS
+from flexinv.optimal_motion.optimize_motion import USUAL_KNOTS, read_aim
 from flexinv.validation import check_kind, find_nearest_word
 
 EXACT_DIGITS = 17  # of a number, so that it is the same when it is read
@@ -121,6 +121,10 @@ def _read_optimum(
         limits.check_names(mechanism)
     except InputError as error:
         raise InputError(f"{where.make_inner_location('limits').describe_key()}: {error}") from None
+    try:
+        read_aim(table.aim)
+    except InputError as error:
+        raise InputError(f"{where.describe_key('aim')}: {error}") from None
     return OptimumTask(name, table.title, cases[table.case], table.aim, table.knots, table.step_s, limits)
 
 

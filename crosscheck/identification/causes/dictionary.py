@@ -37,9 +37,8 @@ SLOW = (0.001, 0.002, 0.005, 0.01, 0.02)
 # Largest sizes that can be, without being a gross fault: of a delay or lag [s], a relative error, an angle [rad].
 LATEST = 0.2
 LARGEST_SCALE = 0.5
-LARGEST_GAIN = (
-    20.0  # times as large or small: of shunts, amplifiers and torque constants; units and gears are gross faults
-)
+# Times as large or small: of shunts, amplifiers and torque constants; units and gears are gross faults.
+LARGEST_GAIN = 20.0
 LEAST_EFFICIENCY = (
     0.3  # below a half a gear holds by itself, as worms do; such drives are at the lower end of what is built
 )
@@ -59,10 +58,9 @@ LITTLE = 0.1
 TINY = 1e-6
 # Places on the line through the centre of mass of a link without a tip, in its distances, from which a payload is looked for.
 OUTWARD = (1.0, 0.5, 1.5, 2.0, 2.5, 3.0)
-BESIDE_LINE = (
-    0.05  # of its distance from the origin: a payload so far from that line is told by its coordinates; as near as
-)
-# that to the centre of mass it is said to be there
+# Of its distance from the origin: a payload farther from that line is told by its coordinates, one nearer to the centre of mass is
+# said to be there.
+BESIDE_LINE = 0.05
 PAYLOAD = "payload beside what is known"
 
 

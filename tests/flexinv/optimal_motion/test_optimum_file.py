@@ -126,6 +126,7 @@ def test_the_table_that_is_shown_is_read(root, tmp_path):
         ),
         ('case = "quintic"\nlimits.residual_m = -1.0', "residual_m"),
         ('case = "quintic"\nknots = 0', "knots"),
+        ('case = "quintic"\naim = "speed"', "optima.bad., key aim: aim: 'speed': expected one of 'duration'"),
         ('case = "quintic"\nspeed = 1', "speed"),
     ],
 )
