@@ -58,8 +58,8 @@ LITTLE = 0.1
 TINY = 1e-6
 # Places on the line through the centre of mass of a link without a tip, in its distances, from which a payload is looked for.
 OUTWARD = (1.0, 0.5, 1.5, 2.0, 2.5, 3.0)
-# Of its distance from the origin: a payload farther from that line is told by its coordinates, one nearer to the centre of mass is
-# said to be there.
+# Of its distance from the origin: a payload farther from that line is told by its coordinates, one nearer to the centre of mass
+# is said to be there.
 BESIDE_LINE = 0.05
 PAYLOAD = "payload beside what is known"
 

@@ -190,7 +190,8 @@ def _find_small_causes(search: CauseSearch, log: Log) -> tuple[list[NamedCause],
         at[k] = one.size
         named[k] = one
         here = CauseRound(search, log, causes, at, here.wide)
-        for _ in range(MOVED if causes[k].make_at is not None else len(named) > 1):
+        together = 1 if len(named) > 1 else 0
+        for _ in range(together if causes[k].make_at is None else MOVED):
             causes, at, _ = here.fit_named_sizes()
             here = CauseRound(search, log, causes, at, here.wide)
     return _list_sure_causes(here, at, named, first), here, at
