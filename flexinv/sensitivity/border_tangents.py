@@ -150,10 +150,11 @@ def _compute_wrench_slopes(ties, r, frames, first, moved, turned):
 
 
 @jit_inner
-def add_border_forces(border, pose, rate, forces):
-    """Add to the forces [N], [N m] what closures and springs do by poses and rates, (unknowns, parameters)."""
+def add_border_forces(border, roles, role, moves, forces):
+    """Add to the forces [N], [N m], in rows of a role, what closures and springs do by poses and rates (unknowns, parameters)."""
+    pose, rate = moves
     for i in range(border.bent.shape[0]):
-        for j in range(border.bent.shape[1]):
+        for j in range(border.bent.shape[1] if roles[i] == role else 0):
             for p in range(forces.shape[1] if border.bent[i, j] != 0.0 else 0):
                 forces[i, p] += border.bent[i, j] * pose[j, p]
             for p in range(forces.shape[1] if border.dragged[i, j] != 0.0 else 0):

@@ -31,7 +31,9 @@ BALANCED = 1e-7
 
 def add_spring_forces(system: FreeSystem, states: MarchStates) -> MarchStates:
     """Return the states with the forces of springs between points, closures without force [N]."""
-    return states._replace(multiplier=sample_forces(system, states).pulls) if system.rows else states
+    if system.rows == system.constraints:
+        return states
+    return states._replace(multiplier=sample_forces(system, states).pulls)
 
 
 @dataclass(frozen=True)
@@ -63,11 +65,15 @@ def build_closed_states(
     balanced = marched[~massless]
     states = shown._replace(du=du)
     second = sample_forces(system, states)
-    multipliers = find_multipliers(system, first, first.residual, balanced)
+    inverse = compute_gradient_inverse(system, first, marched)
+    marching = apply_inverse(inverse, second.residual[:, marched], second.pulls)
+    if massless.any():
+        inverse = compute_gradient_inverse(system, first, balanced)
+    multipliers = apply_inverse(inverse, first.residual[:, balanced], first.pulls)
     others = freedoms.prescribed
     forces = np.einsum("sri,sr->si", first.gradient[:, :, others], multipliers)
     return ClosedStates(
-        states._replace(multiplier=find_multipliers(system, second, second.residual, marched)),
+        states._replace(multiplier=marching),
         shown._replace(multiplier=multipliers),
         first.residual[:, others] - forces,
         not massless.any(),
@@ -98,13 +104,21 @@ def compute_march_accelerations(rates: Array, first: Array, scheme: Scheme) -> A
 
 def find_multipliers(system: FreeSystem, record: ForceRecord, balance: Array, rows: Indices) -> Array:
     """Return the multipliers (samples, rows) of G^T lambda = balance [N], [N m] in some ``rows``, springs with their forces."""
+    return apply_inverse(compute_gradient_inverse(system, record, rows), balance[:, rows], record.pulls)
+
+
+def compute_gradient_inverse(system: FreeSystem, record: ForceRecord, rows: Indices) -> Array:
+    """Return the inverse (samples, constraints, rows) of G^T in some ``rows`` [-], [1/m]; what repeats is of least norm."""
     scale = system.solver.topology.scale[rows]
     gradient = record.gradient[:, :, rows] * scale
-    out = record.pulls.copy()
     size = np.maximum(np.linalg.norm(gradient, axis=2), np.finfo(float).tiny)
-    inverse = np.linalg.pinv(gradient / size[..., None], rcond=REDUNDANT)
-    out += np.einsum("sir,si->sr", inverse, balance[:, rows] * scale) / size
-    return out
+    inverse = np.linalg.pinv(gradient / size[..., None], rcond=REDUNDANT).transpose(0, 2, 1)
+    return np.asarray(inverse / size[..., None] * scale)
+
+
+def apply_inverse(inverse: Array, balance: Array, pulls: Array) -> Array:
+    """Return the multipliers (samples, constraints) that make a balance (samples, rows), beside forces of springs [N], [N m]."""
+    return np.asarray(pulls + np.einsum("sri,si->sr", inverse, balance))
 
 
 def find_massless(system: FreeSystem, states: MarchStates, marched: Indices) -> Mask:

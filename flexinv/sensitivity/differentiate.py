@@ -65,7 +65,7 @@ from flexinv.sensitivity.parameters import (
 )
 from flexinv.sensitivity.rigid_loops import RigidLoops
 from flexinv.sensitivity.sensitivities import Sensitivities
-from flexinv.sensitivity.start_slopes import StartSlopes
+from flexinv.sensitivity.start_slopes import StartSlopes, find_start_basis
 from flexinv.sensitivity.tangent_kernel import integrate_tangents
 from flexinv.sensitivity.tangent_records import (
     ForceRecord,
@@ -210,7 +210,7 @@ class _Differentiation:
         end = compute_end_slopes(self.system, states, tangents, (solution.q[-1], solution.qd[-1], solution.qdd[-1]))
         effort = self._compute_friction(self.solution.qd[:, self.given], self.given) + out.effort
         if not self.starts_in_balance:
-            effort[0] = np.where(np.isnan(first[self.given]), effort[0], first[self.given])
+            effort[0] = first
         return self._assemble(out, self._fill_efforts(effort), end)
 
     def _fill_rigid_loops(self, out: TangentHistories) -> tuple[Array, NodalMotion]:
@@ -377,27 +377,30 @@ class _Differentiation:
         return begin_march(setup[0], self.passive, (q, qd, qdd), float(time[0]), self.settings)
 
     def _make_start_tangents(self, base: MarchStart) -> tuple[StepTangents, Array]:
-        """Tangents at the start, and the derivatives (nv, parameters) of the efforts there, nan where nothing of it changes.
+        """Tangents at the start, and the derivatives (joints with a motion, parameters) of the efforts there.
 
         A section without rotary inertia is out of balance there: what nodal accelerations ask for is not what its beam gives.
         Raises InputError where a small change of a parameter makes a start sudden, or not.
         """
-        efforts = np.full((self.mechanism.nv, len(self.parameters)), np.nan)
+        efforts = np.zeros((int(self.given.sum()), len(self.parameters)))
         out = StepTangents(*np.zeros((5, self.system.size, len(self.parameters))))
         static = self.settings.initial == "static"
         closed = bool(self.mechanism.closures)
         slopes = StartSlopes(self._begin, base, self.system, self.given, static, closed)
-        for k in self._list_start_parameters():
-            found, effort = slopes.differentiate(self.parameters[k], self.mechanism, self.motion)
+        given = self._compute_given(self.solution.time[:1])[:, 0]
+        alone = [k for k in range(len(self.parameters)) if k not in self.changing]
+        basis, shares = find_start_basis(given[..., alone])
+        told = [alone[column] for column in basis]
+        for k in [*self.changing, *told]:
+            linear = k in told and not given[:2, :, k].any()
+            differentiate_start = slopes.find_linear_slopes if linear else slopes.differentiate
+            found, effort = differentiate_start(self.parameters[k], self.mechanism, self.motion)
             for part, value in zip(out, found, strict=False):
                 part[:, k] = value
-            efforts[self.given, k] = effort
+            efforts[:, k] = effort
+        for part in (*out[:4], efforts):
+            part[:, alone] = part[:, told] @ shares
         return out, efforts
-
-    def _list_start_parameters(self) -> list[int]:
-        """Numbers of the parameters on which the start depends."""
-        given = self._compute_given(self.solution.time[:1])
-        return [k for k in range(len(self.parameters)) if k in self.changing or given[..., k].any()]
 
     def _compute_result_slopes(self, out: TangentHistories) -> dict[str, dict[str, Array]]:
         """Derivatives of what else is asked for, by name, and by joint, beam, closure or kind."""

@@ -9,7 +9,6 @@ import numpy as np
 
 from flexinv.dynamics.constraint_rows import PULL
 from flexinv.dynamics.generalized_alpha import STATICS
-from flexinv.dynamics.initial_state import compute_joint_motion
 from flexinv.dynamics.linearization import count_entries
 from flexinv.dynamics.loads import build_load_table
 from flexinv.dynamics.solver import Solver, build_coordinate_map
@@ -24,9 +23,9 @@ from flexinv.kinematics.nodal_motion import (
     compute_relative_motion,
     integrate_configuration,
 )
-from flexinv.kinematics.tree import Joints
 from flexinv.linearized.modal_damping import apply_stated_ratio
 from flexinv.model.mechanism import Mechanism
+from flexinv.model.owned_cache import make_owner_cache
 from flexinv.planar.detection import NotPlanar, find_plane
 from flexinv.sensitivity.border_tangents import BorderScratch
 from flexinv.sensitivity.tangent_kernel import integrate_tangents
@@ -41,6 +40,7 @@ from flexinv.sensitivity.tangent_records import (
     TangentScratch,
     TangentTask,
     TipNodes,
+    make_marched_freedoms,
 )
 from flexinv.typing import Array, Indices, Triple
 
@@ -89,10 +89,7 @@ class FreeSystem:
         prescribed = np.array(
             [at for name, at in zip(names, self.unknown, strict=True) if name not in marched], dtype=np.int64
         )
-        free = np.setdiff1d(np.arange(self.size), prescribed)
-        order = np.full(self.size, -1, dtype=np.int64)
-        order[free] = np.arange(len(free))
-        return MarchedFreedoms(prescribed, free, order)
+        return make_marched_freedoms(self.size, prescribed, np.setdiff1d(np.arange(self.size), prescribed))
 
 
 def take_plane_freedoms(system: FreeSystem, freedoms: MarchedFreedoms, meshes: Iterable[Mesh]) -> MarchedFreedoms:
@@ -114,9 +111,7 @@ def take_plane_freedoms(system: FreeSystem, freedoms: MarchedFreedoms, meshes: I
     if (np.minimum(across, 1.0 - across) > ALIGNED).any():
         return freedoms
     free = freedoms.marched[across[freedoms.marched] < 0.5]
-    order = np.full(system.size, -1, dtype=np.int64)
-    order[free] = np.arange(len(free))
-    return MarchedFreedoms(freedoms.prescribed, free, order)
+    return make_marched_freedoms(system.size, freedoms.prescribed, free)
 
 
 def build_free_system(mechanism: Mechanism, prescribed: Collection[str]) -> FreeSystem:
@@ -124,13 +119,19 @@ def build_free_system(mechanism: Mechanism, prescribed: Collection[str]) -> Free
 
     Its effort has no derivative but where the rate changes its sign.
     """
-    joints = tuple(replace(j, friction=0.0) if j.name in prescribed else j for j in mechanism.joints)
-    mesh = build(apply_stated_ratio(replace(mechanism, joints=joints)))
-    solver = Solver.build_for(mesh, {joint.name for joint in joints if joint.nv})
+    mesh = build(_take_off_friction(mechanism, frozenset(prescribed)))
+    solver = Solver.build_for(mesh, {joint.name for joint in mechanism.joints if joint.nv})
     unknown = build_coordinate_map(mesh, solver.topology).argmax(axis=1)
     t = solver.topology
     sections = np.flatnonzero(t.independent)
     return FreeSystem(solver, unknown, sections, t.first[sections])
+
+
+@make_owner_cache(most=8)
+def _take_off_friction(mechanism: Mechanism, names: frozenset[str]) -> Mechanism:
+    """The mechanism without dry friction in some joints; it keeps its mesh."""
+    joints = tuple(replace(j, friction=0.0) if j.name in names else j for j in mechanism.joints)
+    return apply_stated_ratio(replace(mechanism, joints=joints))
 
 
 def build_varied_system(system: FreeSystem, mechanism: Mechanism, prescribed: Collection[str]) -> FreeSystem:
@@ -230,47 +231,48 @@ def compute_end_slopes(system: FreeSystem, states: MarchStates, tangents: StepTa
     Differences along the tangents, whose error is of the square of `END_CHANGE`; what a parameter moves at given unknowns is
     left out.
     """
-    solver = system.solver
-    parameters = tangents.pose.shape[1]
     found = tangents.shown if system.constraints else tangents.acceleration
-    slopes = NodalMotion.make_uninitialized(parameters, system.mesh.size)
-    for p in range(parameters):
-        column = np.stack([tangents.pose[:, p], tangents.rate[:, p], found[:, p]])
-        change = END_CHANGE / max(float(np.abs(column[0]).max()), 1.0)
-        sides = []
-        for sign in (1.0, -1.0):
-            relative = _move_end(system, states, sign * change * column, joints)
-            solver.evaluate(STATICS, relative)
-            sides.append([part.copy() for part in solver.frames])
-        x, r, v, w, a, al = ((up - down) / (2.0 * change) for up, down in zip(*sides, strict=True))
-        for slope, value in zip(slopes.parts, (x, r, v, w, a, al), strict=True):
-            slope[p] = value
-    return slopes
+    moves = np.stack([tangents.pose.T, tangents.rate.T, found.T])
+    change = END_CHANGE / np.maximum(np.abs(moves[0]).max(axis=1, initial=0.0), 1.0)
+    moves *= change[:, None]
+    beside = _move_end(system, states, np.concatenate([moves, -moves], axis=1), joints)
+    motion = sample_forces(system, beside, trajectory=True).trajectory.motion
+    count = len(change)
+    over = 0.5 / change
+    parts = (part[:count] - part[count:] for part in motion.parts)
+    return NodalMotion(*(over.reshape(count, *(1,) * (part.ndim - 1)) * part for part in parts))
 
 
-def _move_end(system: FreeSystem, states: MarchStates, moves: Array, joints: Triple) -> Joints:
-    """Put the system beside the last state, by ``moves`` (3, unknowns) of pose, rate and acceleration; its joints then."""
-    solver = system.solver
-    s = system.sections
-    at = system.first[:, None] + np.arange(6)
+def _move_end(system: FreeSystem, states: MarchStates, moves: Array, joints: Triple) -> MarchStates:
+    """States beside the last one, each by one of the ``moves`` (3, moves, unknowns) of pose, rate and acceleration."""
     pose, rate, acceleration = moves
-    state = solver.state
-    state.x[:] = states.x[-1]
-    state.r[:] = states.r[-1]
-    state.x[s] += pose[at[:, :3]]
-    state.r[s] = state.r[s] @ exp_so3(pose[at[:, 3:]])
-    state.u[:] = states.u[-1] + rate
-    state.du[:] = states.du[-1] + acceleration
-    state.place[:] = states.place[-1] + pose
-    state.d[:] = 0.0
+    count = len(pose)
+    mechanism = system.mesh.mechanism
     q, qd, qdd = joints
     by_joint = system.unknown
-    moved = integrate_configuration(system.mesh.mechanism, q, pose[by_joint])
-    relative = compute_joint_motion(system.mesh, moved, qd + rate[by_joint], qdd + acceleration[by_joint])
-    held = solver.topology.freedoms > 0
-    state.x[held] = relative.p[held]
-    state.r[held] = relative.r[held]
-    return relative
+    moved = np.stack([integrate_configuration(mechanism, q, one) for one in pose[:, by_joint]])
+    relative = compute_relative_motion(system.mesh, moved, qd + rate[:, by_joint], qdd + acceleration[:, by_joint])
+    s = system.sections
+    at = system.first[:, None] + np.arange(6)
+    last = MarchStates(
+        *(_copy_last(part, count) for part in states[:5]),
+        relative,
+        *(_copy_last(part, count) for part in states[6:]),
+    )
+    last.x[:, s] += pose[:, at[:, :3]]
+    last.r[:, s] = last.r[:, s] @ exp_so3(pose[:, at[:, 3:]])
+    last.u[:] += rate
+    last.du[:] += acceleration
+    last.place[:] += pose
+    held = system.solver.topology.freedoms > 0
+    last.x[:, held] = relative.p[:, held]
+    last.r[:, held] = relative.r[:, held]
+    return last
+
+
+def _copy_last(history: Array, count: int) -> Array:
+    """So many copies of the last sample of a history."""
+    return np.repeat(history[-1:], count, axis=0)
 
 
 def build_massive_solver(solver: Solver) -> Solver:
@@ -302,7 +304,7 @@ def make_tangent_scratch(system: FreeSystem, marched: int, parameters: int) -> T
         at=np.zeros((2, count), dtype=np.int64),
         stiffness=np.zeros(count),
         massive_at=np.zeros((2, massive), dtype=np.int64),
-        massive=np.zeros((3, massive)),
+        massive=np.zeros((4, massive)),
         system=np.empty((marched, marched + parameters + rows)),
         forces=np.empty((system.size, parameters)),
         border=border,

@@ -26,7 +26,7 @@ from flexinv.inverse.nodal_sums import SecondStepArrays
 from flexinv.kernels.so3 import exp_so3
 from flexinv.kinematics.nodal_motion import NodalMotion, integrate_configuration
 from flexinv.sensitivity.march_states import FreeSystem, build_march_states, sample_forces
-from flexinv.sensitivity.parameters import CENTRAL, ParameterVariation
+from flexinv.sensitivity.parameters import CENTRAL, TWO_SIDED, ParameterVariation
 from flexinv.sensitivity.tangent_records import TangentHistories
 from flexinv.typing import Array, Triple
 from flexinv.validation import check_names, find_nearest_word, shown
@@ -36,7 +36,7 @@ ResultTable = Mapping[str, Mapping[str, Array]]  # what -> of which joint, beam,
 # Order -> the change [m] or [rad] of the largest pose, and the weights of R(k s) over s.  Sections move along straight lines, not
 # along arcs: what stretches them, times an axial stiffness, is much of a force.  Order six leaves 1e-15 out and loses two digits,
 # order two leaves 1e-7 out and loses three.
-ORDERS: Mapping[int, tuple[float, Mapping[int, float]]] = {6: (3e-3, CENTRAL), 2: (3e-4, {-1: -0.5, 1: 0.5})}
+ORDERS: Mapping[int, tuple[float, Mapping[int, float]]] = {6: (3e-3, CENTRAL), 2: (3e-4, TWO_SIDED)}
 
 
 def check_results(of: Collection[str], order: int) -> tuple[str, ...]:

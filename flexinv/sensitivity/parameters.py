@@ -38,9 +38,15 @@ VARIED_PART = 2e-3  # of the number: 1e-16 of the sixth power are left out, and 
 # what they do is linear, and a digit of a place, times an axial stiffness, is much of a force.
 SMALLEST_VARIED = (0.25, 0.05)
 JERK_STEP = 1e-3  # of the duration: four of the sixteen digits of accelerations are lost
-# Weights of f(p + k s) over s: exact for polynomials of degree six, and of degree four.
+# Weights of f(p + k s) over s: exact for polynomials of degree six, of degree two, and of degree four.
 CENTRAL = {-3: -1 / 60, -2: 9 / 60, -1: -45 / 60, 1: 45 / 60, 2: -9 / 60, 3: 1 / 60}
+TWO_SIDED = {-1: -0.5, 1: 0.5}
 FORWARD = {0: -25 / 12, 1: 4.0, 2: -3.0, 3: 4 / 3, 4: -1 / 4}
+# Weights at the same places, exact for polynomials of two degrees less and of one.
+LOWER = {
+    tuple(CENTRAL): {-2: 1 / 12, -1: -2 / 3, 1: 2 / 3, 2: -1 / 12},
+    tuple(FORWARD): {0: -11 / 6, 1: 3.0, 2: -1.5, 3: 1 / 3},
+}
 
 _PART = re.compile(r"(?P<name>[^.\[\]]+)(\[(?P<index>[\d,\s]+)\])?(\.|$)")
 
@@ -118,6 +124,13 @@ class ParameterVariation:
         """Return the derivative [any unit] from the results at the setups."""
         return sum(weight * result for weight, result in zip(self.weights, results, strict=True))
 
+    def take_lower_order(self) -> ParameterVariation:
+        """Return the same setups with weights [1/unit] of a lower order; both differ by what is left out, or more."""
+        step = min(offset for offset in self.offsets if offset > 0.0)
+        places = tuple(round(offset / step) for offset in self.offsets)
+        weights = LOWER[places]
+        return replace(self, weights=tuple(weights.get(place, 0.0) / step for place in places))
+
 
 def build_variation(parameter: Parameter, mechanism: Mechanism, motion: Motion) -> ParameterVariation:
     """Return the setups by which a parameter is varied [1/unit], none for one of a motion.  Raises InputError."""
@@ -127,19 +140,23 @@ def build_variation(parameter: Parameter, mechanism: Mechanism, motion: Motion) 
 
 
 def build_differences(
-    parameter: Parameter, mechanism: Mechanism, motion: Motion, part: float = 1.0
+    parameter: Parameter,
+    mechanism: Mechanism,
+    motion: Motion,
+    part: float = 1.0,
+    central: Mapping[int, float] = CENTRAL,
 ) -> ParameterVariation:
     """Return the setups of central differences [1/unit], or of one-sided ones where numbers below cannot be.
 
-    part : of the usual change [-]
+    part : of the usual change [-]; central : weights of the central differences
     Raises InputError where neither side can be.
     """
     large, small = (part * VARIED_PART * max(abs(parameter.value), size) for size in SMALLEST_VARIED)
     try:
-        weights, setups, offsets = _build_setups(parameter, mechanism, motion, large, CENTRAL)
+        weights, setups, offsets = _build_setups(parameter, mechanism, motion, large, central)
     except InputError:
         try:
-            weights, setups, offsets = _build_setups(parameter, mechanism, motion, small, CENTRAL)
+            weights, setups, offsets = _build_setups(parameter, mechanism, motion, small, central)
         except InputError:
             weights, setups, offsets = _build_setups(parameter, mechanism, motion, small, FORWARD)
     changes = any(one is not mechanism and one != mechanism for one, _ in setups)

@@ -38,6 +38,7 @@ from flexinv.sensitivity.border_tangents import (
     take_off_multipliers,
 )
 from flexinv.sensitivity.projected_masses import assemble_masses
+from flexinv.sensitivity.tangent_records import GIVEN, MARCHED, OUT_OF_PLANE
 
 
 @jit
@@ -61,13 +62,14 @@ def integrate_tangents(system, massive, task, scheme, tangents, scratch, out, re
         if k > 0:
             _move_tangents(task.turns, scheme, k, tangents)
         _take_inputs(inputs, freedoms, k, tangents)
-        _compute_forces(inputs, 0, k, tangents, tangents.acceleration, scratch)
         if k > 0:
+            _compute_forces(task, k, (0, MARCHED), tangents, tangents.acceleration, scratch)
             fill_closing(inputs.opened[0, k], inputs.column, scratch.border, tangents.pose)
             _solve_step(system, task.turns, freedoms, scheme, tangents, scratch)
             _update_tangents(task.turns, freedoms, scheme, tangents, scratch)
-            _compute_forces(inputs, 0, k, tangents, tangents.acceleration, scratch)
-        if projects and _update_shown_accelerations(system, massive, task, k, tangents, scratch) >= 0:
+        if not projects:
+            _compute_forces(task, k, (0, GIVEN), tangents, tangents.acceleration, scratch)
+        elif _update_shown_accelerations(system, massive, task, k, tangents, scratch) >= 0:
             return k
         _write_sample(freedoms, k, tangents, scratch, out)
         if len(out.rate) > 0:
@@ -160,14 +162,14 @@ def _update_shown_accelerations(system, massive, task, k, tangents, scratch):
     shown = tangents.shown
     border = scratch.border
     size = len(freedoms.marched)
-    bad = _compute_matrices(system, massive, task.shown, k, scratch, 1)
+    bad = _update_stiffness(massive, task.shown, k, scratch)
     if bad >= 0:
         return bad
     fill_rate_slopes(system, take_joints(task.shown.joints, k), border)
     for i in range(shown.shape[0]):
         for p in range(shown.shape[1]):
             shown[i, p] = 0.0 if freedoms.order[i] >= 0 else tangents.acceleration[i, p]
-    _compute_forces(inputs, 1, k, tangents, shown, scratch)
+    _compute_forces(task, k, (1, MARCHED), tangents, shown, scratch)
     fill_closing(inputs.opened[1, k], inputs.column, border, shown)
     for r in range(border.by_pose.shape[0]):
         for i in range(border.by_pose.shape[1]):
@@ -181,8 +183,24 @@ def _update_shown_accelerations(system, massive, task, k, tangents, scratch):
     for r in range(size):
         for p in range(shown.shape[1]):
             shown[freedoms.marched[r], p] = scratch.system[r, size + p]
-    _compute_forces(inputs, 1, k, tangents, shown, scratch)
+    _compute_forces(task, k, (1, GIVEN), tangents, shown, scratch)
     take_off_multipliers(border, scratch.forces)
+    return -1
+
+
+@jit_inner
+def _update_stiffness(massive, shown, k, scratch):
+    """Set what K differs by at the accelerations of index 1, which elements do not feel; return -1 or a bad element."""
+    joints = take_joints(shown.joints, k)
+    _fill_state(massive, shown, k)
+    bad = evaluate(massive, make_weighted_scheme(0), joints, True)
+    if bad >= 0:
+        return bad
+    changed = scratch.massive[3]
+    fill_sparse_entries(massive, scratch.massive_at, changed)
+    for e in range(len(changed)):
+        changed[e] -= scratch.massive[0, e]
+    begin_border(massive, scratch.border)
     return -1
 
 
@@ -237,27 +255,45 @@ def _take_inputs(inputs, freedoms, k, tangents):
 
 
 @jit_inner
-def _compute_forces(inputs, which, k, tangents, accelerations, scratch):
-    """Set the forces K dy + C du + M du' + dr/dp [N], [N m] per unit of each parameter.
+def _compute_forces(task, k, wanted, tangents, accelerations, scratch):
+    """Set the forces K dy + C du + M du' + dr/dp [N], [N m] per unit of each parameter, in some rows.
 
-    which : 0 at the march's accelerations, 1 at those that are shown
+    wanted : 0 at the march's accelerations, 1 at those that are shown; and the role of the rows
     """
+    which, role = wanted
+    inputs = task.inputs
+    roles = task.freedoms.role
     forces = scratch.forces
     for i in range(forces.shape[0]):
-        forces[i] = 0.0
-        for q in range(len(inputs.column)):
-            forces[i, inputs.column[q]] += inputs.pushed[which, k, i, q]
+        if roles[i] == role:
+            forces[i] = 0.0
+            for q in range(len(inputs.column)):
+                forces[i, inputs.column[q]] += inputs.pushed[which, k, i, q]
     for e in range(len(scratch.stiffness)):
-        if scratch.stiffness[e] != 0.0:
-            _add_product(forces[scratch.at[0, e]], scratch.stiffness[e], tangents.pose[scratch.at[1, e]])
+        i = scratch.at[0, e]
+        j = scratch.at[1, e]
+        if roles[i] == role and roles[j] != OUT_OF_PLANE and scratch.stiffness[e] != 0.0:
+            _add_product(forces[i], scratch.stiffness[e], tangents.pose[j])
+    _add_massive_forces(roles, wanted, tangents, accelerations, scratch)
+    add_border_forces(scratch.border, roles, role, (tangents.pose, tangents.rate), forces)
+
+
+@jit_inner
+def _add_massive_forces(roles, wanted, tangents, accelerations, scratch):
+    """Add the shares of C and M, and of K what accelerations of index 1 change [N], [N m]."""
+    which, role = wanted
+    forces = scratch.forces
     for e in range(scratch.massive.shape[1]):
         i = scratch.massive_at[0, e]
         j = scratch.massive_at[1, e]
+        if roles[i] != role or roles[j] == OUT_OF_PLANE:
+            continue
         if scratch.massive[1, e] != 0.0:
             _add_product(forces[i], scratch.massive[1, e], tangents.rate[j])
         if scratch.massive[2, e] != 0.0:
             _add_product(forces[i], scratch.massive[2, e], accelerations[j])
-    add_border_forces(scratch.border, tangents.pose, tangents.rate, forces)
+        if which == 1 and scratch.massive[3, e] != 0.0:
+            _add_product(forces[i], scratch.massive[3, e], tangents.pose[j])
 
 
 @jit_inner

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
+import numpy as np
+
 from flexinv.dynamics.system import Trajectory
 from flexinv.kernels.records import send_by_address
 from flexinv.kinematics.tree import Joints
@@ -75,11 +77,30 @@ class TipNodes(NamedTuple):
 
 @send_by_address
 class MarchedFreedoms(NamedTuple):
-    """Prescribed unknowns (joints,), those that are marched (marched,), and the place of each among the latter, -1 without."""
+    """Prescribed unknowns (joints,), those that are marched (marched,), and the place of each among the latter, -1 without.
+
+    role : (unknowns,) GIVEN, MARCHED, or OUT_OF_PLANE of a motion
+    """
 
     prescribed: Indices
     marched: Indices
     order: Indices
+    role: Indices
+
+
+OUT_OF_PLANE = 0
+GIVEN = 1
+MARCHED = 2
+
+
+def make_marched_freedoms(size: int, prescribed: Indices, marched: Indices) -> MarchedFreedoms:
+    """Return the freedoms of so many unknowns, some of them prescribed and some marched [-]."""
+    order = np.full(size, -1, dtype=np.int64)
+    order[marched] = np.arange(len(marched))
+    role = np.full(size, OUT_OF_PLANE, dtype=np.int64)
+    role[prescribed] = GIVEN
+    role[marched] = MARCHED
+    return MarchedFreedoms(prescribed, marched, order, role)
 
 
 @send_by_address
@@ -117,7 +138,8 @@ class TangentScratch(NamedTuple):
     """Entries of the linearisation, and the linear system of a step [any unit].
 
     at : (2, entries) places of the entries of K, stiffness : (entries,) of K
-    massive_at : (2, massive entries) places of those of C and M, massive : (3, massive entries), the first row a reference
+    massive_at : (2, massive entries) places of those of C and M, massive : (4, massive entries), the first row a reference, the
+        last what K differs by at accelerations of index 1
     system : (marched, marched + parameters + rows); forces : (unknowns, parameters) of the residual
     """
 
