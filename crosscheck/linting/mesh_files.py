@@ -118,6 +118,8 @@ def _read_mesh(file: Path) -> MeshFile:
                 loaded = trimesh.load(file, force="mesh", process=False, skip_materials=True)
             else:
                 loaded = trimesh.load(file, force="mesh", process=False)
+        if not hasattr(loaded, "faces"):  # points alone, as trimesh before 4.5 gives them
+            return MeshFile(problem="no triangles")
         points = np.asarray(loaded.vertices, dtype=float)
         faces = np.asarray(loaded.faces, dtype=np.int64)
     except IndexError as problem:

@@ -141,7 +141,8 @@ def open_database(url: str) -> sql.Engine:
     try:
         kind = sql.make_url(url).get_backend_name()
         waiting = {"timeout": PATIENCE} if kind == "sqlite" else {}
-        database = sql.create_engine(url, connect_args=waiting)
+        # no pool: a connection that waits for the next use is open when Python ends, and one use in a night gains nothing by it
+        database = sql.create_engine(url, connect_args=waiting, poolclass=sql.pool.NullPool)
         _check_format(database, url)
         _check_tables(database, url)
         _meta.create_all(database)

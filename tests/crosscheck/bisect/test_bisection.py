@@ -137,7 +137,10 @@ def test_releases_that_cannot_run_are_passed_over(make: Make) -> None:
         "ball: good up to 1.1 (exit code 0), bad from 1.6 on (AssertionError: 3.0) (1.2, 1.3, 1.4, 1.5 between them cannot run)"
     ]
     assert answer.costs.environments <= answer.costs.bound == 3 + 2 + len(BROKEN)
-    assert [row.value for row in answer.rows if row.label == "cannot run"] == list(BROKEN.values())
+    said = [row.value for row in answer.rows if row.label == "cannot run"]
+    assert [value.partition(". Did you mean")[0] for value in said] == list(
+        BROKEN.values()
+    )  # Python 3.13 guesses a name
 
 
 def test_an_exception_is_bad_where_the_user_says_so(make: Make) -> None:

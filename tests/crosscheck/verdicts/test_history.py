@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sqlite3
+from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
 
@@ -223,7 +224,7 @@ def test_trends_mark_the_versions_that_changed(database: sql.Engine, tmp_path: P
 
 def test_a_database_of_somebody_else_is_refused_and_stays(tmp_path: Path) -> None:
     file = tmp_path / "mine.sqlite"
-    with sqlite3.connect(file) as mine:
+    with closing(sqlite3.connect(file)) as mine, mine:
         mine.execute("create table night (id integer primary key, dreams text)")
     before = file.read_bytes()
     with pytest.raises(HistoryError, match="its table night has no column key, so it is somebody else's"):

@@ -12,6 +12,7 @@ import subprocess
 import sys
 import time as clock
 from collections.abc import Callable
+from contextlib import closing
 from pathlib import Path
 
 import filelock
@@ -322,7 +323,8 @@ def test_a_full_disk_leaves_the_last_report_and_the_history_as_they_were(nightly
     assert "File too large" in printed  # the database's words and those of the pages differ; one of them is there
     assert {f: f.read_bytes() for f in (reports / "latest").rglob("*") if f.is_file()} == before
     assert known(reports)[: len(known_before)] == known_before
-    assert sqlite3.connect(reports / "history.sqlite").execute("pragma integrity_check").fetchone() == ("ok",)
+    with closing(sqlite3.connect(reports / "history.sqlite")) as database:
+        assert database.execute("pragma integrity_check").fetchone() == ("ok",)
     assert nightly().exit_code == 1  # and the next night goes on
 
 
