@@ -188,7 +188,7 @@ def _parse_archive(data: bytes, name: str) -> Any:
 def _parse_entries(data: bytes) -> Any:
     """Matrix Market, or rows of Abaqus: row, column, value, or node, freedom, node, freedom, value; half of it or all."""
     if data.lstrip().startswith(b"%%MatrixMarket"):
-        return scipy.io.mmread(io.BytesIO(data))
+        return scipy.io.mmread(io.BytesIO(data), spmatrix=False)
     rows = np.loadtxt(io.StringIO(data.decode("utf-8").replace(",", " ")), ndmin=2)
     if rows.shape[1] not in (3, 5):
         raise ValueError(f"{rows.shape[1]} numbers in a row, expected 3 or 5")
