@@ -234,6 +234,11 @@ def torques() -> Iterator[Entrance]:
         "mechanism": slot("thing", strip), "motion": slot("thing", turn), "by": slot("text", "motion.hub[1]", "list"),
         "step": slot("number", 2e-3), "spectral_radius": slot("number", 0.8),
     })  # fmt: skip
+    yield Entrance("find_gradient", flexinv.find_gradient, {
+        "mechanism": slot("thing", strip), "motion": slot("thing", turn), "of": slot("thing", {"residual": 1.0}),
+        "by": slot("text", "motion.duration", "list"), "step": slot("number", 2e-3), "end": slot("number", 0.15),
+        "spectral_radius": slot("number", 0.8),
+    })  # fmt: skip
     yield Entrance("optimize_motion", flexinv.optimize_motion, {
         "mechanism": slot("thing", strip, "list"), "motion": slot("thing", turn), "aim": slot("text", "rms torque"),
         "limits": slot("thing", flexinv.MotionLimits(torque={}, residual=0.1)), "step": optional("number", 2.0**-9),

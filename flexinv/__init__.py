@@ -42,6 +42,8 @@ if TYPE_CHECKING:
     from flexinv.sampled.torques import torques
     from flexinv.sampled.write_torques import TorqueSummary, write_torques
     from flexinv.sensitivity.differentiate import differentiate
+    from flexinv.sensitivity.find_gradient import find_gradient
+    from flexinv.sensitivity.gradient import Gradient
     from flexinv.sensitivity.parameters import Parameter
     from flexinv.sensitivity.sensitivities import Sensitivities
     from flexinv.tracking.follow import Following, follow
@@ -70,22 +72,23 @@ _NAMES = {
     "rigid.torque_regressor": "BaseParameters Regressor base_parameters torque_regressor",
     "optimal_motion.motion_limits": "MotionLimits StrainLimit", "optimal_motion.optimize_motion": "optimize_motion",
     "optimal_motion.optimized_motion": "OptimizedMotion",
-    "sensitivity.differentiate": "differentiate", "sensitivity.parameters": "Parameter",
-    "sensitivity.sensitivities": "Sensitivities",
+    "sensitivity.differentiate": "differentiate", "sensitivity.find_gradient": "find_gradient",
+    "sensitivity.gradient": "Gradient",
+    "sensitivity.parameters": "Parameter", "sensitivity.sensitivities": "Sensitivities",
     "tracking.follow": "Following follow", "tracking.frame_path": "Path",
 }  # fmt: skip
 _HOME = {name: module for module, names in _NAMES.items() for name in names.split()}
 
 __all__ = [
     "BaseParameters", "Batch", "Body", "Case", "Controller", "ConvergenceError", "ExportedLibrary", "FlexinvError",
-    "Following", "Inertia",
+    "Following", "Gradient", "Inertia",
     "InputError", "InputShaper",
     "LimitUse", "LinearModel", "Load", "Mechanism", "ModelWarning", "Modes", "Motion", "MotionLimits",
     "OptimizedMotion", "Parameter", "Path", "Regressor",
     "ResidualVibration", "Sensitivities", "ShapedMotion", "Solution", "SteadyModes", "StrainLimit",
     "TorqueDerivatives", "TorqueFunction", "TorqueSummary",
-    "__version__", "base_parameters", "differentiate", "export_c", "export_fmu", "export_ros", "find_limits", "follow",
-    "from_urdf", "joint_torques",
+    "__version__", "base_parameters", "differentiate", "export_c", "export_fmu", "export_ros",
+    "find_gradient", "find_limits", "follow", "from_urdf", "joint_torques",
     "linear_model", "load_cases", "load_mechanism", "make_shaped_motion",
     "make_shaper", "motor_side", "natural_modes", "optimize_motion", "prepare", "simulate", "solve",
     "solve_in_parts", "solve_many", "statics", "steady_modes", "torque_derivatives", "torque_regressor",

@@ -268,7 +268,7 @@ def _find_soft_modes(k: Array, m: Array, soft: Array) -> tuple[Array, Array]:
 
 
 def _compute_pivot_rounding(k: Array, m: Array, shapes: Array) -> Array:
-    """What rounding may make of an omega^2 (modes,) [1/s^2] that is zero where K passes as positive definite.
+    """The omega^2 (modes,) [1/s^2] up to which rounding makes a K positive definite that is not.
 
     A factorization of n rows is exact for entries off by n eps sqrt(k_ii k_jj) (Higham, Accuracy and Stability, 10.1).
     """

@@ -7,8 +7,9 @@ order, as is what one of the motion does to joints; rows of samples and of moves
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -19,7 +20,7 @@ from flexinv.analysis.task import Start, build_joint_histories, check_settings, 
 from flexinv.constraints.loop_starts import build_joint_mask
 from flexinv.dynamics.generalized_alpha import EARLY, EXACT, SUBSTEPS, Scheme, build_start_scheme, list_early_times
 from flexinv.errors import ConvergenceError, InputError
-from flexinv.kinematics.nodal_motion import NodalMotion, collect_scalar_places
+from flexinv.kinematics.nodal_motion import NodalMotion
 from flexinv.model.joint_kinds import KINDS
 from flexinv.model.mechanism import Mechanism
 from flexinv.model.motion import Motion, resolve_start_coordinates
@@ -30,6 +31,7 @@ from flexinv.sensitivity.closed_states import (
     check_efforts,
     find_shown_multipliers,
 )
+from flexinv.sensitivity.given_slopes import GivenSlopes
 from flexinv.sensitivity.march_start import (
     MarchStart,
     begin_march,
@@ -55,12 +57,8 @@ from flexinv.sensitivity.march_states import (
 from flexinv.sensitivity.nearby_results import NearbyResults, check_results
 from flexinv.sensitivity.parameters import (
     Parameter,
-    RowParameter,
-    StretchParameter,
     VariedSetup,
     build_variation,
-    evaluate_rows,
-    evaluate_stretch,
     resolve_parameters,
 )
 from flexinv.sensitivity.rigid_loops import RigidLoops
@@ -96,17 +94,30 @@ def differentiate(
     Raises InputError as `solve`, for parameters that are none, closures that act for a while, meshed links, joints without one
     number for each coordinate, and accelerations that jump after the start; ConvergenceError as `solve`.
     """
+    settings = {
+        "step": step, "end": end, "spectral_radius": spectral_radius, "initial": initial, "start": start,
+        "start_rate": start_rate,
+    }  # fmt: skip
+    return prepare_differentiation(mechanism, motion, by, settings, check_results(of, order), order).run_march()
+
+
+def prepare_differentiation(
+    mechanism: Mechanism, motion: Motion, by: str | Parameter | Iterable[str | Parameter], settings: Mapping[str, Any],
+    of: Sequence[str] = (), order: int = 6,
+) -> MarchDifferentiation:  # fmt: skip
+    """Return the solution with all that its derivatives start from [any unit].
+
+    settings : step and the like of `solve`; of, order : further results, and the order of their differences
+    Raises InputError and ConvergenceError as `differentiate`.
+    """
     check_kind("mechanism", mechanism, Mechanism)
     check_kind("motion", motion, Motion)
     parameters = resolve_parameters(by, mechanism, motion)
-    results = check_results(of, order)
     _check_mechanism(mechanism)
-    solution = solve(
-        mechanism, motion, step=step, end=end, spectral_radius=spectral_radius, initial=initial,
-        start=start, start_rate=start_rate,
-    )  # fmt: skip
+    solution = solve(mechanism, motion, **settings)
     _check_jumps(motion, solution.time)
-    return _Differentiation(mechanism, solution, motion, parameters, (start, start_rate), (results, order)).run_march()
+    started = settings["start"], settings["start_rate"]
+    return MarchDifferentiation(mechanism, solution, motion, parameters, started, (of, order))
 
 
 def _check_mechanism(mechanism: Mechanism) -> None:
@@ -142,17 +153,22 @@ def _check_jumps(motion: Motion, time: Array) -> None:
 
 
 @dataclass(frozen=True)
-class _Leg:
-    """Part of a march with equal steps: motion of nodes and joints at times [s], scheme, and the first pseudo accelerations."""
+class Leg:
+    """Part of a march with equal steps: motion of nodes and joints at times [s], scheme, and the first pseudo accelerations.
+
+    first : sample of the solution in which it begins; every : so many of its steps are one of the solution
+    """
 
     nodes: NodalMotion
     joints: Triple
     time: Array
     scheme: Scheme
     pseudo: Array
+    first: int = 0
+    every: int = 1
 
 
-class _Differentiation:
+class MarchDifferentiation:
     """Derivatives along one solution.
 
     prescribed : joints with a motion; given : (nv,) of which coordinates; system : the mechanism with all joints as unknowns
@@ -176,6 +192,9 @@ class _Differentiation:
         self.system = build_free_system(mechanism, prescribed)
         self.freedoms = self.system.make_freedoms(self.passive)
         self.variations = tuple(build_variation(parameter, mechanism, motion) for parameter in parameters)
+        self.given_slopes = GivenSlopes(
+            (mechanism, motion), parameters, self.variations, self.given, self._evaluate_motion
+        )
         self.multiplier: Array | None = None  # of closures along the whole solution, where it is known
         self.starts_in_balance = False  # known of loops: else the first efforts are differences of starts
         self.changing = [k for k, one in enumerate(self.variations) if one.changes_mechanism]
@@ -195,20 +214,21 @@ class _Differentiation:
         out = self._make_histories(len(time))
         if self.mechanism.is_rigid and self.mechanism.closures:
             return self._assemble(out, *self._fill_rigid_loops(out))
-        base = self._begin((self.mechanism, self.motion))
-        tangents, first = self._make_start_tangents(base)
-        early = 0
-        pseudo = collect_accelerations(base, self.system)
-        if base.sudden:
-            early = min(EARLY, len(time) - 1)
-            pseudo = self._integrate_early_steps(base, early, tangents, out)
-        joints = solution.q[early:], solution.qd[early:], solution.qdd[early:]
-        late = TangentHistories(*(part[early:] for part in out))
-        nodes = solution.nodes.take_samples(slice(early, None))
-        leg = _Leg(nodes, joints, time[early:], self.settings.scheme, pseudo)
-        states = self._integrate_leg(leg, tangents, late)
-        end = compute_end_slopes(self.system, states, tangents, (solution.q[-1], solution.qd[-1], solution.qdd[-1]))
-        effort = self._compute_friction(self.solution.qd[:, self.given], self.given) + out.effort
+        base = self.begin((self.mechanism, self.motion))
+        tangents, first = self.make_start_tangents(base)
+        legs = self.list_legs(base)
+        for leg, task in legs:
+            given = self.given_slopes.compute(leg.time)
+            task = task._replace(inputs=task.inputs._replace(given=given))
+            if leg.first:
+                tangents.pseudo[:] = tangents.acceleration
+            part = self._make_histories(len(leg.time))
+            self._integrate_tangents(self.system, task, leg.scheme, tangents, part)
+            for history, values in zip(out, part, strict=True):
+                history[leg.first : leg.first + len(values[:: leg.every])] = values[:: leg.every]
+        last = legs[-1][1].states
+        end = compute_end_slopes(self.system, last, tangents, (solution.q[-1], solution.qd[-1], solution.qdd[-1]))
+        effort = self.compute_friction(self.solution.qd[:, self.given], self.given) + out.effort
         if not self.starts_in_balance:
             effort[0] = first
         return self._assemble(out, self._fill_efforts(effort), end)
@@ -218,8 +238,8 @@ class _Differentiation:
         solution = self.solution
         names = (parameter.name for parameter in self.parameters)
         loops = RigidLoops(self.mechanism, solution, list(zip(names, self.variations, strict=True)), self.given)
-        found = loops.solve_motion(self._compute_given(solution.time))
-        inputs = loops.compute_inputs(found, self._compute_friction(solution.qd, np.ones_like(self.given)))
+        found = loops.solve_motion(self.given_slopes.compute(solution.time))
+        inputs = loops.compute_inputs(found, self.compute_friction(solution.qd, np.ones_like(self.given)))
         system = loops.system
         whole = self._make_histories(len(solution.time), system.size)
         tangents = StepTangents(*np.zeros((5, system.size, len(self.parameters))))
@@ -251,28 +271,37 @@ class _Differentiation:
         joints = len(self.freedoms.prescribed) if joints is None else joints
         return make_histories(self.system, samples, joints, len(self.parameters), rates=bool(self.of))
 
-    def _integrate_early_steps(
-        self, base: MarchStart, count: int, tangents: StepTangents, out: TangentHistories
-    ) -> Array:
-        """March the tangents over the first steps, which are made in parts, and keep those at whole steps.
+    def list_legs(self, base: MarchStart) -> list[tuple[Leg, TangentTask]]:
+        """Return the parts of the march [m, rad, s], in their order: the first steps where these are made in parts, and the rest.
 
-        Return the accelerations of the march there, from which the integrator goes on.
+        The derivatives of joints with a motion are left out of their inputs.
+        base : the start of the march, whose solver makes the first steps
         """
+        solution = self.solution
+        early = min(EARLY, len(solution.time) - 1) if base.sudden else 0
+        pseudo = collect_accelerations(base, self.system)
+        legs = []
+        if early:
+            first = self._make_early_leg(base, early)
+            task = self._make_task(first)
+            pseudo = np.asarray(task.states.du[-1])
+            legs.append((first, task))
+        joints = solution.q[early:], solution.qd[early:], solution.qdd[early:]
+        nodes = solution.nodes.take_samples(slice(early, None))
+        late = Leg(nodes, joints, solution.time[early:], self.settings.scheme, pseudo, early)
+        return [*legs, (late, self._make_task(late))]
+
+    def _make_early_leg(self, base: MarchStart, count: int) -> Leg:
+        """The first steps, which are made in parts."""
         time = self.solution.time
         times = np.concatenate([time[:1], list_early_times(time[: count + 1])])
         joints = self._evaluate_motion((self.mechanism, self.motion), times)
+        pseudo = collect_accelerations(base, self.system)
         nodes, joints = integrate_parts(base, joints, times, self.settings)
-        parts = self._make_histories(len(times))
-        scheme = build_start_scheme(self.settings.scheme)
-        leg = _Leg(nodes, joints, times, scheme, collect_accelerations(base, self.system))
-        states = self._integrate_leg(leg, tangents, parts)
-        for history, part in zip(out, parts, strict=True):
-            history[: count + 1] = part[::SUBSTEPS]
-        tangents.pseudo[:] = tangents.acceleration
-        return np.asarray(states.du[-1])
+        return Leg(nodes, joints, times, build_start_scheme(self.settings.scheme), pseudo, 0, SUBSTEPS)
 
-    def _integrate_leg(self, leg: _Leg, tangents: StepTangents, out: TangentHistories) -> MarchStates:
-        """March the tangents along states at equal steps, and return these.  Raises ConvergenceError."""
+    def _make_task(self, leg: Leg) -> TangentTask:
+        """A leg as a task of the tangents."""
         system = self.system
         shown = build_march_states(system, leg.nodes, leg.joints, leg.time)
         states = shown = add_spring_forces(system, shown)
@@ -288,9 +317,7 @@ class _Differentiation:
         freedoms = take_plane_freedoms(
             system, self.freedoms, (one.mesh for part in self.beside.values() for one in part)
         )
-        task = TangentTask(states, shown, turns, inputs, freedoms, list_tip_nodes(system), flat)
-        self._integrate_tangents(system, task, leg.scheme, tangents, out)
-        return states
+        return TangentTask(states, shown, turns, inputs, freedoms, list_tip_nodes(system), flat)
 
     def _integrate_tangents(
         self, system: FreeSystem, task: TangentTask, scheme: Scheme, tangents: StepTangents, out: TangentHistories
@@ -316,7 +343,7 @@ class _Differentiation:
         wanted = (solution.torque_all - friction)[rows][:, self.given]
         check_efforts(self.mechanism.name, efforts[np.isin(time, solution.time)], wanted)
 
-    def _compute_inputs(self, leg: _Leg, states: MarchStates, shown: MarchStates) -> ParameterInputs:
+    def _compute_inputs(self, leg: Leg, states: MarchStates, shown: MarchStates) -> ParameterInputs:
         """Compute what the parameters do from outside along given states: to joints with a motion, forces, tips and closures."""
         count = len(self.changing)
         tips = len(list_tip_nodes(self.system).node)
@@ -331,33 +358,7 @@ class _Differentiation:
                 opened[which, :, :, column] = variation.join_results(one[which].closing[2 * which] for one in found)
             shifted[..., column] = variation.join_results(one[0].tip for one in found)
         changing = np.array(self.changing, dtype=np.int64)
-        return ParameterInputs(self._compute_given(leg.time), pushed, shifted, opened, changing)
-
-    def _compute_given(self, time: Array) -> Array:
-        """Derivatives (3, samples, joints, parameters) of the joints with a motion, their rates and accelerations."""
-        mechanism = self.mechanism
-        out = np.zeros((3, len(time), mechanism.nv, len(self.parameters)))
-        for (_, joint), columns in self._collect_rows().items():
-            rows = [parameter for k in columns if isinstance(parameter := self.parameters[k], RowParameter)]
-            v = mechanism.v_slices[joint].start
-            out[:, :, v, columns] = evaluate_rows(self.motion, mechanism, rows, time)
-        for k, variation in enumerate(self.variations):
-            if isinstance(self.parameters[k], StretchParameter):
-                out[..., k] = np.stack(evaluate_stretch(self.motion, mechanism, time))
-            elif not all(motion is self.motion for _, motion in variation.setups):
-                series = (self._evaluate_motion(setup, time) for setup in variation.setups)
-                out[..., k] = variation.join_results(
-                    np.stack([collect_scalar_places(mechanism, q), qd, qdd]) for q, qd, qdd in series
-                )
-        return np.ascontiguousarray(out[:, :, self.given])  # one layout of memory, or kernels are compiled twice
-
-    def _collect_rows(self) -> dict[tuple[int, str], list[int]]:
-        """Numbers of the parameters that are rows of a motion, by track and joint."""
-        groups: dict[tuple[int, str], list[int]] = {}
-        for k, parameter in enumerate(self.parameters):
-            if isinstance(parameter, RowParameter):
-                groups.setdefault((parameter.track, parameter.joint), []).append(k)
-        return groups
+        return ParameterInputs(np.zeros((3, 0, 0, 0)), pushed, shifted, opened, changing)
 
     def _evaluate_motion(self, setup: VariedSetup, time: Array) -> Triple:
         """Joint motion of a setup, passive joints where they start."""
@@ -365,7 +366,8 @@ class _Differentiation:
         stated = resolve_start_coordinates(mechanism, self.passive, *self.started)
         return build_joint_histories(motion, mechanism, stated, self.settings, time)[1](time)
 
-    def _begin(self, setup: VariedSetup) -> MarchStart:
+    def begin(self, setup: VariedSetup) -> MarchStart:
+        """Return the start of the march of a setup [m, rad, s].  Raises ConvergenceError."""
         time = self.solution.time[:1]
         mechanism, motion = setup
         joints = self._evaluate_motion(setup, time)
@@ -376,8 +378,8 @@ class _Differentiation:
         q, qd, qdd = (part[0] for part in joints)
         return begin_march(setup[0], self.passive, (q, qd, qdd), float(time[0]), self.settings)
 
-    def _make_start_tangents(self, base: MarchStart) -> tuple[StepTangents, Array]:
-        """Tangents at the start, and the derivatives (joints with a motion, parameters) of the efforts there.
+    def make_start_tangents(self, base: MarchStart) -> tuple[StepTangents, Array]:
+        """Return the tangents at the start, and the derivatives (joints, parameters) of the efforts there [any unit].
 
         A section without rotary inertia is out of balance there: what nodal accelerations ask for is not what its beam gives.
         Raises InputError where a small change of a parameter makes a start sudden, or not.
@@ -386,8 +388,8 @@ class _Differentiation:
         out = StepTangents(*np.zeros((5, self.system.size, len(self.parameters))))
         static = self.settings.initial == "static"
         closed = bool(self.mechanism.closures)
-        slopes = StartSlopes(self._begin, base, self.system, self.given, static, closed)
-        given = self._compute_given(self.solution.time[:1])[:, 0]
+        slopes = StartSlopes(self.begin, base, self.system, self.given, static, closed)
+        given = self.given_slopes.compute(self.solution.time[:1])[:, 0]
         alone = [k for k in range(len(self.parameters)) if k not in self.changing]
         basis, shares = find_start_basis(given[..., alone])
         told = [alone[column] for column in basis]
@@ -422,8 +424,6 @@ class _Differentiation:
 
     def _assemble(self, out: TangentHistories, effort: Array, end: NodalMotion) -> Sensitivities:
         """The result of the histories, of the efforts of all joints, and of the slopes in the last sample."""
-        ends_alike: Mask = np.logical_not(self._compute_given(self.solution.time[-1:]).any(axis=(0, 1, 2)))
-        ends_alike[self.changing] = False
         mechanism = self.mechanism
         return Sensitivities(
             solution=self.solution,
@@ -433,9 +433,15 @@ class _Differentiation:
             tip=dict(zip((joint.child for joint in mechanism.joints), out.tip.transpose(1, 0, 2, 3), strict=True)),
             q=out.pose[:, self.system.unknown],
             end=end,
-            ends_alike=ends_alike,
+            ends_alike=self.find_ends_alike(),
             results=self._compute_result_slopes(out),
         )
+
+    def find_ends_alike(self) -> Mask:
+        """Return a mask (parameters,) of those that leave the mechanism and its joints at the end as they are [-]."""
+        alike: Mask = np.logical_not(self.given_slopes.compute(self.solution.time[-1:]).any(axis=(0, 1, 2)))
+        alike[self.changing] = False
+        return alike
 
     def _fill_efforts(self, effort: Array) -> Array:
         """Efforts (samples, nv, parameters) of all joints, zero where none has a motion."""
@@ -443,8 +449,8 @@ class _Differentiation:
         out[:, self.given] = effort
         return out
 
-    def _compute_friction(self, rates: Array, joints: Mask) -> Array:
-        """Derivatives (samples, joints, parameters) of the dry friction of some joints at rates [N m], [N]."""
+    def compute_friction(self, rates: Array, joints: Mask) -> Array:
+        """Return the derivatives (samples, joints, parameters) of the dry friction of some joints at rates [N m], [N]."""
         direction = np.sign(rates)
         out = np.zeros((*direction.shape, len(self.parameters)))
         for k in self.changing:
@@ -455,7 +461,7 @@ class _Differentiation:
         return out
 
 
-def _sample_varied(varied: FreeSystem, leg: _Leg, states: tuple[MarchStates, MarchStates]) -> list[ForceRecord]:
+def _sample_varied(varied: FreeSystem, leg: Leg, states: tuple[MarchStates, MarchStates]) -> list[ForceRecord]:
     """Forces of another mechanism at the states of the march, and at those that are shown where these are others."""
     moved = build_march_states(varied, leg.nodes, leg.joints, leg.time)
     kept = [moved._replace(du=one.du, multiplier=one.multiplier) for one in states]

@@ -16,6 +16,7 @@ from __future__ import annotations
 
 import re
 import warnings
+from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, fields, is_dataclass, replace
 from typing import Any
@@ -185,9 +186,9 @@ def resolve_parameters(
     if not given:
         raise InputError("by: expected at least one parameter, for example by=['motion.duration']")
     found = [_resolve_parameter(one, mechanism, motion) for one in given]
-    names = [parameter.name for parameter in found]
-    for name in names:
-        if names.count(name) > 1:
+    names = Counter(parameter.name for parameter in found)
+    for name, count in names.items():
+        if count > 1:
             raise InputError(f"by: parameter {name!r} is there twice; expected each once")
     return tuple(found)
 
@@ -314,10 +315,8 @@ def _replace_number(record: Any, parts: list[NamePart], number: float) -> Any:
 
 def _find_motion_parameter(name: str, parts: list[NamePart], mechanism: Mechanism, motion: Motion) -> Parameter:
     """The parameter of a motion; InputError for a name that is none."""
-    known = ", ".join(motion.joints(mechanism))
-    expected = f"expected 'motion.duration', or a joint and a row, as 'motion.NAME[1]', with NAME one of {known}"
     if len(parts) != 1 or type(motion) is not Motion:
-        raise InputError(f"by: {name!r}: {expected}")
+        raise _make_motion_error(name, mechanism, motion)
     part, index = parts[0]
     if part == "duration" and not index:
         scale_duration(motion, 1.0)  # what cannot be stretched says so
@@ -328,7 +327,15 @@ def _find_motion_parameter(name: str, parts: list[NamePart], mechanism: Mechanis
         for joint, columns in list_joint_columns(mechanism, track):
             if joint.name == part:
                 return _find_row(name, motion, number, joint, columns, index)
-    raise InputError(f"by: {name!r}: {expected}")
+    raise _make_motion_error(name, mechanism, motion)
+
+
+def _make_motion_error(name: str, mechanism: Mechanism, motion: Motion) -> InputError:
+    """The error that names what there is."""
+    known = ", ".join(motion.joints(mechanism))
+    return InputError(
+        f"by: {name!r}: expected 'motion.duration', or a joint and a row, as 'motion.NAME[1]', with NAME one of {known}"
+    )
 
 
 def _find_row(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
@@ -15,6 +15,17 @@ from flexinv.typing import Array, Mask
 
 if TYPE_CHECKING:
     import pandas as pd
+
+
+def check_unchanged_ends(parameters: Sequence[str], alike: Mask, solution: Solution) -> None:
+    """Raise InputError for a parameter that does not leave the end of a solution as it is; alike : (parameters,) [-]."""
+    for name, ends in zip(parameters, alike, strict=True):
+        if not ends:
+            raise InputError(
+                f"residual vibration by {name!r}: it changes how joints are at {solution.time[-1]:g} s, or the mechanism, and "
+                "with that the modes; expected rows of the motion between its ends, or 'motion.duration' with an end behind "
+                "the motion's own"
+            )
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,13 +72,7 @@ class Sensitivities(ByValue):
         Raises InputError for parameters that change the mechanism or where and when joints come to rest, and as
         ``find_residual_vibration``.
         """
-        for name, ends in zip(self.parameters, self.ends_alike, strict=True):
-            if not ends:
-                raise InputError(
-                    f"residual vibration by {name!r}: it changes how joints are at {self.solution.time[-1]:g} s, or the "
-                    "mechanism, and with that the modes; expected rows of the motion between its ends, or "
-                    "'motion.duration' with an end behind the motion's own"
-                )
+        check_unchanged_ends(self.parameters, self.ends_alike, self.solution)
         vibration = self.solution.find_residual_vibration(free)
         cosine, sine = compute_amplitudes(vibration.modes, self.end)
         squared = vibration.modes.squared.real

@@ -57,7 +57,7 @@ def integrate_tangents(system, massive, task, scheme, tangents, scratch, out, re
             if _write_record(system, massive, task, k, scratch, record) >= 0:
                 return k
             continue
-        if _compute_matrices(system, massive, task.states, k, scratch, 4) >= 0:
+        if compute_march_matrices(system, massive, task.states, k, scratch, 4) >= 0:
             return k
         if k > 0:
             _move_tangents(task.turns, scheme, k, tangents)
@@ -79,13 +79,13 @@ def integrate_tangents(system, massive, task, scheme, tangents, scratch, out, re
 
 
 @jit_inner
-def _compute_matrices(system, massive, states, k, scratch, stages):
-    """Set the residual at sample k and the entries of K (one stage), of C and M, too (four), or none of them (zero).
+def compute_march_matrices(system, massive, states, k, scratch, stages):
+    """Set the residual at sample k and the entries of K (one stage), of C and M, too (four), or none of them (zero) [any unit].
 
     Return -1 or the element that turned too much.
     """
     joints = take_joints(states.joints, k)
-    _fill_state(system, states, k)
+    fill_march_state(system, states, k)
     for stage in range(max(stages, 1)):
         which = max(stage - 1, 0)
         present = system if stage == 0 else massive
@@ -113,7 +113,7 @@ def _write_record(system, massive, task, k, scratch, record):
     """
     joints = take_joints(task.states.joints, k)
     ties = system.border.ties
-    bad = _compute_matrices(system, massive, task.states, k, scratch, 0)
+    bad = compute_march_matrices(system, massive, task.states, k, scratch, 0)
     if bad < 0 and apply_spring_forces(ties):
         bad = evaluate(system, make_weighted_scheme(0), joints, True)
     if bad >= 0:
@@ -162,7 +162,7 @@ def _update_shown_accelerations(system, massive, task, k, tangents, scratch):
     shown = tangents.shown
     border = scratch.border
     size = len(freedoms.marched)
-    bad = _update_stiffness(massive, task.shown, k, scratch)
+    bad = update_stiffness(massive, task.shown, k, scratch)
     if bad >= 0:
         return bad
     fill_rate_slopes(system, take_joints(task.shown.joints, k), border)
@@ -189,10 +189,10 @@ def _update_shown_accelerations(system, massive, task, k, tangents, scratch):
 
 
 @jit_inner
-def _update_stiffness(massive, shown, k, scratch):
-    """Set what K differs by at the accelerations of index 1, which elements do not feel; return -1 or a bad element."""
+def update_stiffness(massive, shown, k, scratch):
+    """Set what K differs by at accelerations of index 1 [N/m], which elements do not feel; return -1 or a bad element."""
     joints = take_joints(shown.joints, k)
-    _fill_state(massive, shown, k)
+    fill_march_state(massive, shown, k)
     bad = evaluate(massive, make_weighted_scheme(0), joints, True)
     if bad >= 0:
         return bad
@@ -205,7 +205,7 @@ def _update_stiffness(massive, shown, k, scratch):
 
 
 @jit_inner
-def _fill_state(system, states, k):
+def fill_march_state(system, states, k):
     """Put the system where it was at sample k [m, rad, s], with the loads of then [N], [N m]."""
     move_system_to(system, states, k)
     ties = system.border.ties
@@ -323,6 +323,14 @@ def _solve_step(system, turns, freedoms, scheme, tangents, scratch):
     """Solve the linear system of a step; its solutions stay in columns of the scratch behind the system itself."""
     whole = scratch.system
     _fill_right_sides(freedoms, scratch)
+    fill_step_matrix(turns, freedoms, scheme, scratch)
+    solve_closed(system.border.ties, freedoms, scratch.border, whole)
+
+
+@jit_inner
+def fill_step_matrix(turns, freedoms, scheme, scratch):
+    """Add K + (cv C + ca M) H^-1 of the marched unknowns to the linear system [any unit]."""
+    whole = scratch.system
     for e in range(len(scratch.stiffness)):
         r = freedoms.order[scratch.at[0, e]]
         c = freedoms.order[scratch.at[1, e]]
@@ -340,7 +348,6 @@ def _solve_step(system, turns, freedoms, scheme, tangents, scratch):
             if r >= 0 and freedoms.order[j] >= 0:
                 whole[r, freedoms.order[j]] += bent[i, j]
                 _add_moved(whole, r, j, scheme.cv * dragged[i, j], turns, freedoms)
-    solve_closed(system.border.ties, freedoms, scratch.border, whole)
 
 
 @jit_inner
