@@ -17,7 +17,7 @@ from crosscheck.identification.estimation.fit import PER_PERIOD, TOLD, Fit, buil
 from crosscheck.identification.logs.log import Log
 from crosscheck.identification.machine import Machine, has_friction
 from crosscheck.identification.readings import Run, compute_measured_motion
-from crosscheck.identification.response import MeasuredMotion, build_response
+from crosscheck.identification.responses.response import MeasuredMotion, build_response
 from flexinv.typing import Array
 
 HARMONICS = 5

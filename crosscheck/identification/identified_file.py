@@ -19,7 +19,7 @@ from crosscheck import output_folder as owned
 from crosscheck.identification.identify import Identification
 from crosscheck.identification.machine import Channel, Machine, resolve_value
 from crosscheck.identification.parameters import COUPLING
-from crosscheck.identification.response import compute_link_inertias, turn_gravity
+from crosscheck.identification.responses.response import compute_link_inertias, turn_gravity
 from crosscheck.identification.table import Row
 from crosscheck.report.words import format_by_width, format_interval, format_short
 from flexinv.files.joints import DRIVES

@@ -27,9 +27,9 @@ from crosscheck.identification.logs.log import Log
 from crosscheck.identification.machine import Channel, Machine, has_friction, resolve_value
 from crosscheck.identification.parameters import Key
 from crosscheck.identification.points import list_point_sensors
-from crosscheck.identification.response import MeasuredMotion, Response, build_response
+from crosscheck.identification.responses.response import MeasuredMotion, Response, build_response
+from crosscheck.identification.responses.wide_response import WideResponse, compute_wide_response
 from crosscheck.identification.settings import ANGLES, RATES, AngleTable, IdentifyTable, RateTable
-from crosscheck.identification.wide_response import WideResponse, compute_wide_response
 from flexinv.errors import InputError
 from flexinv.typing import Array
 

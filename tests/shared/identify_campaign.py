@@ -6,11 +6,14 @@ from the priors: noise on efforts and encoders, friction, delays.  Counted per c
 
 from __future__ import annotations
 
+import os
 import sys
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
+
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # matrices are small: a second thread of BLAS waits by spinning
 
 import click
 import numpy as np
@@ -28,7 +31,7 @@ from crosscheck.identification.machine import Machine
 from crosscheck.identification.parameters import KINDS, MASS, Key
 from crosscheck.identification.pseudo_inertia import NAMES, QUANTITIES, convert_to_com, move_mass_properties
 from crosscheck.identification.readings import compute_raw_signals, make_run
-from crosscheck.identification.response import MeasuredMotion, build_response
+from crosscheck.identification.responses.response import MeasuredMotion, build_response
 from crosscheck.identification.table import CONFLICT, list_parameter_rows
 from flexinv.typing import Array
 
@@ -200,7 +203,7 @@ def trial(kind: str, seed: int, off: float = 0.0) -> tuple[list[ParameterOutcome
     off : so many widths of its prior one parameter of the truth is off [-], which is no mass property
     """
     random = np.random.default_rng([seed, CLASSES.index(kind)])
-    machine = _read_random_machine(kind, seed, random)
+    machine = read_random_machine(kind, seed, random)
     z = np.clip(random.normal(size=len(machine.space.parameters)), -2.5, 2.5)
     moved: Key | None = None
     if off:
@@ -221,7 +224,8 @@ def trial(kind: str, seed: int, off: float = 0.0) -> tuple[list[ParameterOutcome
     )
 
 
-def _read_random_machine(kind: str, seed: int, random: np.random.Generator) -> Machine:
+def read_random_machine(kind: str, seed: int, random: np.random.Generator) -> Machine:
+    """Return a random machine of a class [-], read from its two files."""
     with TemporaryDirectory() as folder:
         base = Path(folder) / f"{kind}{seed}"
         base.mkdir()
@@ -236,7 +240,7 @@ def moved_by_jitter(kind: str, seed: int) -> tuple[list[str], int]:
     Return which parameters leave the interval of the even log by that [unit of each], and how many there are.
     """
     random = np.random.default_rng([seed, CLASSES.index(kind)])
-    machine = _read_random_machine(kind, seed, random)
+    machine = read_random_machine(kind, seed, random)
     z = np.clip(random.normal(size=len(machine.space.parameters)), -2.5, 2.5)
     log = logged(machine, moving(machine, random, kind), z, random)
     at = jitter(log.time, seed)

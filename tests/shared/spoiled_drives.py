@@ -14,7 +14,7 @@ from crosscheck.identification.estimation.days import fit_days
 from crosscheck.identification.identify import read_machine
 from crosscheck.identification.logs.log import Log
 from crosscheck.identification.readings import make_run
-from crosscheck.identification.response import remove_rotors_and_friction
+from crosscheck.identification.responses.response import remove_rotors_and_friction
 from flexinv.files.load_mechanism import load_mechanism
 from flexinv.rigid.joint_torques import joint_torques
 from flexinv.typing import Array

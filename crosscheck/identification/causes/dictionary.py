@@ -24,7 +24,7 @@ from crosscheck.identification.readings import (
     compute_measured_motion,
     remove_first_order_lag,
 )
-from crosscheck.identification.response import compute_link_inertias
+from crosscheck.identification.responses.response import compute_link_inertias
 from crosscheck.identification.settings import ANGLES
 from flexinv.model.links import Body, Inertia, Link
 from flexinv.model.mechanism import Mechanism

@@ -14,7 +14,7 @@ import scipy  # its parts are loaded when they are asked for
 
 from crosscheck.identification.estimation.noise import count_agreeing_samples
 from crosscheck.identification.readings import Run
-from crosscheck.identification.wide_response import (
+from crosscheck.identification.responses.wide_response import (
     ExpectedResponse,
     WideResponse,
     build_expectation,

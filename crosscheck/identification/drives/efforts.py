@@ -19,7 +19,7 @@ import numpy as np
 
 from crosscheck.identification.machine import Channel, Machine, resolve_value
 from crosscheck.identification.parameters import COUPLING, Key
-from crosscheck.identification.response import MeasuredMotion
+from crosscheck.identification.responses.response import MeasuredMotion
 from flexinv.typing import Array
 
 NUMBERS = (

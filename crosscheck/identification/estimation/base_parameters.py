@@ -17,7 +17,7 @@ from crosscheck.identification.estimation.fit import TOLD, Fit
 from crosscheck.identification.machine import Machine, resolve_value
 from crosscheck.identification.parameters import MASS, make_load_place
 from crosscheck.identification.pseudo_inertia import NAMES, MassPropertyMap
-from crosscheck.identification.response import compute_link_inertias
+from crosscheck.identification.responses.response import compute_link_inertias
 from flexinv.rigid.torque_regressor import BaseParameters, Regressor, base_parameters, sample_states, torque_regressor
 from flexinv.typing import Array
 

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from crosscheck.identification.identify import Identification
-from crosscheck.identification.response import compute_link_inertias
+from crosscheck.identification.responses.response import compute_link_inertias
 from crosscheck.identification.table import Row
 from crosscheck.report.words import format_short
 from flexinv.errors import InputError

@@ -19,7 +19,7 @@ import numpy as np
 
 from crosscheck.identification.identify import Identification
 from crosscheck.identification.pseudo_inertia import QUANTITIES
-from crosscheck.identification.response import replace_masses
+from crosscheck.identification.responses.response import replace_masses
 from crosscheck.identification.write_back.elements import (
     Edit,
     apply_edits,

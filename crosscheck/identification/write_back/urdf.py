@@ -11,7 +11,7 @@ from pathlib import Path
 
 from crosscheck.identification.identify import Identification
 from crosscheck.identification.pseudo_inertia import QUANTITIES
-from crosscheck.identification.response import make_body
+from crosscheck.identification.responses.response import make_body
 from crosscheck.identification.write_back.elements import (
     Edit,
     XmlElement,

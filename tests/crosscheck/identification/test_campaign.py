@@ -11,7 +11,7 @@ import pytest
 from crosscheck.identification.estimation.fit import build_problem, fit
 from crosscheck.identification.identify import read_machine
 from crosscheck.identification.readings import make_run
-from crosscheck.identification.response import MeasuredMotion
+from crosscheck.identification.responses.response import MeasuredMotion
 from crosscheck.identification.table import list_parameter_rows
 
 COUPLER = """bandwidth_Hz = 25

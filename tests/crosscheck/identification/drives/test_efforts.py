@@ -21,7 +21,7 @@ from crosscheck.identification.logs.log import Log
 from crosscheck.identification.machine import Machine, resolve_value
 from crosscheck.identification.parameters import build_space
 from crosscheck.identification.readings import compute_readings, make_run
-from crosscheck.identification.response import MeasuredMotion
+from crosscheck.identification.responses.response import MeasuredMotion
 from crosscheck.identification.settings import move_efforts_behind_gears, read_settings
 from flexinv.errors import InputError
 from flexinv.files.load_mechanism import load_mechanism

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from crosscheck.identification.readings import apply_delay, apply_first_order_lag, remove_first_order_lag
-from crosscheck.identification.wide_response import build_expectation, compute_wide_response, join_responses
+from crosscheck.identification.responses.wide_response import build_expectation, compute_wide_response, join_responses
 from flexinv.typing import Array
 
 SPACING, BANDWIDTH, INERTIA = 0.004, 10.0, 0.3

@@ -2,7 +2,8 @@
 
 Rigid trees: tau = (Y + x Y_x + y Y_y) pi + f tau_spring, Y by `flexinv.torque_regressor`, Y_x, Y_y its derivatives by a tilt of
 gravity about the world's axes x and y, pi (links x 10) by log-Cholesky.  Loops and beams: `flexinv.solve`; for rigid loops with
-the columns of pi by differences, which are exact because the torque is linear in them.
+the columns of pi by differences, which are exact because the torque is linear in them; masses of links that measured joints alone
+carry by `carried_links`.
 """
 
 from __future__ import annotations
@@ -17,6 +18,7 @@ import scipy  # its parts are loaded when they are asked for
 from crosscheck.identification.parameters import KINDS, MASS, Key, ParameterSpace, apply_values, make_load_place
 from crosscheck.identification.points import PointMotion, add_sensor_bodies, build_point_motion, list_point_sensors
 from crosscheck.identification.pseudo_inertia import COLUMNS, NAMES, ROWS, move_mass_properties
+from crosscheck.identification.responses.carried_links import CarriedLinks, build_carried_links, list_marched_masses
 from crosscheck.identification.settings import GaugeTable, IdentifyTable
 from flexinv.analysis.solution import Solution
 from flexinv.analysis.solve import solve
@@ -353,30 +355,38 @@ def _build_solver_response(
     masses = [p.key for p in space.parameters if p.kind == MASS]
     if masses and not once and _is_linear_in_masses(mechanism, motion):
         return _build_linear_response(mechanism, space, solved, model)
-    return _SolvedResponse(model, space, tuple(solved + masses))
+    known = compute_link_inertias(space, mechanism, {})
+    carried = None if once else build_carried_links(mechanism, space, model.given, motion.time, motion.names, known)
+    return _SolvedResponse(model, space, tuple(solved + list_marched_masses(masses, mechanism, carried)), carried)
 
 
 @dataclass(frozen=True)
 class _SolvedResponse:
-    """Response of a mechanism that is marched along the motion; asked : parameters that need a march of their own."""
+    """Response of a mechanism that is marched along the motion; asked : parameters that need a march of their own.
+
+    carried : links whose masses need none
+    """
 
     model: SolverModel
     space: ParameterSpace
     asked: tuple[Key, ...]
+    carried: CarriedLinks | None = None
     kept: dict[tuple[float, ...], Told] = field(default_factory=dict)
 
     def __call__(self, values: Mapping[Key, float]) -> Told:
         """Return the readings of the sensors at values [unit of each], as `build_response` has them."""
         at = tuple(values.get(k, np.inf) for k in self.asked)  # a payload that is not there is none of any size
+        mechanism = self.model.mechanism
+        ten = compute_link_inertias(self.space, mechanism, values)
         if at not in self.kept:
-            mechanism = self.model.mechanism
-            ten = compute_link_inertias(self.space, mechanism, values)
+            marched = self.carried.replace_by_known(ten) if self.carried else ten
             links = enumerate(mechanism.links)
-            changed = {link.name: ten[k] for k, link in links if link.name in self.space.changed_links}
+            changed = {link.name: marched[k] for k, link in links if link.name in self.space.changed_links}
             if len(self.kept) >= KEPT:
                 self.kept.pop(next(iter(self.kept)))
             self.kept[at] = self.model.solve_in_time(values, changed)[0]
-        return self.kept[at]
+        efforts, moments, points = self.kept[at]
+        return efforts + self.carried.compute_added_efforts(ten) if self.carried else efforts, moments, points
 
 
 def _is_linear_in_masses(mechanism: Mechanism, motion: MeasuredMotion) -> bool:
