@@ -82,6 +82,7 @@ ALONE = {
     "flexinv.dynamics.idle_joints": "it needs the linearisation and the start, which need the solver that asks it",
     "flexinv.export.forward.rotations": "functions in C of their own, which not every library has",
     "flexinv.export.flexible.rest_plan": "a start of its own, which not every library has",
+    "crosscheck.identification.estimation.march_steps": "errors in time, apart from days; the campaign takes it, too",
     "crosscheck.linting.parts": "meshes of links, which need their matrices; lint itself looks at files",
     "flexinv.parts.node_order": "an order of elimination, graph alone, apart from what is eliminated",
     "flexinv.kernels.compiler.kernel_compiler": "Numba's compiler; keeping what it makes on the disk is another matter",

@@ -2,6 +2,7 @@
 
     python -m campaigns.days                  # 40 machines; a quarter of an hour of one core
     python -m campaigns.days --count 1 --first 7      # one of them, with everything that was counted
+    python -m campaigns.days --gains          # gains of efforts are others each day, too, and are free
 
 Each machine has friction, offsets and temperature of its own on each of three days, `pairs`.  Printed are, with exact 90 %
 intervals of the binomial distribution: the channels of the third day of which 80 % or more lie in their bands, the parameters of
@@ -34,11 +35,12 @@ def format_count(what: str, checks: Sequence[Check]) -> str:
 @click.command(help=__doc__)
 @click.option("--count", default=40, show_default=True, help="Machines.")
 @click.option("--first", default=0, show_default=True, help="Seed of the first one.")
-def main(count: int, first: int) -> None:
+@click.option("--gains", is_flag=True, help="Draw gains of efforts anew each day, too.")
+def main(count: int, first: int, gains: bool) -> None:
     """Run the campaign [-]."""
     checks: list[Check] = []
     for seed in range(first, first + count):
-        now = run_pair(seed)
+        now = run_pair(seed, gains)
         checks += now
         bad = [
             f"{one.what}: {one.place}" + ("" if np.isnan(one.part) else f" {one.part:.1%}")

@@ -2,7 +2,8 @@
 
 sd^2 = J cov J^T (parameters) + s(v)^2 (residuals) + coulomb^2 (a joint that stands)
 s(v)^2 = a + b / (1 + (v / v_0)^2),   v the rate of the channel's joint; of all other sensors a alone
-day^2 = (w_v viscous v)^2 + (w_c dry)^2 + (w_o coulomb)^2,   w of `days.DayFits`, of a day that did not identify; else 0
+day^2 = (w_v viscous v)^2 + (w_c dry)^2 + (w_o coulomb)^2 + (w_g y)^2,   w of `days.DayFits`, of a day that did not identify
+y : the reading, where its gain is free; of a day that identified day = 0
 band = value +- (q^2 sd^2 + 1.645^2 day^2)^0.5,   q such that `HOLD` of the residuals of blocks left out lie inside, and at most
 `WIDEST` of their RMS
 
@@ -23,7 +24,7 @@ import scipy  # its parts are loaded when they are asked for
 from numpy.typing import NDArray
 
 from crosscheck.identification.drives.efforts import compute_channel_rate, compute_friction_reading
-from crosscheck.identification.estimation.days import DRY, OFFSET, VISCOUS
+from crosscheck.identification.estimation.days import DRY, GAIN, OFFSET, VISCOUS
 from crosscheck.identification.estimation.fit import STEP, Fit, Problem
 from crosscheck.identification.filters import low_pass
 from crosscheck.identification.machine import Channel, Machine, has_friction
@@ -133,7 +134,7 @@ def predict(machine: Machine, fit: Fit, margin: Margins, run: Run) -> Prediction
         [s.evaluate_scatter(v) for s, v in zip(margin.scatters, _compute_channel_rates(machine, run).T, strict=True)]
     )
     rest = np.sqrt(left**2 + _compute_standing_scatter(machine, fit, run) ** 2)
-    day = _compute_day_scatter(machine, fit, run)
+    day = _compute_day_scatter(machine, fit, run, value)
     half = np.sqrt(margin.factor**2 * (parameter_scatter**2 + rest**2) + NORMAL**2 * day**2)
     return Prediction(run.name, run.time, value, value - half, value + half, parameter_scatter, rest, day, run.sliding)
 
@@ -197,8 +198,8 @@ def _compute_standing_scatter(machine: Machine, fit: Fit, run: Run) -> Array:
     return out
 
 
-def _compute_day_scatter(machine: Machine, fit: Fit, run: Run) -> Array:
-    """Standard deviation of what friction and offsets of another day change, (samples, channels)."""
+def _compute_day_scatter(machine: Machine, fit: Fit, run: Run, reading: Array) -> Array:
+    """Standard deviation of what friction, offsets and gains of another day change of readings, (samples, channels)."""
     values = machine.space.compute_values(fit.z, run.load)
     out = np.zeros((len(run.time), len(machine.channels)))
     for c, channel in enumerate(machine.channels):
@@ -211,6 +212,8 @@ def _compute_day_scatter(machine: Machine, fit: Fit, run: Run) -> Array:
             offset = fit.scatter[OFFSET] * _compute_dry_reading(machine, channel, values)
             square = (fit.scatter[VISCOUS] * viscous) ** 2 + (fit.scatter[DRY] * (whole - viscous)) ** 2
             out[:, c] = np.sqrt(square + offset**2)
+        if (GAIN, channel.place) in values and channel.sense == "effort":
+            out[:, c] = np.hypot(out[:, c], fit.scatter.get(GAIN, 0.0) * reading[:, c])
     return out
 
 

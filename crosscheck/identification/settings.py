@@ -252,7 +252,8 @@ class IdentifyTable(Table):
     )
     between_runs: NotNegative = make_key(
         "relative standard deviation of dry friction from day to day that is expected before several days are known; that of "
-        "viscous friction is 4/3 of it, that of offsets 1/3 of it times the dry friction; 0: every day is the same [-]",
+        "viscous friction is 4/3 of it, that of offsets 1/3 of it times the dry friction, that of gains of efforts (if free) "
+        "2/15 of it; 0: every day is the same [-]",
         "between_runs = 0.15",
         default=0.15,
     )
@@ -267,7 +268,12 @@ class IdentifyTable(Table):
     mesh: Annotated[list[int], Field(min_length=2, max_length=2)] | None = make_key(
         "elements and order of beams while they are identified [-]", "mesh = [1, 2]", default=None
     )
-    every: int = make_key("steps of the march per sample [-]", "every = 1", default=1)
+    every: int | None = make_key(
+        "steps of the march per sample; as many as leave the parameters off by a fifth of their standard errors at most, where "
+        "absent [-]",
+        "every = 2",
+        default=None,
+    )
     start: dict[str, StartTable] = make_key(
         "coordinates of passive joints of loops at the first sample", "start.left_elbow = { deg = -85 }", default={}
     )

@@ -24,13 +24,14 @@ from scipy.stats import beta
 sys.path.insert(0, str(Path(__file__).parents[2]))
 
 from crosscheck.identification.bands import compute_margins, judge, predict
-from crosscheck.identification.estimation.fit import Fit, build_problem, fit
+from crosscheck.identification.estimation.fit import Fit, Problem, build_problem, fit
+from crosscheck.identification.estimation.march_steps import build_finer_run, choose_steps, replace_steps
 from crosscheck.identification.identify import read_machine
 from crosscheck.identification.logs.log import Log, take_even_steps
 from crosscheck.identification.machine import Machine
 from crosscheck.identification.parameters import KINDS, MASS, Key
 from crosscheck.identification.pseudo_inertia import NAMES, QUANTITIES, convert_to_com, move_mass_properties
-from crosscheck.identification.readings import compute_raw_signals, make_run
+from crosscheck.identification.readings import Run, compute_raw_signals, make_run
 from crosscheck.identification.responses.response import MeasuredMotion, build_response
 from crosscheck.identification.table import CONFLICT, list_parameter_rows
 from flexinv.typing import Array
@@ -40,6 +41,7 @@ NOISE, LASTING, MEMORY = 0.01, 0.01, 0.05  # of an effort's spread: white, and l
 ENCODER = 1e-5  # [rad]
 WIDE = 0.35  # interval over prior width beyond which the data's own error is more than a third of that
 RATE, SECONDS = 125.0, 6.0
+TRUE_STEPS = 16  # a sample, of the march that makes a log: identify chooses its own
 
 
 @dataclass(frozen=True)
@@ -181,7 +183,8 @@ def logged(
     sizes : spread of each effort that the noise is a part of; written where it is empty, so that the next log has the same noise
     """
     sizes = {} if sizes is None else sizes
-    tell = build_response(machine.mechanism, machine.space, machine.settings, motion, once=True)
+    settings = replace_steps(machine, TRUE_STEPS).settings
+    tell = build_response(machine.mechanism, machine.space, settings, motion, once=True)
     raw_signals = compute_raw_signals(machine, motion, tell, machine.space.compute_values(z))
     columns = {
         t.angle.column: motion.q[:, k] + ENCODER * random.normal(size=len(motion.time))
@@ -214,14 +217,24 @@ def trial(kind: str, seed: int, off: float = 0.0) -> tuple[list[ParameterOutcome
     sizes: dict[str, float] = {}
     logs = [logged(machine, moving(machine, random, kind), z, random, sizes) for _ in range(2)]
     runs = [make_run(machine, log) for log in logs]
-    task = build_problem(machine, (runs[0],))
-    result = fit(task)
-    told = predict(machine, result, compute_margins(task, result), runs[1])
+    task, result = fit_with_steps(machine, runs[0])
+    other = build_finer_run(task.machine, runs[1])
+    told = predict(task.machine, result, compute_margins(task, result), other)
     return (
-        list(_list_outcomes(machine, result, z, f"{kind}{seed}", moved)),
-        [r.coverage for r in judge(machine, runs[1], told)],
+        list(_list_outcomes(task.machine, result, z, f"{kind}{seed}", moved)),
+        [r.coverage for r in judge(task.machine, other, told)],
         "",
     )
+
+
+def fit_with_steps(machine: Machine, run: Run) -> tuple[Problem, Fit]:
+    """Return the problem of a run with as many steps as it needs, and its parameters [-]."""
+    task = build_problem(machine, (run,))
+    found = fit(task)
+    while (finer := choose_steps(task, found, machine.settings.every)) is not None:
+        task = finer
+        found = fit(task, found.z)
+    return task, found
 
 
 def read_random_machine(kind: str, seed: int, random: np.random.Generator) -> Machine:
@@ -247,8 +260,7 @@ def moved_by_jitter(kind: str, seed: int) -> tuple[list[str], int]:
     curves = {name: CubicSpline(log.time, values)(at) for name, values in log.columns.items()}
     uneven = take_even_steps(Log("uneven", at, curves))
     tables = [
-        list_parameter_rows(machine.space, fit(build_problem(machine, (make_run(machine, one),))))
-        for one in (log, uneven)
+        list_parameter_rows(machine.space, fit_with_steps(machine, make_run(machine, one))[1]) for one in (log, uneven)
     ]
     outside = [
         f"{row.parameter} of {row.place}: {other.value:.4g}, {row.low:.4g} to {row.high:.4g} {row.unit} by the even log"

@@ -1,9 +1,11 @@
-"""Days: friction and offsets differ from one day to the next, by widths that the logs of several days tell.
+"""Days: friction, offsets and gains differ from one day to the next, by widths that the logs of several days tell.
 
     z_d = z + delta_d,   delta_dk ~ N(0, (w_c s_k)^2),   w_c = A_c t_c,   t_c half-normal with scale 1
 
-z : parameters of the machine; z_d : those of day d, which differ in viscous friction, coulomb friction and the offset of efforts
-w_c : width of each of these classes, of friction relative, of offsets in parts of the joint's dry friction; s_k makes it one of z
+z : parameters of the machine; z_d : those of day d, which differ in viscous friction, coulomb friction, the offset of efforts
+and, where it is free, their gain
+w_c : width of each of these classes, of friction and gains relative, of offsets in parts of the joint's dry friction; s_k makes
+it one of z
 A_c : what is expected, `IdentifyTable.between_runs`.  E t^2 = 1: of one day alone nothing is told of w, and its square is A^2
 
 With the logs' information H and pull g about all delta, z made up for, and p_k = 1 / (w_c s_k)^2, the widths are as likely as
@@ -17,6 +19,8 @@ are few, a prior that is finite at 0 and falls.  It is half-normal and not half-
 A. Bittencourt, S. Gunnarsson, "Static friction in a robot joint", J. Dynamic Systems, Measurement and Control 134 (2012), for
 friction that follows temperature and load.  Gear oil (ISO 3448, VG 150) loses nine tenths of its viscosity from 40 to 100 degrees
 Celsius, which is 4 % per kelvin, and rooms and warm drives differ by some 3 K: 12 % of viscous friction, beside A = 0.15.
+Magnets lose 0.1 % (NdFeB) to 0.2 % (ferrite) of their flux per kelvin (IEC 60404-8-1), and motors differ by some 10 to 20 K from
+a cold day to a warm one: 2 % of a torque constant.
 """
 
 from __future__ import annotations
@@ -29,6 +33,7 @@ from typing import Literal, get_args
 import numpy as np
 
 from crosscheck.identification.estimation.fit import Fit, Problem, build_problem, fit
+from crosscheck.identification.estimation.march_steps import choose_steps
 from crosscheck.identification.logs.log import Log
 from crosscheck.identification.machine import Machine, resolve_value
 from crosscheck.identification.readings import Run
@@ -40,9 +45,11 @@ DayRule = Literal["files", "logs", "one"]
 VISCOUS = "viscous friction"
 DRY = "coulomb friction"
 OFFSET = "effort offset"
+GAIN = "effort gain"
 # Kinds that differ -> what is expected in parts of between_runs.  Viscous friction follows the temperature, too.  An offset is
 # what friction has more one way than the other, and the zero of a current sensor: 1 % of a range of five times the dry friction.
-SHARES = {VISCOUS: 4.0 / 3.0, DRY: 1.0, OFFSET: 1.0 / 3.0}
+# A torque constant follows the temperature of its magnets, by 2 %.
+SHARES = {VISCOUS: 4.0 / 3.0, DRY: 1.0, OFFSET: 1.0 / 3.0, GAIN: 2.0 / 15.0}
 MOST_NAMED = 3  # logs of a day
 TRIED = np.array([0.1, 0.3, 0.5, 0.75, 1.0, 1.35, 1.8, 2.4, 3.2, 4.2])  # widths, in those expected
 
@@ -81,16 +88,21 @@ def describe_days(days: DayFits) -> str:
             "The logs that identify are of one day, and tell nothing of others. From day to day "
             f"{_describe_widths(days.before)} are expected (between_runs in identify.toml, as one standard deviation). {held}"
         )
+    own = "friction, offsets and gains" if GAIN in days.widths else "friction and offsets"
     return (
-        f"The logs that identify are of {len(days.own)} days, each with friction and offsets of its own. From day to day "
+        f"The logs that identify are of {len(days.own)} days, each with {own} of its own. From day to day "
         f"{_describe_widths(days.widths)} were found, as one standard deviation (expected were "
         f"{', '.join(f'{100.0 * width:.2g} %' for width in days.before.values())}). {held}"
     )
 
 
 def _describe_widths(widths: DayWidths) -> str:
-    viscous, dry, offset = (f"{100.0 * widths[kind]:.2g} %" for kind in (VISCOUS, DRY, OFFSET))
-    return f"{viscous} of the viscous friction, {dry} of the dry friction and an offset of {offset} of the dry friction"
+    sizes = {kind: f"{100.0 * width:.2g} %" for kind, width in widths.items()}
+    gains = f"{sizes[GAIN]} of the gains of efforts, " if GAIN in sizes else ""
+    return (
+        f"{gains}{sizes[VISCOUS]} of the viscous friction, {sizes[DRY]} of the dry friction and an offset of {sizes[OFFSET]} "
+        "of the dry friction"
+    )
 
 
 def _describe_logs(names: list[str]) -> str:
@@ -112,8 +124,10 @@ def check_day_rule(rule: str) -> None:
 
 
 def compute_expected_widths(machine: Machine) -> dict[str, float]:
-    """Return the widths of all classes [-] that are expected where nothing tells them."""
-    return {kind: machine.settings.between_runs * share for kind, share in SHARES.items()}
+    """Return the widths of all classes [-] that are expected where nothing tells them; gains are one where some are free."""
+    free = {one.kind for one in machine.space.parameters}
+    classes = [kind for kind in SHARES if kind != GAIN or kind in free]
+    return {kind: machine.settings.between_runs * SHARES[kind] for kind in classes}
 
 
 def compute_day_deviations(machine: Machine, z: Array, widths: DayWidths) -> Array:
@@ -128,10 +142,20 @@ def compute_day_deviations(machine: Machine, z: Array, widths: DayWidths) -> Arr
 
 
 def fit_days(machine: Machine, runs: Sequence[Run], days: Sequence[str], rule: DayRule) -> tuple[Problem, DayFits]:
-    """Return the problem of all runs, and the parameters of each day and of the machine [-].
+    """Return the problem of all runs, and the parameters of each day and of the machine [-], with the steps that they need.
 
     days : name of the day of each run
     """
+    task, found = _fit_days_once(machine, runs, days, rule)
+    while (finer := choose_steps(task, found.machine, machine.settings.every)) is not None:
+        task, found = _fit_days_once(finer.machine, finer.runs, days, rule, found.machine.z)
+    return task, found
+
+
+def _fit_days_once(
+    machine: Machine, runs: Sequence[Run], days: Sequence[str], rule: DayRule, start: Array | None = None
+) -> tuple[Problem, DayFits]:
+    """The same with the steps that the machine has; start : z (parameters,) of the machine from which the search begins."""
     names = tuple(dict.fromkeys(days))
     logs = tuple(
         _describe_logs([run.name for run, day in zip(runs, days, strict=True) if day == name]) for name in names
@@ -141,16 +165,17 @@ def fit_days(machine: Machine, runs: Sequence[Run], days: Sequence[str], rule: D
     moved = tuple(np.flatnonzero(unit).tolist()) if len(names) > 1 else ()
     task = build_problem(machine, tuple(runs), None, tuple(names.index(day) for day in days), moved)
     if not moved:
-        found = fit(task)
+        found = fit(task, start)
         apart = {kind: np.sqrt(2.0) * width for kind, width in before.items()}
         other = replace(found, scatter=apart if machine.settings.between_runs else {})
         return task, DayFits(rule, names, logs, (found,) * len(names), other, before, before)
-    first = fit(task, prior=_build_day_prior(task, unit))
+    both = None if start is None else np.concatenate([start, np.zeros(task.size - len(start))])
+    first = fit(task, both, _build_day_prior(task, unit))
     widths = find_day_widths(task, first, unit, before)
     now = compute_day_deviations(machine, _take_machine(task, first.z), widths)
-    both = fit(task, first.z, _build_day_prior(task, now))
-    each_day = tuple(_map_fit(both, task.build_day_map(day)) for day in range(len(names)))
-    mean = replace(_map_fit(both, np.eye(len(unit), task.size)), scatter=widths)
+    last = fit(task, first.z, _build_day_prior(task, now))
+    each_day = tuple(_map_fit(last, task.build_day_map(day)) for day in range(len(names)))
+    mean = replace(_map_fit(last, np.eye(len(unit), task.size)), scatter=widths)
     return task, DayFits(rule, names, logs, each_day, mean, widths, before)
 
 

@@ -247,7 +247,7 @@ def _find_start_by_scan(task: Problem, measured: list[Array], z: Array) -> Array
         raise InputError(
             f"{', '.join(run.name for run in task.runs)}: the machine cannot be marched along the log, neither with what was "
             f"known before nor with other stiffnesses, dampings or lengths ({first}); write "
-            f"every = {2 * task.machine.settings.every} or more (steps per sample), a smaller motion_Hz, initial = "
+            f"every = {2 * (task.machine.settings.every or 1)} or more (steps per sample), a smaller motion_Hz, initial = "
             '"static", or better values of [[free]] into identify.toml'
         )
     return z

@@ -312,7 +312,7 @@ class SolverModel:
     def solve_in_time(self, values: Mapping[Key, float], ten: Mapping[str, Array]) -> tuple[Told, State]:
         """Return the readings of joints, gauges and points [N m], [N], [m], [m/s^2], and the states that the solver found."""
         changed = self.apply(values, ten)
-        every = self.settings.every
+        every = self.settings.every or 1
         step = float(self.time[1] - self.time[0]) / every
         start = {name: table.value for name, table in self.settings.start.items()}
         solution = solve(changed, self.given, step, every=every, initial=self.settings.initial, start=start or None)
@@ -387,6 +387,11 @@ class _SolvedResponse:
             self.kept[at] = self.model.solve_in_time(values, changed)[0]
         efforts, moments, points = self.kept[at]
         return efforts + self.carried.compute_added_efforts(ten) if self.carried else efforts, moments, points
+
+
+def is_marched(response: Response) -> bool:
+    """Return True for a response whose error depends on the steps in time [-]."""
+    return isinstance(response, _SolvedResponse)
 
 
 def _is_linear_in_masses(mechanism: Mechanism, motion: MeasuredMotion) -> bool:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import logged_arm
@@ -14,11 +15,13 @@ from crosscheck.identification.bands import Prediction, compute_margins, predict
 from crosscheck.identification.causes.rounds import CauseSearch
 from crosscheck.identification.estimation.days import (
     DRY,
+    GAIN,
     OFFSET,
     VISCOUS,
     DayFits,
     compute_day_deviations,
     compute_expected_widths,
+    describe_days,
     find_day,
     find_day_widths,
     fit_days,
@@ -28,7 +31,7 @@ from crosscheck.identification.identify import identify, read_machine
 from crosscheck.identification.logs.log import Log, read_log
 from crosscheck.identification.machine import Machine
 from crosscheck.identification.readings import Run, make_run
-from crosscheck.identification.settings import IdentifyTable, read_settings
+from crosscheck.identification.settings import FreeTable, IdentifyTable, read_settings
 from crosscheck.identification.table import list_day_rows, list_parameter_rows
 from flexinv.errors import InputError
 from flexinv.files.load_mechanism import load_mechanism
@@ -206,6 +209,60 @@ def test_causes_leave_friction_as_free_as_days_are(machine: Machine, logs: list[
     assert spread["monday"] < 0.01
 
 
+HIGHER = 1.03  # times the efforts, on the second day
+
+
+@pytest.fixture(scope="module")
+def gained(machine: Machine) -> Machine:
+    """The same arm with gains of its efforts that are known to 5 %."""
+    free = FreeTable(parameter=GAIN, relative=0.05)
+    more = machine.settings.model_copy(update={"free": [*machine.settings.free, free]})
+    return read_machine(machine.mechanism, more)
+
+
+@pytest.fixture(scope="module")
+def gained_logs(logs: list[Log]) -> list[Log]:
+    """Two days with efforts of 1 and `HIGHER`."""
+    columns = logs[0].columns
+    efforts = {name: HIGHER * columns[name] for name in ("t1", "t2")}
+    return [logs[0], Log("higher", logs[0].time, columns | efforts)]
+
+
+def test_gains_differ_from_day_to_day_where_they_are_free(machine: Machine, gained: Machine) -> None:
+    assert GAIN not in compute_expected_widths(machine)
+    assert compute_expected_widths(gained)[GAIN] == pytest.approx(0.02)
+    deviations = compute_day_deviations(gained, np.zeros(len(gained.space.parameters)), compute_expected_widths(gained))
+    assert deviations[[one.kind == GAIN for one in gained.space.parameters]] == pytest.approx([0.4, 0.4])
+
+
+def test_each_day_has_its_own_gain(gained: Machine, gained_logs: list[Log]) -> None:
+    """Masses are known, so that the load tells the gains: 90 % intervals, widened by a half, for four are asked at once."""
+    _, days = fit_logs(gained, gained_logs, ["monday", "friday"])
+    rows = list_day_rows(gained, days, list_parameter_rows(gained.space, days.machine))
+    for place in ("shoulder", "elbow"):
+        own = {row.day: row for row in rows if (row.parameter, row.place) == (GAIN, place)}
+        for day, truth in (("log 0", 1.0), ("higher", HIGHER)):
+            assert abs(own[day].value - truth) < 1.5 * (own[day].high - own[day].low) / 2.0
+        assert own["log 0"].high < own["higher"].low
+    said = describe_days(days)
+    assert "each with friction, offsets and gains of its own" in said
+    assert "% of the gains of efforts, " in said
+
+
+def test_bands_of_another_day_hold_what_its_gain_changes(gained: Machine, gained_logs: list[Log]) -> None:
+    """The loads of the second day are one standard deviation of gains between two days more; bands of one day hold few."""
+    task, days = fit_logs(gained, gained_logs[:1], ["monday"])
+    margin = compute_margins(task, days.own[0])
+    run = make_run(gained, gained_logs[1])
+    same, other = (predict(gained, days.choose_fit(day), margin, run) for day in ("monday", "friday"))
+    assert cover(other, run) > 0.9
+    assert cover(same, run) < 0.5
+    still = replace(days.machine, scatter={**days.machine.scatter, GAIN: 0.0})
+    narrow = predict(gained, still, margin, run)
+    width = 2.0**0.5 * 0.02 * np.abs(other.value)
+    assert np.hypot(narrow.day, width) == pytest.approx(other.day)
+
+
 def test_the_rule_says_which_logs_are_of_one_day(tmp_path: Path) -> None:
     file = tmp_path / "long.csv"
     logged_arm.frame(tmp_path, seconds=2.0).to_csv(file, index=False)
@@ -223,8 +280,6 @@ LOAD, ARM, SIZE = 0.8, np.array([0.3, 0.0, 0.05]), 1.33e-3  # [kg], [m], [kg m^2
 
 def add_load(log: Log, folder: Path) -> Log:
     """The log of the arm with a cube on its forearm."""
-    from dataclasses import replace
-
     from flexinv.model.links import Body, Inertia
     from flexinv.rigid.joint_torques import joint_torques
 
