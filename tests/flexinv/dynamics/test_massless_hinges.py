@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -123,6 +124,18 @@ def test_idle_hinges_are_named(tmp_path: Path) -> None:
         flexinv.simulate(mechanism, [0.0, 0.01], [[0.1], [0.1]], STEP)
     with pytest.raises(flexinv.ConvergenceError, match=reason):
         Controller.of(mechanism, STEP)
+
+
+@pytest.mark.filterwarnings("ignore:invalid value:RuntimeWarning", "ignore:overflow:RuntimeWarning")
+def test_masses_beyond_all_numbers_name_no_idle_joint(tmp_path: Path) -> None:
+    """A mass of 1e308 kg, 100 m out, has an inertia that is no number: what resists cannot be said, and no error rises."""
+    mechanism = double(tmp_path / "idle", "")
+    (body,) = mechanism.links[-1].bodies
+    heavy = replace(body, inertia=replace(body.inertia, mass=1e308, com=np.array([100.0, 0.0, 0.0])))
+    links = (*mechanism.links[:-1], replace(mechanism.links[-1], bodies=(heavy,)))
+    passive = frozenset({"p", "p2"})
+    assert find_idle(build(mechanism), passive) == [["p", "p2"]]
+    assert find_idle(build(replace(mechanism, links=links)), passive) == []
 
 
 def test_only_idle_joints_are_named(tmp_path: Path) -> None:
