@@ -36,12 +36,14 @@ MASS = "mass properties"
 COUPLING = "motor coupling"
 TWICE = ("viscous friction", "joint damping")  # the same friction of a measured joint, by its drive or by its joint
 ZEROS = {"marker": "m", "accelerometer": "m/s^2"}  # units of the zeros of sensors at points
-# A payload before a log tells it: so many times the mass and the radii of gyration of its link, with these relative errors: nine
-# tenths lie within factors of 12 and 5.  A block of steel is that much smaller than a link, and a box that much larger.
+# A payload before a log tells it: so many times the mass of its link, nine tenths within a factor of 12, and as compact as cubes
+# of 900 kg/m^3 are, nine tenths between a carton of 100 and a block of steel.  A moment of inertia is a sum over two axes, of
+# which the larger counts: with errors so wide the middle of such sums is that of 900 kg/m^3 where that of each axis is of 2500.
 LOAD_SHARE = 0.3
-LOAD_RADIUS = 0.5
+LOAD_DENSITY = 2500.0  # [kg/m^3]
 LOAD_ERROR = 1.5
-LOAD_SHAPE = 1.0
+LOAD_SHAPE = 1.0  # of radii of gyration
+LOAD_TURN = 0.3  # of the directions of its axes
 GJ = 3  # column of a section's stiffness
 # What is asked for under a name that is no parameter here -> where it is.
 ELSEWHERE = {
@@ -226,7 +228,7 @@ def build_space(mechanism: Mechanism, settings: IdentifyTable, loads: Sequence[s
     for name in loads:
         place = make_load_place(name)
         factors[place] = _compute_factor(_compute_usual_load(mechanism.link_of[name]), settings)
-        errors = compute_prior_errors(factors[place], LOAD_ERROR, LOAD_SHAPE)
+        errors = compute_prior_errors(factors[place], LOAD_ERROR, LOAD_SHAPE, LOAD_TURN)
         parameters |= {p.key: p for p in _make_mass_parameters(place, errors, name)}
     return ParameterSpace(tuple(parameters.values()), factors)
 
@@ -268,11 +270,10 @@ def _make_mass_parameters(place: str, errors: Array, load: str = "") -> list[Par
 
 def _compute_usual_load(link: Link) -> Array:
     """A payload before a log tells it, m, h, I (10,) [kg], [kg m], [kg m^2]: small, on the link, at its tip if there is one."""
-    mass, com, inertia = np.split(convert_to_com(compute_link_parameters(link)), [1, 4])
+    mass, com = np.split(convert_to_com(compute_link_parameters(link))[:4], [1])
     where = link.tip if np.any(link.tip) else com
-    tensor = np.zeros((3, 3))
-    tensor[ROWS, COLUMNS] = tensor[COLUMNS, ROWS] = LOAD_SHARE * LOAD_RADIUS**2 * inertia
     load = float(LOAD_SHARE * mass[0])
+    tensor = load * (load / LOAD_DENSITY) ** (2.0 / 3.0) / 6.0 * np.eye(3)
     tensor += compute_parallel_axis_term(load, where)
     return np.concatenate([[load], load * where, tensor[ROWS, COLUMNS]])
 

@@ -122,19 +122,19 @@ def move_mass_properties(factor: Array, x: Array) -> Array:
     return moved.reshape(x.shape)
 
 
-def compute_prior_errors(factor: Array, relative: float, shape: float = SHAPE) -> Array:
+def compute_prior_errors(factor: Array, relative: float, shape: float = SHAPE, turn: float = SHAPE) -> Array:
     """Return standard errors (10,) [-] of x for a relative error of the mass: of radii the same, of the centre a third.
 
     The centre of mass is believed to a third of ``relative`` times its distance from the frame and the radius of gyration.
-    Radii and the directions of axes are never less certain than ``shape``: a body of twelve times the mass is not twelve times as
-    wide, at one density its radii grow with the cube root, 2.3.
+    Radii are never less certain than ``shape``, nor the directions of axes than ``turn``: a body of twelve times the mass is not
+    twelve times as wide, at one density its radii grow with the cube root, 2.3.
     """
     pseudo = factor @ factor.T
     mass = pseudo[3, 3]
     com = pseudo[:3, 3] / mass
     radius = np.diag(factor)[:3] / np.sqrt(mass)
     shift = relative / 3.0 * (np.linalg.norm(com) + radius) / radius
-    return np.concatenate([[relative / 2.0], [min(relative, shape)] * 6, shift])
+    return np.concatenate([[relative / 2.0], [min(relative, shape)] * 3, [min(relative, turn)] * 3, shift])
 
 
 def convert_to_com(ten: Array) -> Array:
