@@ -51,9 +51,9 @@ def compute_noise(residuals: Sequence[Array], slopes: Sequence[Array], root: Arr
     spectra = [_Slopes.build_for(j) for j in slopes]
     for _ in range(ROUNDS):
         before = noise
+        absorbed = _compute_absorbed_part(behind, noise, spectra, root)
         behind = [
-            _take_positive_lags(lags + more)
-            for lags, more in zip(seen, _compute_absorbed_part(behind, noise, spectra, root), strict=True)
+            _take_positive_lags(_add_absorbed_part(lags, more)) for lags, more in zip(seen, absorbed, strict=True)
         ]
         noise = _build_noise(behind, lasting)
         if np.abs(noise.weight / before.weight - 1.0).max() < STEADY:
@@ -81,6 +81,14 @@ def _build_noise(behind: Sequence[Array], lasting: Array) -> Noise:
 
 def _count(alike: Array) -> float:
     return float(max(1.0, 2.0 * alike.sum() / alike[0] - 1.0))
+
+
+def _add_absorbed_part(lags: Array, more: Array) -> Array:
+    """The autocovariance (samples,) [unit^2] with what parameters took away, as it is where that leaves no noise at all.
+
+    What was known before is a part of what remains, and is taken off: under weights that are far too small, more than there is.
+    """
+    return lags + more if lags[0] + more[0] > 0.0 else lags
 
 
 def _take_positive_lags(lags: Array) -> Array:

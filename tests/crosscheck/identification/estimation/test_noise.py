@@ -80,3 +80,18 @@ def test_the_autocovariance_is_the_sum_of_its_definition() -> None:
     x = r - r.mean()
     direct = [float(x[: 30 - lag] @ x[lag:]) / 30 for lag in range(30)]
     assert np.allclose(compute_autocovariance(r), direct, atol=1e-14)
+
+
+def test_slow_residuals_beside_wide_priors_leave_a_noise_that_is_a_number() -> None:
+    """Few samples of news, and priors that move readings by more than is left: nothing is taken off what remains.
+
+    Without that its variance, 1, less 1.3 of what was known before, had no root, and the search ended with an error.
+    """
+    random = np.random.default_rng(0)
+    walk = np.cumsum(random.normal(size=300))
+    walk = (walk - walk.mean()) / walk.std()
+    place = (np.arange(300) + 0.5) / 300
+    slopes = 0.3 * np.cos(np.pi * np.arange(1, 41) * place[:, None])
+    noise = compute_noise([walk], [slopes], np.eye(40))
+    assert noise.spread == pytest.approx([1.0])
+    assert noise.agree[0] == pytest.approx(count_agreeing_samples(walk))
