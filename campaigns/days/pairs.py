@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import shutil
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -28,7 +28,8 @@ ROOM = 3.0  # [K], of the room from day to day, the same for all joints
 THINNER = 0.04  # [1/K]: viscosity of oil
 WARMER = 0.03  # friction lost within a log, at most, as drives warm up
 WARMING = "friction drift"  # which may be named: it is there
-CLASSES = ("viscous friction", "coulomb friction", "effort offset", "effort gain")
+GAIN = "effort gain"
+CLASSES = ("viscous friction", "coulomb friction", "effort offset", GAIN)
 GAINS = (0.01, 0.03)  # of gains from day to day, relative: one for a machine, between these
 MADE = 0.05  # of the gains of one machine from those of the next, relative, and what is known of them before
 FREE_GAINS = f"""
@@ -114,12 +115,13 @@ def run_pair(seed: int, gains: bool = False) -> list[Check]:
         two = identify(model, logs[:2], logs[2:])
         checks = [*_list_bands("one day", one), *_list_bands("two days", two), *_list_differences(one, other)]
         checks += _list_gains(two, own) if gains else []
-        return [*checks, *_list_causes("one day", one, logs[2]), *_list_causes("two days", two, logs[2])]
+        there = (*FRICTION, WARMING, UNKNOWN, *((GAIN,) if gains else ()))
+        return [*checks, *_list_causes("one day", one, logs[2], there), *_list_causes("two days", two, logs[2], there)]
 
 
 def _list_gains(found: Identification, gains: Array) -> Iterator[Check]:
     """Yield whether the gains of each day that identified lie in their intervals; gains : (days, joints) true ones [-]."""
-    rows = [row for row in found.of_days if row.parameter == "effort gain" and row.day]
+    rows = [row for row in found.of_days if row.parameter == GAIN and row.day]
     days = list(dict.fromkeys(row.day for row in rows))
     joints = list(dict.fromkeys(row.place for row in rows))
     for row in rows:
@@ -150,10 +152,10 @@ def _list_rows(found: Identification) -> list[Row | DayRow]:
     return [*machine, *stays]
 
 
-def _list_causes(known: str, found: Identification, log: Path) -> Iterator[Check]:
-    """Yield whether an untouched day has no cause but its friction, its warming and offsets, and nothing unknown is said."""
+def _list_causes(known: str, found: Identification, log: Path, there: Sequence[str]) -> Iterator[Check]:
+    """Yield whether an untouched day has no cause but those that are ``there``, and nothing unknown is said."""
     names = [(NAMES.get(one.name, one.name), one.place) for one in find_causes(found, read_log(log))]
-    wrong = [f"{name} of {place}" for name, place in names if name not in (*FRICTION, WARMING, UNKNOWN)]
+    wrong = [f"{name} of {place}" for name, place in names if name not in there]
     yield Check(f"no false cause by {known}", "; ".join(wrong), not wrong)
     unknown = [place for name, place in names if name == UNKNOWN]
     yield Check(f"nothing unknown by {known}", "; ".join(unknown), not unknown)
