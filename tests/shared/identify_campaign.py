@@ -41,8 +41,6 @@ NOISE, LASTING, MEMORY = 0.01, 0.01, 0.05  # of an effort's spread: white, and l
 ENCODER = 1e-5  # [rad]
 WIDE = 0.35  # interval over prior width beyond which the data's own error is more than a third of that
 RATE, SECONDS = 125.0, 6.0
-SIZES = {"loop": 0.3, "drives": 0.3}  # of motions, beside those of other classes
-PACES = {"drives": 3.0}  # up to 2.5 Hz: springs of 7 to 14 Hz are told by little else
 TRUE_STEPS = 16  # a sample, of the march that makes a log: identify chooses its own
 
 
@@ -167,7 +165,7 @@ def moving(machine: Machine, random: np.random.Generator, kind: str) -> Measured
     for k, name in enumerate(names):
         for n in range(1, 6):
             w, size, phase = 2 * np.pi * n / SECONDS, random.uniform(0.05, 0.3), random.uniform(0, 2 * np.pi)
-            q[:, k] += window * size * SIZES.get(kind, 1.0) * np.sin(PACES.get(kind, 1.0) * w * time + phase)
+            q[:, k] += window * size * (0.3 if kind == "loop" else 1.0) * np.sin(w * time + phase)
         q[:, k] += middle.get(name, 0.0)
     spline = CubicSpline(time, q)
     return MeasuredMotion(time, names, q, spline(time, 1), spline(time, 2))
