@@ -315,15 +315,18 @@ class SolverModel:
         every = self.settings.every or 1
         step = float(self.time[1] - self.time[0]) / every
         start = {name: table.value for name, table in self.settings.start.items()}
-        solution = solve(changed, self.given, step, every=every, initial=self.settings.initial, start=start or None)
+        whole = bool(changed.closures) and not changed.is_rigid  # of which the solver keeps every step
+        apart = 1 if whole else every
+        solution = solve(changed, self.given, step, every=apart, initial=self.settings.initial, start=start or None)
         moments = [_compute_gauge_moment(solution, gauge) for gauge in self.settings.gauges.values()]
         points = build_point_motion(self.settings, solution.mesh, solution.nodes)
+        kept = slice(None, None, every // apart)
         told = (
-            solution.torque_all[:, self.rows],
-            np.column_stack([np.zeros((len(self.time), 0)), *moments]),
-            points.compute_readings(np.asarray(changed.gravity)),
+            solution.torque_all[kept, self.rows],
+            np.column_stack([np.zeros((len(solution.time), 0)), *moments])[kept],
+            points.compute_readings(np.asarray(changed.gravity))[kept],
         )
-        return told, (solution.q, solution.qd, solution.qdd)
+        return told, (solution.q[kept], solution.qd[kept], solution.qdd[kept])
 
     def compute_efforts(self, values: Mapping[Key, float], ten: Mapping[str, Array], state: State) -> Array:
         """Return the efforts (samples, joints) [N m], [N] in states that were found with other masses."""
