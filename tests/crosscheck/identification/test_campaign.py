@@ -8,7 +8,6 @@ import identify_campaign as campaign
 import numpy as np
 import pytest
 
-from crosscheck.identification.estimation.fit import build_problem, fit
 from crosscheck.identification.identify import read_machine
 from crosscheck.identification.readings import make_run
 from crosscheck.identification.responses.response import MeasuredMotion
@@ -80,7 +79,8 @@ def test_the_stiffness_of_a_coupler_that_bends_is_found(root: Path, tmp_path: Pa
     z = np.array([np.log(truth[p.key] / p.known) / p.error for p in machine.space.parameters])
     log = campaign.logged(machine, motion, z, np.random.default_rng(3))
     run = make_run(machine, log)
-    table = {(r.parameter, r.place): r for r in list_parameter_rows(machine.space, fit(build_problem(machine, (run,))))}
+    found = campaign.fit_with_steps(machine, run)[1]  # with one step a sample the stiffness is 4 % too high
+    table = {(r.parameter, r.place): r for r in list_parameter_rows(machine.space, found)}
     for key, value in truth.items():
         assert table[key].identifiable
         assert table[key].low < value < table[key].high
