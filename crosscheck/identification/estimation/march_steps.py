@@ -49,7 +49,8 @@ def count_steps(task: Problem, found: Fit) -> int:
     parts = zip(weight, slopes, coarse, fine, strict=True)
     pull = sum((w**2 * SECOND * (j.T @ (f - c)) for w, j, c, f in parts), np.zeros(len(found.z)))
     off = float(np.sqrt(pull @ found.covariance @ pull))
-    return min(MOST, max(1, ceil(now * np.sqrt(off / OFF))))
+    needed = ceil(now * float(np.sqrt(off / OFF)))
+    return min(MOST, max(1, needed))
 
 
 def replace_steps(machine: Machine, steps: int) -> Machine:
