@@ -10,6 +10,7 @@ import numpy as np
 from flexinv.analysis.solution import LoopForces, Solution
 from flexinv.analysis.task import Settings
 from flexinv.constraints.loop_starts import build_joint_mask
+from flexinv.dynamics.section_strains import split_by_beam
 from flexinv.dynamics.system import Trajectory
 from flexinv.elements.joint_law import compute_smooth_direction
 from flexinv.inverse.balance import Balance
@@ -28,7 +29,7 @@ from flexinv.kinematics.mesh import Mesh, list_tips
 from flexinv.kinematics.nodal_motion import NodalMotion, compute_differenced_motion, compute_rigid_motion
 from flexinv.model.mechanism import Mechanism
 from flexinv.model.owned_cache import make_owner_cache
-from flexinv.typing import Array, Indices, Triple
+from flexinv.typing import Array, Triple
 
 
 @dataclass(frozen=True)
@@ -92,20 +93,6 @@ def assemble_solution(
     if whole and first.ends:
         solution.check_energy()
     return solution
-
-
-def split_by_beam(mesh: Mesh, resultants: Array) -> tuple[dict[str, Array], dict[str, Array]]:
-    """Return a quantity (samples, points, 6) [any unit] of each beam, from that of all elements, and where its points are [-]."""
-    internal = dict[str, Array]()
-    stations = dict[str, Array]()
-    for name, points, order, station in list_section_points(mesh):
-        part = resultants[:, points]
-        stations[name] = station.copy()
-        if (order == part.shape[2]).all():  # not copied where they stand so in memory
-            internal[name] = part.reshape(len(part), -1, 6)
-        else:
-            internal[name] = np.concatenate([part[:, k, :n] for k, n in enumerate(order)], axis=1)
-    return internal, stations
 
 
 def add_joint_efforts(mechanism: Mechanism, first: FirstStep, tau: Array, reaction: Array) -> tuple[Array, Array]:
@@ -208,16 +195,3 @@ def _compute_friction_direction(mechanism: Mechanism, qd: Array, smooth_of: Coll
     if not any(joint.friction for joint in mechanism.joints):
         return np.zeros_like(qd)
     return np.where(build_joint_mask(mechanism, smooth_of), compute_smooth_direction(qd), np.sign(qd))
-
-
-@make_owner_cache()
-def list_section_points(mesh: Mesh) -> list[tuple[str, slice, Indices, Array]]:
-    """Return for each beam its name, which elements are its own, their orders, and where their points are, of its length [-]."""
-    e = mesh.elements
-    out = []
-    for index, link in enumerate(mesh.mechanism.links):
-        elements = np.flatnonzero(e.link == index)
-        if link.beam is not None and len(elements):
-            station = np.concatenate([e.station[k, : e.order[k]] for k in elements])
-            out.append((link.name, slice(int(elements[0]), int(elements[-1]) + 1), e.order[elements], station))
-    return out

@@ -153,9 +153,7 @@ class Solution(Shown, ByValue):
 
         Beside the shape without stress; damping has no part in them.
         """
-        from flexinv.analysis.evaluation import split_by_beam
-
-        return split_by_beam(self.mesh, compute_section_strains(self.mesh, self.nodes))[0]
+        return compute_section_strains(self.mesh, self.nodes)
 
     @property
     def power_residual(self) -> Array:

@@ -1,4 +1,4 @@
-"""Strains of beams at their sections, from the poses of their nodes (compiled): damping has no part in them."""
+"""Sections of beams: where they are, and their strains from the poses of nodes (compiled), in which damping has no part."""
 
 from __future__ import annotations
 
@@ -10,7 +10,8 @@ from flexinv.kernels.vec3 import apply, mat, put, put_mat, put_pair, sub, vec
 from flexinv.kinematics.mesh import Mesh
 from flexinv.kinematics.nodal_motion import NodalMotion
 from flexinv.kinematics.tree import Frames
-from flexinv.typing import Array
+from flexinv.model.owned_cache import make_owner_cache
+from flexinv.typing import Array, Indices
 
 
 @jit
@@ -34,14 +35,41 @@ def fill_section_strains(elements, frames, scratch, out):
             )
 
 
-def compute_section_strains(mesh: Mesh, motion: NodalMotion) -> Array:
-    """Return the strains (samples, elements, points, 6) of all sections along a motion [-], [1/m]."""
+def compute_section_strains(mesh: Mesh, motion: NodalMotion) -> dict[str, Array]:
+    """Return the strains (samples, points, 6) of the sections of each beam along a motion [-], [1/m]."""
     elements = mesh.elements
     out = np.zeros((len(motion.x), *elements.weight.shape, 6))
     if not elements.nodes.size:
-        return out
+        return {}
     scratch = Scratch.build_for(elements.nodes.shape[1])
     whole = motion.frames
     for sample, strains in enumerate(out):
         fill_section_strains(elements, Frames(*(part[sample] for part in whole)), scratch, strains)
+    return split_by_beam(mesh, out)[0]
+
+
+def split_by_beam(mesh: Mesh, resultants: Array) -> tuple[dict[str, Array], dict[str, Array]]:
+    """Return a quantity (samples, points, 6) [any unit] of each beam, from that of all elements, and where its points are [-]."""
+    internal = dict[str, Array]()
+    stations = dict[str, Array]()
+    for name, points, order, station in list_section_points(mesh):
+        part = resultants[:, points]
+        stations[name] = station.copy()
+        if (order == part.shape[2]).all():  # not copied where they stand so in memory
+            internal[name] = part.reshape(len(part), -1, 6)
+        else:
+            internal[name] = np.concatenate([part[:, k, :n] for k, n in enumerate(order)], axis=1)
+    return internal, stations
+
+
+@make_owner_cache()
+def list_section_points(mesh: Mesh) -> list[tuple[str, slice, Indices, Array]]:
+    """Return for each beam its name, which elements are its own, their orders, and where their points are, of its length [-]."""
+    e = mesh.elements
+    out = []
+    for index, link in enumerate(mesh.mechanism.links):
+        elements = np.flatnonzero(e.link == index)
+        if link.beam is not None and len(elements):
+            station = np.concatenate([e.station[k, : e.order[k]] for k in elements])
+            out.append((link.name, slice(int(elements[0]), int(elements[-1]) + 1), e.order[elements], station))
     return out

@@ -6,8 +6,8 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from flexinv.analysis.evaluation import build_skeleton, list_section_points
-from flexinv.dynamics.section_strains import fill_section_strains
+from flexinv.analysis.evaluation import build_skeleton
+from flexinv.dynamics.section_strains import fill_section_strains, list_section_points
 from flexinv.elements.beam import Scratch
 from flexinv.export.machine_code import KernelCall
 from flexinv.export.memory_image import WORD, MemoryImage

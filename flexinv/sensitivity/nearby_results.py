@@ -15,11 +15,11 @@ from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 
 import numpy as np
 
-from flexinv.analysis.evaluation import FirstStep, run_second_step, split_by_beam
+from flexinv.analysis.evaluation import FirstStep, run_second_step
 from flexinv.analysis.loops import PhaseHistory, add_reaction_forces
 from flexinv.analysis.solution import Solution, compute_root_resultants
 from flexinv.constraints.closures import list_phases
-from flexinv.dynamics.section_strains import compute_section_strains
+from flexinv.dynamics.section_strains import compute_section_strains, split_by_beam
 from flexinv.errors import InputError
 from flexinv.inverse.inverse_dynamics import NodalForces, compute_applied_forces
 from flexinv.inverse.nodal_sums import SecondStepArrays
@@ -182,7 +182,7 @@ def _collect_root_resultants(system: FreeSystem, first: FirstStep, found: Second
 
 def _collect_strains(system: FreeSystem, first: FirstStep, found: SecondStepArrays) -> Mapping[str, Array]:
     """Beam -> (samples, points, 6) strains [-], [1/m]."""
-    return split_by_beam(system.mesh, compute_section_strains(system.mesh, first.trajectory.motion))[0]
+    return compute_section_strains(system.mesh, first.trajectory.motion)
 
 
 def _collect_deflections(system: FreeSystem, first: FirstStep, found: SecondStepArrays) -> Mapping[str, Array]:

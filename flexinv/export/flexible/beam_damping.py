@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from flexinv.analysis.evaluation import list_section_points
+from flexinv.dynamics.section_strains import list_section_points
 from flexinv.elements import planar_beam
 from flexinv.elements.beam_element import Elements
 from flexinv.elements.planar_beam import PlanarElements
