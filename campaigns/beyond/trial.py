@@ -25,7 +25,7 @@ from crosscheck.measures.limits import REFERENCE, find
 from crosscheck.measures.record import Record, RecordError, check, read_record
 from crosscheck.run.child import run_case
 from crosscheck.run.isolation import Attempt
-from crosscheck.run.questions import list_questions
+from crosscheck.run.questions import Question, list_questions
 from crosscheck.run.result_rows import compare_all, run_row
 from crosscheck.verdicts.bars import find_checked_bar
 from crosscheck.verdicts.certificates import judge_by_certificate, list_certificate_lines
@@ -73,6 +73,28 @@ class TrialLocation:
         """The scene of the unharmed reference.  Raises RecordError where there is none."""
         task = self.task
         return FaultScenario(task.mechanism, task.case, self.engine, read_record(self.make_record_path(REFERENCE)))
+
+
+@dataclass(frozen=True)
+class HarmedRun:
+    """Findings of a run on a harmed engine, before causes are asked for.
+
+    questions : those of the deviations; effect : of the fault, and most : its largest over its bar [-], `compute_effect`
+    deviate : the comparison says so
+    """
+
+    engine: str
+    fault: Fault
+    results: Results
+    questions: tuple[Question, ...]
+    effect: Effect
+    most: float | None
+    deviate: bool
+
+    @property
+    def failed(self) -> list[str]:
+        """The lines of the certificate that fail."""
+        return [line.what for line in self.results.certificates if not line.holds]
 
 
 def prepare(places: Sequence[Mapping[str, str]]) -> list[dict[str, Any]]:
@@ -132,25 +154,25 @@ def run_trial(
     }
     try:
         with apply_fault(fault, place.engine):
-            row |= _run_harmed_engine(
-                place, scenario, fault, scratch / f"fault{drawn_fault.number}-{place.engine}", columns
-            )
+            run = run_harmed_engine(place, scenario, fault, scratch / f"fault{drawn_fault.number}-{place.engine}")
+            row |= _describe_refusal(run) if isinstance(run, Record) else ask_for_causes(run, columns)
     except Exception as error:
         traceback.print_exc()
         row |= {"outcome": "failed", "words": f"{type(error).__name__}: {error}"}
     return row | {"seconds": round(clock.perf_counter() - start, 2)}
 
 
-def _run_harmed_engine(
-    place: TrialLocation, scenario: FaultScenario, fault: Fault, stem: Path, columns: Columns | None
-) -> dict[str, Any]:
-    """Run the harmed engine, compare, ask why; return what came out.  The fault is planted meanwhile."""
+def run_harmed_engine(place: TrialLocation, scenario: FaultScenario, fault: Fault, stem: Path) -> HarmedRun | Record:
+    """Run the harmed engine and compare; return what a run has to ask then, or its record where it refuses.
+
+    The fault is planted meanwhile; stem : of the record's files, which the questions are about
+    """
     task = place.task
     stem.parent.mkdir(parents=True, exist_ok=True)
     run_case(place.make_job(place.engine, stem))
     record = _read(stem, task)
     if record.status != "ok":
-        return {"outcome": "refused", "effect": "above", "words": f"{record.status}: {record.message}"}
+        return record
     reference = scenario.reference
     unharmed = read_record(place.make_record_path(place.engine))
     records = {REFERENCE: reference, place.engine: record}
@@ -164,22 +186,34 @@ def _run_harmed_engine(
         rows = [judge_by_repetition(row, records, again) if is_doubtful(row) else row for row in rows]
     series = {REFERENCE: str(place.make_record_path(REFERENCE).resolve()), place.engine: str(stem.resolve())}
     results = _make_results(task, records, rows, lines, series)
-    answers = [_ask_question(question.job, columns) for question in list_questions(results, Plan((task,)), Path("/"))]
-    named = [one for answer in answers for one in answer.get("named", ())]
     effect, most = compute_effect(fault, task, reference, unharmed, record)
-    failed = [line.what for line in lines if not line.holds]
-    alarm = results.exit_code != 0 or bool(failed)
     deviate |= any(row.verdict in TOLD and not row.uncertified for row in rows)
+    questions = list_questions(results, Plan((task,)), Path("/"))
+    return HarmedRun(place.engine, fault, results, tuple(questions), effect, most, deviate)
+
+
+def ask_for_causes(run: HarmedRun, columns: Columns | None) -> dict[str, Any]:
+    """Ask why a harmed engine deviates; return what came out, and the outcome.  The fault is planted meanwhile."""
+    answers = [_ask_question(question.job, columns) for question in run.questions]
+    named = [one for answer in answers for one in answer.get("named", ())]
+    failed = run.failed
+    alarm = run.results.exit_code != 0 or bool(failed)
+    rows = run.results.comparisons
     return {
-        "effect": effect,
-        "times_the_bar": most,
-        "exit_code": results.exit_code,
-        "verdicts": {f"{r.quantity} [{r.unit}]": r.verdict for r in rows if r.engine == place.engine},
+        "effect": run.effect,
+        "times_the_bar": run.most,
+        "exit_code": run.results.exit_code,
+        "verdicts": {f"{r.quantity} [{r.unit}]": r.verdict for r in rows if r.engine == run.engine},
         "certificate_fails": failed,
         "named": [{k: one.get(k) for k in ("cause", "target", "words")} for one in named],
         "words": " ".join(str(answer.get("words", "")) for answer in answers),
-        "outcome": _judge_trial(named, fault, effect, alarm, deviate, failed),
+        "outcome": _judge_trial(named, run.fault, run.effect, alarm, run.deviate, failed),
     }
+
+
+def _describe_refusal(record: Record) -> dict[str, Any]:
+    """The row of an engine that does not run with the fault."""
+    return {"outcome": "refused", "effect": "above", "words": f"{record.status}: {record.message}"}
 
 
 def _judge_trial(

@@ -17,7 +17,7 @@ from campaigns.log_faults.plants import apply_logger_faults, apply_machine_fault
 from crosscheck.identification.causes.cause import NamedCause
 from crosscheck.identification.causes.name_causes import find_causes
 from crosscheck.identification.identify import Identification, identify
-from crosscheck.identification.logs.log import read_log
+from crosscheck.identification.logs.log import Log, read_log
 from flexinv.errors import InputError
 
 HERE = Path(__file__).resolve().parent
@@ -80,14 +80,20 @@ def make_record(row: Row, shift: int = 0) -> Record:
     return apply_logger_faults(record, plants, random)
 
 
+def make_log(row: Row, shift: int = 0) -> Log:
+    """Return log B of a row [units of its columns] as it is read from its file.  Raises InputError where it is refused."""
+    with tempfile.TemporaryDirectory() as folder:
+        return read_log(write_log(row.machine, make_record(row, shift), Path(folder) / f"B{row.number}.csv"))
+
+
 def run_row(row: Row, shift: int = 0) -> Trial:
     """Run a row: its log B is made and its causes are named [units of the causes]; ``shift`` is added to its seed."""
     known = fit_machine(row.machine, row.day)
-    with tempfile.TemporaryDirectory() as folder:
-        file = write_log(row.machine, make_record(row, shift), Path(folder) / f"B{row.number}.csv")
+    begin = time.process_time()
+    try:
+        log = make_log(row, shift)
         begin = time.process_time()
-        try:
-            named = tuple(find_causes(known, read_log(file)))
-        except InputError as error:
-            return Trial(row, (), str(error), time.process_time() - begin)
+        named = tuple(find_causes(known, log))
+    except InputError as error:
+        return Trial(row, (), str(error), time.process_time() - begin)
     return Trial(row, named, "", time.process_time() - begin)

@@ -1,4 +1,4 @@
-"""Halve and double each threshold of the causes, and count what known faults are then called.
+"""Halve and double each threshold of the causes, do without it, and count what known faults are then called.
 
     python -m campaigns.thresholds --kind logs           # those of identify --causes
     python -m campaigns.thresholds --kind torques        # those of crosscheck run
@@ -15,15 +15,24 @@ import csv
 import time
 from collections import Counter
 from collections.abc import Mapping
-from itertools import product
 from pathlib import Path
 
 import click
 
-from campaigns.thresholds.constants import FACTORS, LOGS, SET_BY, TORQUES, list_thresholds, replace_threshold
+from campaigns.thresholds.absences import REASONS, WITHOUT_ABSENCE
+from campaigns.thresholds.constants import (
+    ABSENCE,
+    LOGS,
+    TORQUES,
+    find_setter,
+    list_changes,
+    list_thresholds,
+    replace_threshold,
+)
 from campaigns.thresholds.kept_effects import keep_effects
 from campaigns.thresholds.kept_rounds import keep_rounds
-from campaigns.thresholds.trials import COUNTED, LISTS, Verdict
+from campaigns.thresholds.trials import LISTS
+from campaigns.thresholds.verdict import COUNTED, Verdict
 
 FILE = Path(__file__).resolve().parent / "thresholds.csv"
 FIELDS = ("kind", "module", "name", "factor", "value", *COUNTED, "changed", "seconds")
@@ -66,20 +75,26 @@ def write_result(
 
 
 def run_kind(kind: str, only: str) -> None:
-    """Run the faults of a kind with its thresholds as they are, and with each of them times each factor."""
+    """Run the faults of a kind with its thresholds as they are, and with each of them changed."""
     known = {(row["kind"], row["module"], row["name"], row["factor"]) for row in read_results()}
     begin = time.process_time()
     with KEEP[kind]() as kept:
         first = LISTS[kind]()
         if (kind, "", AS_IT_IS, "1") not in known:
             write_result((kind, "", AS_IT_IS, "1"), "", first, first, begin)
-        for threshold, factor in product(list_thresholds(kind), FACTORS):
-            key = (kind, threshold.module.removeprefix("crosscheck."), threshold.name, f"{factor:g}")
+        tried = [(one, change) for one in list_thresholds(kind) for change in list_changes(one)]
+        for threshold, change in tried:
+            key = (kind, threshold.module.removeprefix("crosscheck."), threshold.name, describe_change(change))
             if key in known or only not in ("", threshold.name):
                 continue
             begin = time.process_time()
-            with replace_threshold(threshold, factor) as value, kept.use_for(threshold):
+            with replace_threshold(threshold, change) as value, kept.use_for(threshold):
                 write_result(key, str(value), list_changed_verdicts(kind), first, begin)
+
+
+def describe_change(change: float | str) -> str:
+    """Return the word for a change in thresholds.csv: its factor [-], or that the check is off."""
+    return f"{change:g}" if isinstance(change, float) else change
 
 
 def list_changed_verdicts(kind: str) -> list[Verdict] | None:
@@ -93,22 +108,24 @@ def list_changed_verdicts(kind: str) -> list[Verdict] | None:
 def format_table(results: list[dict[str, str]]) -> str:
     """Return what stands as a table in Markdown.
 
-    A row for each threshold, in the order of the modules: its value, the campaign that set it, and for each factor the counts [-]
-    of right, not named, wrong, and otherwise named than with the thresholds as they are.
+    A row for each threshold, in the order of the modules: its value, the campaign or test that set it, and for each change the
+    counts [-] of right, not named, wrong, and otherwise named than with the thresholds as they are.
     """
     cells: dict[tuple[str, str, str], dict[str, str]] = {}
     for row in results:
         counts = " / ".join(row[word] for word in (*COUNTED, "changed"))
         cells.setdefault((row["kind"], row["module"], row["name"]), {})[row["factor"]] = counts
-    lines = ["| threshold | value | set by | halved | doubled |", "|---|---|---|--:|--:|"]
+    lines = ["| threshold | value | set by | halved | doubled | absent |", "|---|---|---|--:|--:|--:|"]
     for kind in (TORQUES, LOGS):
-        lines.append(f"| {kind}, {AS_IT_IS} | | | {cells.get((kind, '', AS_IT_IS), {}).get('1', '')} | |")
+        lines.append(f"| {kind}, {AS_IT_IS} | | | {cells.get((kind, '', AS_IT_IS), {}).get('1', '')} | | |")
         for threshold in list_thresholds(kind):
             place = threshold.module.removeprefix("crosscheck.")
             found = cells.get((kind, place, threshold.name), {})
-            tried = f"{found.get('0.5', '')} | {found.get('2', '')}"
-            lines.append(f"| `{place}.{threshold.name}` | {threshold.value} | {SET_BY[kind]} | {tried} |")
-    return "\n".join(lines)
+            reason = WITHOUT_ABSENCE.get(threshold.module, {}).get(threshold.name, "")
+            tried = f"{found.get('0.5', '')} | {found.get('2', '')} | {found.get(ABSENCE, reason)}"
+            lines.append(f"| `{place}.{threshold.name}` | {threshold.value} | {find_setter(threshold)} | {tried} |")
+    reasons = [f"* *{word}*: {reason}" for word, reason in REASONS.items()]
+    return "\n".join([*lines, "", "Where there is no absence, the word says why:", "", *reasons])
 
 
 @click.command(help=__doc__)

@@ -12,6 +12,8 @@ from dataclasses import dataclass
 from types import ModuleType
 from typing import Any
 
+from campaigns.thresholds.absences import find_absent_value
+
 TORQUES = "torques"
 LOGS = "logs"
 # Modules and the constants in them that a verdict may depend on.  Grids of starts and words are no thresholds.
@@ -30,18 +32,20 @@ OF_TORQUES = {
 }
 OF_LOGS = {
     "crosscheck.identification.causes.name_causes": (
-        "EVIDENCE CHANCE HALF LITTLE FOLLOWED ASKED NEAREST ALIKE QUIET LARGEST TOGETHER REACH PART SURE"
+        "EVIDENCE CHANCE HALF LITTLE FOLLOWED ASKED NEAREST ALIKE QUIET LARGEST TOGETHER REACH PART REMAINDER SURE"
     ),
     "crosscheck.identification.causes.rounds": "NOISE SEEN MOST ROUNDS",
     "crosscheck.identification.causes.signals": "REACH HELD QUIET BESIDE LEVELS EXACT LEAP AMONG_SMALLEST HALF",
     "crosscheck.identification.causes.dictionary": (
-        "LATEST LARGEST_SCALE LEAST_EFFICIENCY LARGEST_RIPPLE LARGEST_ANGLE LONGER HEAVIER LITTLE"
+        "LATEST LARGEST_SCALE LARGEST_GAIN LEAST_EFFICIENCY LARGEST_RIPPLE LARGEST_ANGLE LONGER STIFFER HEAVIER LITTLE"
     ),
     "crosscheck.identification.causes.gear_faults": "LARGEST_PLAY LARGEST_PART PASSED FEWEST",
 }
-FACTORS = (0.5, 2.0)
-# The campaigns in which each kind was chosen.
+ABSENCE = "absent"  # in the place of a factor: the check is off
+CHANGES: tuple[float | str, ...] = (0.5, 2.0, ABSENCE)
+# The campaigns in which each kind was chosen, and the tests that hold single ones where campaigns say nothing.
 SET_BY = {TORQUES: "`crosscheck selftest`, `beyond`", LOGS: "`log_faults`"}
+SET_BY_TEST: dict[tuple[str, str], str] = {}
 
 
 @dataclass(frozen=True)
@@ -67,6 +71,11 @@ def list_thresholds(kind: str) -> list[Threshold]:
     return [Threshold(kind, module, name) for module, names in table.items() for name in names.split()]
 
 
+def find_setter(threshold: Threshold) -> str:
+    """Return the campaign, or the test, that set a threshold, in Markdown [-]."""
+    return SET_BY_TEST.get((threshold.module, threshold.name), SET_BY[threshold.kind])
+
+
 def scale_value(value: Any, factor: float) -> Any:
     """Return a threshold times a factor [-]: whole numbers stay whole and at least 1, numbers by a key are all scaled."""
     if isinstance(value, dict):
@@ -76,11 +85,17 @@ def scale_value(value: Any, factor: float) -> Any:
     return factor * value
 
 
+def list_changes(threshold: Threshold) -> list[float | str]:
+    """Return the factors [-] by which a threshold is tried, and `ABSENCE` where its check can be off."""
+    can_be_absent = find_absent_value(threshold.module, threshold.name) is not None
+    return [change for change in CHANGES if change != ABSENCE or can_be_absent]
+
+
 @contextmanager
-def replace_threshold(threshold: Threshold, factor: float) -> Iterator[Any]:
-    """Let all modules of crosscheck that hold this constant have it times a factor [-]; yield the new value."""
+def replace_threshold(threshold: Threshold, change: float | str) -> Iterator[Any]:
+    """Let all modules of crosscheck that hold this constant have it times a factor [-], or absent; yield the new value."""
     old = threshold.value
-    new = scale_value(old, factor)
+    new = scale_value(old, change) if isinstance(change, float) else find_absent_value(threshold.module, threshold.name)
     holders = [
         module
         for name, module in list(sys.modules.items())

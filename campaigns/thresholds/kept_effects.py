@@ -15,14 +15,18 @@ from pathlib import Path
 from typing import Any
 from unittest.mock import patch
 
-from campaigns.thresholds import trials
+from campaigns.thresholds import beyond_faults, trials
+from campaigns.thresholds.beyond_faults import KnownFault
 from campaigns.thresholds.constants import Threshold
-from crosscheck.causes import evidence, fit, model, selftest, separate, single_samples
+from campaigns.thresholds.verdict import Verdict
+from crosscheck.causes import diagnosis, evidence, fit, model, pairs, repair, selftest, separate, single_samples
 from crosscheck.causes.cause import Cause
 from crosscheck.causes.evidence import Evidence
 from crosscheck.causes.fault_benches import Bench
-from crosscheck.causes.fit import Fit
+from crosscheck.causes.fit import Columns, Fit
 from crosscheck.causes.model import Model
+from crosscheck.causes.subject import Subject
+from crosscheck.measures.record import Record, compute_fingerprint
 from flexinv.typing import Array
 
 
@@ -65,31 +69,84 @@ class KeptEffects:
 
 @contextmanager
 def keep_effects() -> Iterator[KeptEffects]:
-    """Let benches, effects and certificates be made once for a while."""
+    """Let benches, effects, certificates and runs of engines be made once for a while."""
     kept = KeptEffects()
-    prepare = trials.prepare
+    with ExitStack() as stack:
+        for module, name, find in (*_list_effects(kept), *_list_runs(kept), *_list_models(kept)):
+            stack.enter_context(patch.object(module, name, find))
+        yield kept
+
+
+Replacements = Iterator[tuple[Any, str, Callable[..., Any]]]
+
+
+def _list_effects(kept: KeptEffects) -> Replacements:
+    """Places at which effects and certificates are asked for, and what finds them among those that are kept."""
     compute = fit.compute_effect
     certify = Evidence._compute_harmed_certificate
-    ask = selftest.ask
-    certify_engine = selftest._compute_certificate
+
+    def find_effect(of: Model, cause: Cause, target: str, size: Array) -> Any:
+        seen = None if of.seen is None else of.seen.tobytes()
+        key = ("effect", id(of.base), id(of.torque), id(of.scale), seen, cause.name, target, size.tobytes())
+        return kept.find(key, of, lambda: compute(of, cause, target, size))
+
+    def find_certificate(here: Evidence, one: Fit, size: Array) -> Any:
+        slopes = here.engine_certificate.torque_by_place is not None
+        key = ("certificate", id(here.model.base), slopes, *one.key, size.tobytes())
+        return kept.find(key, here.model, lambda: certify(here, one, size))
+
+    for module in (fit, evidence, separate, single_samples):
+        yield module, "compute_effect", find_effect
+    yield Evidence, "_compute_harmed_certificate", find_certificate
+
+
+def _list_runs(kept: KeptEffects) -> Replacements:
+    """The same of runs of engines: those of a harmed one by the fault that is asked about."""
+    ask = beyond_faults.ask_about
+    about: list[int] = [0]
+
+    def ask_about(known: KnownFault, columns: Columns) -> Verdict:
+        about[0] = known.number
+        return ask(known, columns if kept.used else Columns())
+
+    def find_repair(*given: Any) -> Any:
+        return kept.find_by_text("repair", lambda _, *rest: run_repair(*rest), about[0], *given)
+
+    run_repair = repair._run
+    yield beyond_faults, "ask_about", ask_about
+    yield repair, "_run", find_repair
+    yield selftest, "ask", partial(kept.find_by_text, "ask", selftest.ask)
+    yield selftest, "_compute_certificate", partial(kept.find_by_text, "engine", selftest._compute_certificate)
+    yield diagnosis, "find_separating_motion", lambda *_: ""  # a motion that would tell names apart is no verdict
+
+
+def _list_models(kept: KeptEffects) -> Replacements:
+    """The same of models of benches and mechanisms, their columns, and all that flexinv gives of changed ones."""
+    prepare = trials.prepare
+    make = diagnosis.make_model
+    list_columns = fit.list_candidates
+    collect = Model.collect_series
 
     def find_setting(bench: Bench, models: Path) -> Any:
         return kept.find(("setting", id(bench)), bench, lambda: prepare(bench, models))
 
-    def find_effect(of: Model, cause: Cause, target: str, size: Array) -> Any:
-        key = ("effect", id(of), cause.name, target, size.tobytes())
-        return kept.find(key, of, lambda: compute(of, cause, target, size))
+    def find_model(subject: Subject, reference: Record) -> Any:
+        key = ("model", compute_fingerprint(subject.mechanism, subject.case))
+        return kept.find(key, None, lambda: make(subject, reference))
 
-    def find_certificate(here: Evidence, one: Fit, size: Array) -> Any:
-        key = ("certificate", id(here.model), *one.key, size.tobytes())
-        return kept.find(key, here.model, lambda: certify(here, one, size))
+    def find_columns(model: Model, dictionary: dict[str, Cause]) -> Any:
+        return kept.find(("columns", id(model), *dictionary), model, lambda: list_columns(model, dictionary))
 
-    with ExitStack() as stack:
-        for module in (fit, evidence, separate, single_samples):
-            stack.enter_context(patch.object(module, "compute_effect", find_effect))
-        stack.enter_context(patch.object(trials, "prepare", find_setting))
-        stack.enter_context(patch.object(Evidence, "_compute_harmed_certificate", find_certificate))
-        stack.enter_context(patch.object(selftest, "ask", partial(kept.find_by_text, "ask", ask)))
-        engine = partial(kept.find_by_text, "engine", certify_engine)
-        stack.enter_context(patch.object(selftest, "_compute_certificate", engine))
-        yield kept
+    def find_series(model: Model, subject: Subject) -> Any:
+        return kept.find_by_text("series", lambda one: collect(model, one), subject)
+
+    def find_columns_beside(model: Model, dictionary: dict[str, Cause]) -> Any:
+        """Those of a model that has a cause already: it is made anew each time."""
+        given = (model.base, model.torque, model.scale, model.seen, tuple(dictionary))
+        return kept.find_by_text("columns", lambda *_: list_columns(model, dictionary), *given)
+
+    yield trials, "prepare", find_setting
+    yield diagnosis, "make_model", find_model
+    yield fit, "list_candidates", find_columns
+    yield pairs, "list_candidates", find_columns_beside
+    yield Model, "collect_series", find_series

@@ -17,12 +17,15 @@ from unittest.mock import patch
 
 import numpy as np
 
+from campaigns.log_faults import trial
+from campaigns.log_faults.trial import Row
 from campaigns.thresholds.constants import Threshold
 from crosscheck.identification.causes import name_causes
 from crosscheck.identification.causes.cause import Cause
 from crosscheck.identification.causes.rounds import CauseRound, CauseSearch
 from crosscheck.identification.causes.wide_rows import WideRows
 from crosscheck.identification.logs.log import Log
+from flexinv.errors import InputError
 from flexinv.typing import Array
 
 # Thresholds that weights of rounds and shapes of causes depend on.
@@ -106,6 +109,20 @@ def keep_rounds() -> Iterator[KeptRounds]:
     above = CauseRound.compute_cost_above
     list_shapes = name_causes.list_shape_causes
     list_ripples = name_causes.list_ripple_causes
+    make = trial.make_log
+    logs: dict[tuple[int, int], Log | InputError] = {}
+
+    def find_log(row: Row, shift: int = 0) -> Log:
+        key = (row.number, shift)
+        if key not in logs:
+            try:
+                logs[key] = make(row, shift)
+            except InputError as error:
+                logs[key] = error
+        log = logs[key]
+        if isinstance(log, InputError):
+            raise log
+        return log
 
     def find_key(here: CauseRound) -> Any:
         return here.__dict__["key"]
@@ -147,6 +164,7 @@ def keep_rounds() -> Iterator[KeptRounds]:
         return kept.find(key, lambda: list(list_ripples(here, at, noisy)))
 
     with (
+        patch.object(trial, "make_log", find_log),
         patch.object(CauseRound, "__init__", find_begin),
         patch.object(CauseRound, "compute_weighed_residual", find_residual),
         patch.object(CauseRound, "compute_cost_above", find_cost),

@@ -3,17 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from itertools import islice
-from pathlib import Path
 
 from campaigns.log_faults.answers import judge_causes
 from campaigns.log_faults.trial import read_rows, run_row
+from campaigns.thresholds.beyond_faults import MODELS, list_beyond_verdicts
 from campaigns.thresholds.constants import LOGS, TORQUES
+from campaigns.thresholds.verdict import Verdict
 from crosscheck.causes.fault_benches import BENCHES
 from crosscheck.causes.selftest import FOUND, list_faults, list_sample_faults, prepare, run_fault, run_without_fault
 
-MODELS = Path(__file__).resolve().parents[2] / "models"
 # Benches by mechanism and case, and each so-manieth of their faults: trees, loops and a march.
 SHARES = {
     ("double_pendulum", "swing"): 7,
@@ -24,19 +23,10 @@ SHARES = {
 SIZES = (0.01,)  # of the size that matters
 EVERY = 3  # rows of the faults of logs
 RIGHT = ("right", "in set", "in part")
-COUNTED = ("right", "not named", "wrong")
-
-
-@dataclass(frozen=True)
-class Verdict:
-    """What one known fault is called: one of `COUNTED`, and the names themselves."""
-
-    word: str
-    names: tuple[str, ...]
 
 
 def list_torque_verdicts() -> list[Verdict]:
-    """Plant a share of the faults of some benches, and nothing: return the verdicts [-]."""
+    """Plant a share of the faults of some benches, nothing, and users' mistakes: return the verdicts [-]."""
     verdicts = []
     for bench in BENCHES:
         every = SHARES.get((bench.mechanism, bench.case))
@@ -48,7 +38,7 @@ def list_torque_verdicts() -> list[Verdict]:
         if bench.mechanism == "double_pendulum":
             results += list(islice(list_sample_faults(setting), 3))
         verdicts += [Verdict(_find_word(one.outcome), one.named) for one in results if one is not None]
-    return verdicts
+    return [*verdicts, *list_beyond_verdicts()]
 
 
 def _find_word(outcome: str) -> str:
