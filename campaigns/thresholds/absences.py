@@ -57,9 +57,7 @@ ABSENT: dict[str, dict[str, Any]] = {
     "crosscheck.identification.causes.name_causes": {
         "EVIDENCE": 0.0,  # the chance decides alone
         "CHANCE": 1.0,  # the evidence decides alone
-        "HALF": ANY,  # a gross fault has to leave little, not less
         "ASKED": 0.0,  # all causes are followed up
-        "NEAREST": ALL,
         "ALIKE": 0.0,  # the largest drop is named
         "QUIET": 0.0,  # rare causes are asked for everywhere
         "LARGEST": ALL,  # as many causes are named as have evidence
@@ -78,7 +76,6 @@ ABSENT: dict[str, dict[str, Any]] = {
         "REACH": 0.0,  # a clipped sample spoils no other
         "HELD": 1,  # any two equal samples are held ones
         "QUIET": 0.0,  # a spike stands out from the steps beside it alone
-        "LEVELS": ALL,  # any signal may be a coarse one
         "EXACT": ANY,  # its values need not be multiples
         "LEAP": 0.0,  # held samples need no leap
         "AMONG_SMALLEST": 0.0,  # a sign and a dead band are not looked at
@@ -87,10 +84,7 @@ ABSENT: dict[str, dict[str, Any]] = {
         "LATEST": ANY,
         "LARGEST_SCALE": ANY,
         "LARGEST_GAIN": ANY,
-        "LEAST_EFFICIENCY": 0.0,  # a power has its sign
-        "LARGEST_RIPPLE": ANY,
         "LARGEST_ANGLE": ANY,
-        "LONGER": ANY,
         "STIFFER": ANY,
         "HEAVIER": ANY,
         "LITTLE": ANY,  # less than nothing may be there
@@ -107,7 +101,7 @@ WIDTH = "width"
 TWO_WAYS = "two ways"
 FACTOR = "factor"
 REASONS = {
-    STEPS: "so many steps or tries: none is no search, and all of them take days",
+    STEPS: "so many steps or tries: none is no search, and all of them take too long",
     FINENESS: "how finely is computed",
     WIDTH: "a width or a length of what is looked at: none is no look",
     TWO_WAYS: "it lets pass in one place and holds back in another",
@@ -128,7 +122,11 @@ WITHOUT_ABSENCE: dict[str, dict[str, str]] = {
     "crosscheck.causes.quantities": {"ROUNDS": STEPS},
     "crosscheck.causes.quantity_causes": {"REFINED": STEPS},
     "crosscheck.causes.repair": {"ROUNDS": STEPS},
-    "crosscheck.identification.causes.name_causes": {"FOLLOWED": STEPS, "LITTLE": TWO_WAYS},
+    "crosscheck.identification.causes.name_causes": {
+        "FOLLOWED": STEPS,
+        "NEAREST": STEPS,
+        "LITTLE": TWO_WAYS,
+    },
     "crosscheck.identification.causes.rounds": {"ROUNDS": STEPS},
     "crosscheck.identification.causes.signals": {"BESIDE": WIDTH, "HALF": TWO_WAYS},
     "crosscheck.identification.causes.gear_faults": {"PASSED": WIDTH},

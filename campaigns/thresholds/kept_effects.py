@@ -1,7 +1,7 @@
 """Effects of causes on efforts and certificates that do not depend on a threshold: made once, and kept while each changes.
 
 They follow from the model of a bench, the cause, its target and its size.  Thresholds decide only which are asked for, but for
-those of `crosscheck.causes.model`, which say how finely a model is marched.
+those of `crosscheck.causes.model`, which say how finely a model is marched: they stand in the key of what is made with it.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from crosscheck.causes import diagnosis, evidence, fit, model, pairs, repair, se
 from crosscheck.causes.cause import Cause
 from crosscheck.causes.evidence import Evidence
 from crosscheck.causes.fault_benches import Bench
-from crosscheck.causes.fit import Columns, Fit
+from crosscheck.causes.fit import Candidate, Columns, Fit
 from crosscheck.causes.model import Model
 from crosscheck.causes.subject import Subject
 from crosscheck.measures.record import Record, compute_fingerprint
@@ -32,22 +32,21 @@ from flexinv.typing import Array
 
 @dataclass
 class KeptEffects:
-    """What was computed, or raised, by all that it depends on, and what the keys speak of; used : it is looked at."""
+    """What was computed, or raised, by all that it depends on, and what the keys speak of.
+
+    about : number of the user's mistake that is asked about, 0 for none
+    """
 
     results: dict[Any, tuple[Any, Any, Exception | None]] = field(default_factory=dict)
-    used: bool = True
+    about: int = 0
 
     @contextmanager
     def use_for(self, threshold: Threshold) -> Iterator[None]:
-        """Take what is kept while a threshold changes, unless it depends on it."""
-        self.used = threshold.module != model.__name__
+        """Take what is kept while a threshold changes."""
         yield
-        self.used = True
 
     def find(self, key: Any, owner: Any, compute: Callable[[], Any]) -> Any:
         """Return the result of a key [any unit], or raise what it raised; owner : whose number is in the key."""
-        if not self.used:
-            return compute()
         if key not in self.results:
             try:
                 self.results[key] = owner, compute(), None
@@ -95,6 +94,16 @@ def _list_effects(kept: KeptEffects) -> Replacements:
         key = ("certificate", id(here.model.base), slopes, *one.key, size.tobytes())
         return kept.find(key, here.model, lambda: certify(here, one, size))
 
+    def find_size(here: Evidence, one: Fit) -> Any:
+        """The size that certificates say; of the engine's they are those of a user's mistake, or not known by a number."""
+        if not kept.about:
+            return solve(here, one)
+        chosen = (evidence.SMALL, evidence.SURE_PART, evidence.ROUNDS)
+        key = ("size", kept.about, id(here.model.base), *one.key, one.size.tobytes(), chosen)
+        return kept.find(key, here.model, lambda: solve(here, one))
+
+    solve = Evidence._solve_size
+    yield Evidence, "_solve_size", find_size
     for module in (fit, evidence, separate, single_samples):
         yield module, "compute_effect", find_effect
     yield Evidence, "_compute_harmed_certificate", find_certificate
@@ -103,14 +112,16 @@ def _list_effects(kept: KeptEffects) -> Replacements:
 def _list_runs(kept: KeptEffects) -> Replacements:
     """The same of runs of engines: those of a harmed one by the fault that is asked about."""
     ask = beyond_faults.ask_about
-    about: list[int] = [0]
 
     def ask_about(known: KnownFault, columns: Columns) -> Verdict:
-        about[0] = known.number
-        return ask(known, columns if kept.used else Columns())
+        kept.about = known.number
+        try:
+            return ask(known, columns)
+        finally:
+            kept.about = 0
 
     def find_repair(*given: Any) -> Any:
-        return kept.find_by_text("repair", lambda _, *rest: run_repair(*rest), about[0], *given)
+        return kept.find_by_text("repair", lambda _, *rest: run_repair(*rest), kept.about, *given)
 
     run_repair = repair._run
     yield beyond_faults, "ask_about", ask_about
@@ -128,25 +139,40 @@ def _list_models(kept: KeptEffects) -> Replacements:
     collect = Model.collect_series
 
     def find_setting(bench: Bench, models: Path) -> Any:
-        return kept.find(("setting", id(bench)), bench, lambda: prepare(bench, models))
+        fineness = (*list_fineness(True), *list_fineness(False))
+        return kept.find(("setting", id(bench), *fineness), bench, lambda: prepare(bench, models))
 
     def find_model(subject: Subject, reference: Record) -> Any:
-        key = ("model", compute_fingerprint(subject.mechanism, subject.case))
+        fineness = list_fineness(subject.mechanism.is_rigid)
+        key = ("model", compute_fingerprint(subject.mechanism, subject.case), *fineness)
         return kept.find(key, None, lambda: make(subject, reference))
 
     def find_columns(model: Model, dictionary: dict[str, Cause]) -> Any:
         return kept.find(("columns", id(model), *dictionary), model, lambda: list_columns(model, dictionary))
 
     def find_series(model: Model, subject: Subject) -> Any:
-        return kept.find_by_text("series", lambda one: collect(model, one), subject)
+        fineness = list_fineness(subject.mechanism.is_rigid)
+        return kept.find_by_text("series", lambda one, _: collect(model, one), subject, fineness)
 
     def find_columns_beside(model: Model, dictionary: dict[str, Cause]) -> Any:
         """Those of a model that has a cause already: it is made anew each time."""
         given = (model.base, model.torque, model.scale, model.seen, tuple(dictionary))
         return kept.find_by_text("columns", lambda *_: list_columns(model, dictionary), *given)
 
+    def find_likely_pairs(usable: list[Candidate], residual: Array, most: float) -> Any:
+        chosen = (most, pairs.NUMBERS, pairs.DEPENDENT, pairs.SMALL)
+        key = ("pairs", *map(id, usable), residual.tobytes(), chosen)
+        return kept.find(key, usable, lambda: list_likely(usable, residual, most))
+
+    list_likely = pairs._list_likely_pairs
+    yield pairs, "_list_likely_pairs", find_likely_pairs
     yield trials, "prepare", find_setting
     yield diagnosis, "make_model", find_model
     yield fit, "list_candidates", find_columns
     yield pairs, "list_candidates", find_columns_beside
     yield Model, "collect_series", find_series
+
+
+def list_fineness(rigid: bool) -> tuple[int, ...]:
+    """Return the thresholds [-] that say how finely a mechanism is computed, of samples or of steps of its march."""
+    return (model.FEWEST,) if rigid else (model.STEPS, model.ROUGH_STEPS)

@@ -1,7 +1,7 @@
 """Residuals of logs that do not depend on a threshold: made once as the thresholds are, and kept while each of them changes.
 
 Nearly all that naming causes of a log costs are residuals under sizes of causes.  They follow from the log, the machine and
-the causes; thresholds decide only which of them are asked for, but for those of `USED_INSIDE`, for which nothing is taken.
+the causes; thresholds decide only which of them are asked for.  Those that are used in what is kept stand in its key.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ import numpy as np
 from campaigns.log_faults import trial
 from campaigns.log_faults.trial import Row
 from campaigns.thresholds.constants import Threshold
-from crosscheck.identification.causes import name_causes
+from crosscheck.identification.causes import gear_faults, name_causes, rounds
 from crosscheck.identification.causes.cause import Cause
 from crosscheck.identification.causes.rounds import CauseRound, CauseSearch
 from crosscheck.identification.causes.wide_rows import WideRows
@@ -28,33 +28,26 @@ from crosscheck.identification.logs.log import Log
 from flexinv.errors import InputError
 from flexinv.typing import Array
 
-# Thresholds that weights of rounds and shapes of causes depend on.
-USED_INSIDE = (("rounds", "ROUNDS"), ("gear_faults", "FEWEST"))
 NUMBERS = (str, bytes, int, float, bool, type(None), np.floating, np.integer)
 OWN = ("search", "causes", "at")  # of a round, not kept: they are given
 
 
 @dataclass
 class KeptRounds:
-    """What was computed for rounds, by all that it depends on; is_full : nothing is added any more; used : it is looked at."""
+    """What was computed for rounds, by all that it depends on; is_full : nothing is added any more."""
 
     results: dict[Any, Any] = field(default_factory=dict)
     keys: dict[int, tuple[Any, Any]] = field(default_factory=dict)
     is_full: bool = False
-    used: bool = True
 
     @contextmanager
     def use_for(self, threshold: Threshold) -> Iterator[None]:
-        """Take what is kept while a threshold changes, unless it depends on it, and keep no more."""
+        """Take what is kept while a threshold changes, and keep no more."""
         self.is_full = True
-        self.used = (threshold.module.rpartition(".")[2], threshold.name) not in USED_INSIDE
         yield
-        self.used = True
 
     def find(self, key: Any, compute: Callable[[], Any]) -> Any:
         """Return the result of a key [any unit], computed where it is not kept."""
-        if not self.used:
-            return compute()
         if key in self.results:
             return self.results[key]
         result = compute()
@@ -109,6 +102,7 @@ def keep_rounds() -> Iterator[KeptRounds]:
     above = CauseRound.compute_cost_above
     list_shapes = name_causes.list_shape_causes
     list_ripples = name_causes.list_ripple_causes
+    find_fault = name_causes._find_gross_fault
     make = trial.make_log
     logs: dict[tuple[int, int], Log | InputError] = {}
 
@@ -131,6 +125,7 @@ def keep_rounds() -> Iterator[KeptRounds]:
         here: CauseRound, search: CauseSearch, log: Log, causes: Sequence[Cause], at: Array, wide: list[WideRows] | None
     ) -> None:
         known = (id(search.machine), id(search.fit), search.seen, kept.make_key(search.cut), wide is None)
+        known += (rounds.ROUNDS if search.fit.scatter else 1,)
         key = ("round", known, kept.make_key(log), kept.make_key_of_causes(causes, at))
 
         def begin_anew() -> dict[str, Any]:
@@ -160,8 +155,13 @@ def keep_rounds() -> Iterator[KeptRounds]:
         return kept.find(key, lambda: list(list_shapes(here, values, noisy)))
 
     def find_ripples(here: CauseRound, at: Array, noisy: Collection[int]) -> Any:
-        key = ("ripples", find_key(here), kept.make_key_of_causes(here.causes, at), tuple(noisy))
+        key = ("ripples", find_key(here), kept.make_key_of_causes(here.causes, at), tuple(noisy), gear_faults.FEWEST)
         return kept.find(key, lambda: list(list_ripples(here, at, noisy)))
+
+    def find_gross(search: CauseSearch, log: Log) -> Any:
+        chosen = (name_causes.LITTLE, name_causes.EVIDENCE)
+        own = (id(search.machine), id(search.fit), search.seen, kept.make_key(search.cut))
+        return kept.find(("gross", own, kept.make_key(log), chosen), lambda: find_fault(search, log))
 
     with (
         patch.object(trial, "make_log", find_log),
@@ -170,5 +170,6 @@ def keep_rounds() -> Iterator[KeptRounds]:
         patch.object(CauseRound, "compute_cost_above", find_cost),
         patch.object(name_causes, "list_shape_causes", find_shapes),
         patch.object(name_causes, "list_ripple_causes", find_ripples),
+        patch.object(name_causes, "_find_gross_fault", find_gross),
     ):
         yield kept

@@ -44,10 +44,10 @@ def test_every_threshold_is_a_number_or_some(kind: str) -> None:
 
 def test_a_threshold_changes_while_it_is_tried_and_comes_back() -> None:
     before = rounds.SEEN
-    half = name_causes.HALF
+    little = name_causes.LITTLE
     with replace_threshold(Threshold(LOGS, rounds.__name__, "SEEN"), 2.0) as new:
         assert new == rounds.SEEN == 2.0 * before
-        assert half == name_causes.HALF  # another constant stays
+        assert little == name_causes.LITTLE  # another constant stays
     assert before == rounds.SEEN
 
 

@@ -39,14 +39,9 @@ LATEST = 0.2
 LARGEST_SCALE = 0.5
 # Times as large or small: of shunts, amplifiers and torque constants; units and gears are gross faults.
 LARGEST_GAIN = 20.0
-LEAST_EFFICIENCY = (
-    0.3  # below a half a gear holds by itself, as worms do; such drives are at the lower end of what is built
-)
 # Waves of an angle's error over a turn of the joint: an eccentric encoder makes one, an oval one two.
 ORDERS = (1, 2)
-LARGEST_RIPPLE = 0.05  # [rad]: a disc of 20 mm radius that runs out by a millimetre
 LARGEST_ANGLE = 0.6
-LONGER = 0.3  # of the way to a joint
 # Relative errors of a stiffness: its natural frequency passes those of the motion, and of two that are a tenth apart neither
 # leads to the other.
 STIFFNESSES = (-0.8, -0.7, -0.6, -0.5, -0.4, -0.3, -0.2, -0.1, 0.1, 0.25, 0.5, 1.0, 2.0)
@@ -118,7 +113,7 @@ def _list_length_causes(machine: Machine) -> Iterator[Cause]:
         if joint.parent in moved and far > 0.0 and link is not None and link.beam is None:
             undo = _make_length_undo(joint.name, joint.placement.position / far)
             name = f"length of the link up to joint {joint.name}"
-            yield replace(_make_bounded(name, joint.parent, "m", LONGER * far, undo), rare=True)
+            yield Cause(name, joint.parent, "m", 1e-3, undo, rare=True)
 
 
 def _make_length_undo(name: str, along: Array) -> Undo:
@@ -168,16 +163,13 @@ def _list_gear_causes(machine: Machine, channel: Channel, values: Values) -> Ite
         lost = load - load * (1.0 + phi) ** driven
         return apply_to_column(log, channel.column, lambda v: v - lost / (channel.factor * channel.ratio)), mechanism
 
-    least = LEAST_EFFICIENCY - 1.0
-    yield Cause("efficiency of the gear less one", name, "-", 1e-3, remove_losses, False, least=least, most=0.0)
+    yield Cause("efficiency of the gear less one", name, "-", 1e-3, remove_losses, False, least=-1.0, most=0.0)
     slides = machine.mechanism.joint_of[name].kind == "prismatic"
     for order in () if slides else ORDERS:
         for wave in (np.sin, np.cos):
             undo = _make_column_undo(table.column, _make_ripple(ANGLES[table.unit] / table.over, order, wave))
             what = f"ripple of the angle, {order} a turn"
-            yield replace(
-                _make_bounded(what, name, "rad", LARGEST_RIPPLE, undo), kin=f"{what} {name} {wave.__name__}", wave=True
-            )
+            yield Cause(what, name, "rad", 1e-3, undo, kin=f"{what} {name} {wave.__name__}", wave=True)
 
 
 def _make_ripple(factor: float, order: int, wave: Callable[[Array], Array]) -> Callable[[Array, float], Array]:

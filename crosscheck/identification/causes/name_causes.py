@@ -43,11 +43,9 @@ from flexinv.typing import Array
 # chance names one in so many logs.
 EVIDENCE = 12.0
 CHANCE = 1.0 / 200.0
-# A gross fault takes away most of what is unexplained, and leaves little.
-HALF = 0.5
-LITTLE = 0.4
+LITTLE = 0.4  # of a signal: a gross fault leaves less unexplained
 FOLLOWED = 4  # steps on the way to a size
-ASKED = 2.0  # least drop of the linear estimate, which a large fault makes small: it spoils the weights
+ASKED = 2.0  # least drop of the linear estimate, which a large fault makes small: without it a log takes a tenth longer
 NEAREST = 6  # causes that are followed: at phi = 0 some are alike, a delay and a lag above all
 ALIKE = 4.0  # of drops that differ by less than this neither is the better one: the first of the dictionary is named
 # RMS of a channel over that of blocks left out, below which no rare cause is asked for what is left of it: noise has as much.
@@ -138,7 +136,7 @@ def _find_gross_fault(search: CauseSearch, log: Log) -> tuple[GrossFault, NamedC
             )
         except ConvergenceError:  # nothing can follow this motion: beams would roll up along an angle in another unit
             continue
-        better = one.unexplained[at].max() < min(LITTLE, HALF * base.unexplained[at].max())
+        better = one.unexplained[at].max() < LITTLE
         if better and base.value - one.value > EVIDENCE and (best is None or one.value < best[1].value):
             best = fault, one
     if best is None:

@@ -25,7 +25,6 @@ HELD = 8  # equal samples on end that no measured signal has
 QUIET = 0.95  # of the steps of a signal are none of its spikes
 AT_ONCE = 2  # samples: what is elsewhere for no longer is a spike, which may be as large as the range
 BESIDE = 12  # samples after a step, whose median says whether it lasts
-LEVELS = 5000  # a signal of more of them is no coarse one
 EXACT = 0.05  # part of a step by which values may miss its multiples: what few decimals leave of it
 FIRST = 8  # levels by which a step is told first
 LEAP = 3.0  # times the largest step beside it is a leap: an angle that was held for `HELD` samples makes more
@@ -186,9 +185,9 @@ def find_clipped_samples(machine: Machine, log: Log) -> NDArray[np.bool_]:
 
 
 def find_quantisation_step(values: Array) -> float:
-    """Return the step of which all values (samples,) are multiples [any unit]; 0 where there is none, or many levels."""
+    """Return the step of which all values (samples,) are multiples [any unit]; 0 where there is none."""
     levels = np.unique(values[np.isfinite(values)])
-    if len(levels) < 3 or len(levels) > LEVELS:
+    if len(levels) < 3:
         return 0.0
     way = levels - levels[0]
     step = float(np.diff(levels).min())
