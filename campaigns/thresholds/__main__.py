@@ -101,7 +101,7 @@ def list_changed_verdicts(kind: str) -> list[Verdict] | None:
     """Return the verdicts of a kind with a threshold changed [-], None where it cannot be what it is."""
     try:
         return LISTS[kind]()
-    except ValueError:
+    except (ValueError, ArithmeticError):
         return None
 
 

@@ -87,7 +87,7 @@ ABSENT: dict[str, dict[str, Any]] = {
         "LARGEST_ANGLE": ANY,
         "STIFFER": ANY,
         "HEAVIER": ANY,
-        "LITTLE": ANY,  # less than nothing may be there
+        "LITTLE": FAR,  # less than nothing may be there, of what there is
     },
     "crosscheck.identification.causes.gear_faults": {
         "LARGEST_PLAY": ANY,
