@@ -180,7 +180,17 @@ class _Adjoint:
     def _make_costates(self) -> Costates:
         size = self.system.size
         rows = self.system.rows
-        return Costates(*np.zeros((6, size)), *np.zeros((2, rows)), np.ones((size, 1)))
+        return Costates(
+            pose=np.zeros(size),
+            rate=np.zeros(size),
+            acceleration=np.zeros(size),
+            pseudo=np.zeros(size),
+            shown=np.zeros(size),
+            factors=np.zeros(size),
+            pulls=np.zeros(rows),
+            opening=np.zeros(rows),
+            ones=np.ones((size, 1)),
+        )
 
     def _add_residual_costates(self, task: TangentTask, costates: Costates) -> None:
         """Add to the costates of the last sample what the energy left is worth."""

@@ -255,9 +255,15 @@ def _move_end(system: FreeSystem, states: MarchStates, moves: Array, joints: Tri
     s = system.sections
     at = system.first[:, None] + np.arange(6)
     last = MarchStates(
-        *(_copy_last(part, count) for part in states[:5]),
-        relative,
-        *(_copy_last(part, count) for part in states[6:]),
+        x=_copy_last(states.x, count),
+        r=_copy_last(states.r, count),
+        u=_copy_last(states.u, count),
+        du=_copy_last(states.du, count),
+        place=_copy_last(states.place, count),
+        joints=relative,
+        table=_copy_last(states.table, count),
+        multiplier=_copy_last(states.multiplier, count),
+        coupling=_copy_last(states.coupling, count),
     )
     last.x[:, s] += pose[:, at[:, :3]]
     last.r[:, s] = last.r[:, s] @ exp_so3(pose[:, at[:, 3:]])

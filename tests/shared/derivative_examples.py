@@ -15,6 +15,7 @@ def soften(root, example, names, order=3):
     """Return the example with beams in place of the named links; what was tied to these is tied to their ends."""
     mechanism, case = example
     strip = flexinv.load_mechanism(root / "models" / "four_bar_flexible").link_of["coupler"].beam
+    assert strip is not None
     links = tuple(
         Link(link.name, beam=replace(strip, length=float(link.tip[0]), order=order)) if link.name in names else link
         for link in mechanism.links
@@ -35,8 +36,8 @@ def shorten(example, steps):
     at = np.array([0.0, 0.35 * whole.duration])
     q, _, _ = whole.evaluate(mechanism, at)
     names = list(whole.joints(mechanism))
-    ends = [{name: part[mechanism.q_slices[name]] for name in names} for part in q]
-    motion = flexinv.Motion.point_to_point(*ends, duration=0.3, law="nonic")
+    first, last = ({name: part[mechanism.q_slices[name]] for name in names} for part in q)
+    motion = flexinv.Motion.point_to_point(first, last, duration=0.3, law="nonic")
     return mechanism, motion, case.start, 0.3 / steps
 
 
