@@ -3,6 +3,7 @@
     python -m campaigns.thresholds --kind logs           # those of identify --causes
     python -m campaigns.thresholds --kind torques        # those of crosscheck run
     python -m campaigns.thresholds --only SEEN           # one of them
+    python -m campaigns.thresholds --change absent       # all of them, one way
     python -m campaigns.thresholds --table               # the table of what stands in thresholds.csv
     python -m campaigns.thresholds --page                # the same, into docs/reference/thresholds.md
 
@@ -74,8 +75,11 @@ def write_result(
         writer.writerow([*key, value, *numbers, changed, f"{time.process_time() - begin:.0f}"])
 
 
-def run_kind(kind: str, only: str) -> None:
-    """Run the faults of a kind with its thresholds as they are, and with each of them changed."""
+def run_kind(kind: str, only: str, way: str) -> None:
+    """Run the faults of a kind with its thresholds as they are, and with each of them changed.
+
+    only, way : name of a threshold and word of a change, "" for all of them
+    """
     known = {(row["kind"], row["module"], row["name"], row["factor"]) for row in read_results()}
     begin = time.process_time()
     with KEEP[kind]() as kept:
@@ -85,7 +89,7 @@ def run_kind(kind: str, only: str) -> None:
         tried = [(one, change) for one in list_thresholds(kind) for change in list_changes(one)]
         for threshold, change in tried:
             key = (kind, threshold.module.removeprefix("crosscheck."), threshold.name, describe_change(change))
-            if key in known or only not in ("", threshold.name):
+            if key in known or only not in ("", threshold.name) or way not in ("", key[3]):
                 continue
             begin = time.process_time()
             with replace_threshold(threshold, change) as value, kept.use_for(threshold):
@@ -131,12 +135,13 @@ def format_table(results: list[dict[str, str]]) -> str:
 @click.command(help=__doc__)
 @click.option("--kind", type=click.Choice([TORQUES, LOGS]), multiple=True, default=[LOGS, TORQUES])
 @click.option("--only", default="", help="The thresholds of this name.")
+@click.option("--change", "way", default="", help="One change of them: 0.5, 2 or absent.")
 @click.option("--table", is_flag=True, help="Run nothing: show what stands.")
 @click.option("--page", is_flag=True, help="Run nothing: write what stands into the page of the documentation.")
-def main(kind: tuple[str, ...], only: str, table: bool, page: bool) -> None:
+def main(kind: tuple[str, ...], only: str, way: str, table: bool, page: bool) -> None:
     """Run the campaign [-]."""
     for one in () if table or page else kind:
-        run_kind(one, only)
+        run_kind(one, only, way)
     if page:
         PAGE.write_text(render_page(PAGE.read_text(encoding="utf-8")), encoding="utf-8")
     else:
