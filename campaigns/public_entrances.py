@@ -234,6 +234,10 @@ def torques() -> Iterator[Entrance]:
         "mechanism": slot("thing", strip), "motion": slot("thing", turn), "by": slot("text", "motion.hub[1]", "list"),
         "step": slot("number", 2e-3), "spectral_radius": slot("number", 0.8),
     })  # fmt: skip
+    yield Entrance("differentiate_modes", flexinv.differentiate_modes, {
+        "mechanism": slot("thing", strip), "by": slot("text", "links.link.beam.length", "list"),
+        "q": optional("numbers", [0.25]), "count": optional("whole", 3),
+    })  # fmt: skip
     yield Entrance("find_gradient", flexinv.find_gradient, {
         "mechanism": slot("thing", strip), "motion": slot("thing", turn), "of": slot("thing", {"residual": 1.0}),
         "by": slot("text", "motion.duration", "list"), "step": slot("number", 2e-3), "end": slot("number", 0.15),

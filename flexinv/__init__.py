@@ -42,6 +42,7 @@ if TYPE_CHECKING:
     from flexinv.sampled.torques import torques
     from flexinv.sampled.write_torques import TorqueSummary, write_torques
     from flexinv.sensitivity.differentiate import differentiate
+    from flexinv.sensitivity.differentiate_modes import ModeSlopes, differentiate_modes
     from flexinv.sensitivity.find_gradient import find_gradient
     from flexinv.sensitivity.gradient import Gradient
     from flexinv.sensitivity.parameters import Parameter
@@ -72,7 +73,8 @@ _NAMES = {
     "rigid.torque_regressor": "BaseParameters Regressor base_parameters torque_regressor",
     "optimal_motion.motion_limits": "MotionLimits StrainLimit", "optimal_motion.optimize_motion": "optimize_motion",
     "optimal_motion.optimized_motion": "OptimizedMotion",
-    "sensitivity.differentiate": "differentiate", "sensitivity.find_gradient": "find_gradient",
+    "sensitivity.differentiate": "differentiate",
+    "sensitivity.differentiate_modes": "ModeSlopes differentiate_modes", "sensitivity.find_gradient": "find_gradient",
     "sensitivity.gradient": "Gradient",
     "sensitivity.parameters": "Parameter", "sensitivity.sensitivities": "Sensitivities",
     "tracking.follow": "Following follow", "tracking.frame_path": "Path",
@@ -83,11 +85,11 @@ __all__ = [
     "BaseParameters", "Batch", "Body", "Case", "Controller", "ConvergenceError", "ExportedLibrary", "FlexinvError",
     "Following", "Gradient", "Inertia",
     "InputError", "InputShaper",
-    "LimitUse", "LinearModel", "Load", "Mechanism", "ModelWarning", "Modes", "Motion", "MotionLimits",
+    "LimitUse", "LinearModel", "Load", "Mechanism", "ModeSlopes", "ModelWarning", "Modes", "Motion", "MotionLimits",
     "OptimizedMotion", "Parameter", "Path", "Regressor",
     "ResidualVibration", "Sensitivities", "ShapedMotion", "Solution", "SteadyModes", "StrainLimit",
     "TorqueDerivatives", "TorqueFunction", "TorqueSummary",
-    "__version__", "base_parameters", "differentiate", "export_c", "export_fmu", "export_ros",
+    "__version__", "base_parameters", "differentiate", "differentiate_modes", "export_c", "export_fmu", "export_ros",
     "find_gradient", "find_limits", "follow", "from_urdf", "joint_torques",
     "linear_model", "load_cases", "load_mechanism", "make_shaped_motion",
     "make_shaper", "motor_side", "natural_modes", "optimize_motion", "prepare", "simulate", "solve",

@@ -171,7 +171,7 @@ def compute_modes(mesh: Mesh, q: Array, free: tuple[str, ...], count: int | None
     """
     solver = Solver.build_for(mesh, set(free))
     mass, damping, stiffness = compute_rest_matrices(solver, find_rest_position(solver, q)[0])
-    squared, shapes, bars = _find_modes(stiffness, mass, find_allowed_motions(solver), count)
+    squared, shapes, bars = find_free_modes(stiffness, mass, find_allowed_motions(solver), count)
     last = len(squared) if count is None else count
     moves = compute_nodal_shapes(solver, shapes[:, :last])
     shown = shapes[:, :last]
@@ -183,10 +183,10 @@ def compute_modes(mesh: Mesh, q: Array, free: tuple[str, ...], count: int | None
     return Modes(mesh, q, free, moves[..., :3], moves[..., 3:], place, turn, squared[:last], lost, rounding)
 
 
-def _find_modes(
+def find_free_modes(
     stiffness: Sparse, mass: Sparse, allowed: Sparse, count: int | None
 ) -> tuple[RealOrComplex, RealOrComplex, Array]:
-    """omega^2 [1/s^2] and shapes (unknowns, modes) of the motions that closures allow: all, or of many the slowest ones.
+    """Return omega^2 [1/s^2] and shapes (unknowns, modes) of the motions that closures allow: all, or of many the slowest ones.
 
     Also bars of omega^2 where K is not symmetric, which depend on left vectors, too; zero where it is.
     """
