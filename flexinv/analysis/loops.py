@@ -65,11 +65,11 @@ def solve_rigid_loops(task: Task) -> FirstStep:
     unknown = build_joint_mask(m, task.passive)
     joints, stretches, impacts, given = _solve_phased_motion(mesh, task.after, time, unknown, task.knots)
     q, qd, qdd = joints
+    g, motion = given or (None, compute_rigid_motion(mesh, q, qd, qdd))
     for one in stretches:
         rows = one.rows.take_active(one.phase.active)
         part = slice(one.phase.first, min(one.phase.last + 1, len(time)))
-        check_drives(mesh, rows, (task.after, task.knots), unknown, time[part], (q[part], qd[part], qdd[part]))
-    g, motion = given or (None, compute_rigid_motion(mesh, q, qd, qdd))
+        check_drives(mesh, rows, (task.after, task.knots), unknown, time[part], (q[part], qd[part], qdd[part]), g)
     check_spring_lengths(mesh, motion, time, _make_motion_between(task))
     acting = compute_applied_forces(mesh, motion, time)
     forces = compute_nodal_forces(mesh, motion, acting)

@@ -311,7 +311,12 @@ class Follower:
         """Return G_u (samples, rows, unknown) [-] at q (samples, nq), over its scales."""
         rest = np.zeros((len(q), self.mesh.mechanism.nv))
         _, g = evaluate_closures(self.mesh, compute_rigid_motion(self.mesh, q, rest, rest), self.rows)
-        return (g * list_velocity_scales(self.mesh) / self.rows.scale[:, None])[:, :, self.unknown]
+        return self.take_passive_columns(g)
+
+    def take_passive_columns(self, g: Array) -> Array:
+        """Return G_u (samples, rows, unknown) [-], over its scales, from G (samples, rows, nv) of all joints."""
+        scales = list_velocity_scales(self.mesh)[self.unknown] / self.rows.scale[:, None]
+        return np.asarray(g[:, :, self.unknown] * scales)
 
     def _sample_branch(self, history: JointHistory, times: Array, start: Array) -> Array:
         """Places (m, nq) of the branch at the m first times that it reaches, from one at the first (nq,).

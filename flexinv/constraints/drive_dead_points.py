@@ -20,6 +20,7 @@ from flexinv.kinematics.nodal_motion import JointHistory
 from flexinv.typing import Array, Mask, Triple
 
 SAMPLES_AT_ONCE = 4096  # whose Jacobians are in memory
+DOUBTFUL = 1e-3  # of singular values: below it the square of their ratio has lost six of sixteen digits
 
 
 def check_drives(
@@ -29,11 +30,13 @@ def check_drives(
     unknown: Mask,
     time: Array,
     joints: Triple,
+    g: Array | None = None,
 ) -> None:
     """Raise ConvergenceError with the instant at which drives come to a dead point, at a sample or between two.
 
     rows : constraints of the closures that act; given : the motion and its knots [s]; unknown : (nv,) what follows from it
     time : (samples,) [s]; joints : q (samples, nq), qd, qdd (samples, nv) of the closed loops [rad or m, s]
+    g : (samples, rows, nv) gradients of the closures there, where they are known
     Nothing is said where the unknown joints are those without a drive, as `continuation` has looked at them, where there are too
     few drives everywhere, and where there is none.
     """
@@ -47,7 +50,7 @@ def check_drives(
         Follower(mesh, rows, unknown).build_branch(history, knots), matrices=follower.compute_passive_columns
     )
     q = joints[0]
-    condition, change = _compute_conditions(follower, q)
+    condition, change = _compute_conditions(follower, q, g)
     if not (condition < WORST_CONDITION).any():
         return
     instant = find_singular(branch, time, q, condition, change, follower.compute_ways(time, joints))
@@ -63,19 +66,57 @@ def check_drives(
         )
 
 
-def _compute_conditions(follower: Follower, q: Array) -> tuple[Array, Array]:
+def _compute_conditions(follower: Follower, q: Array, whole: Array | None) -> tuple[Array, Array]:
     """Condition of G_u at q (samples, nq), and its change since the sample before over its largest singular value [-]."""
     condition = np.empty(len(q))
     change = np.zeros(len(q))
     for first in range(0, len(q), SAMPLES_AT_ONCE):
         begin = max(first - 1, 0)
-        g = follower.compute_passive_columns(q[begin : first + SAMPLES_AT_ONCE])
-        values = np.linalg.svd(g, compute_uv=False)
-        size = np.maximum(values[:, 0], np.finfo(float).tiny)
+        last = first + SAMPLES_AT_ONCE
+        columns = None if whole is None else follower.take_passive_columns(whole[begin:last])
+        g = follower.compute_passive_columns(q[begin:last]) if columns is None else columns
+        size, least = _find_singular_values(g)
+        size = np.maximum(size, np.finfo(float).tiny)
         piece = slice(begin, begin + len(g))
-        condition[piece] = np.divide(size, values[:, -1], out=np.full(len(g), np.inf), where=values[:, -1] > 0.0)
+        condition[piece] = np.divide(size, least, out=np.full(len(g), np.inf), where=least > 0.0)
         if g.shape[1] < g.shape[2]:
             condition[piece] = np.inf
-        steps = np.linalg.norm(np.diff(g, axis=0), ord=2, axis=(1, 2)) / np.minimum(size[1:], size[:-1])
-        change[begin + 1 : begin + len(g)] = steps
+        steps = _find_largest_value(np.diff(g, axis=0))
+        change[begin + 1 : begin + len(g)] = steps / np.minimum(size[1:], size[:-1])
     return condition, change
+
+
+def _find_singular_values(g: Array) -> tuple[Array, Array]:
+    """The largest and the least singular value (samples,) of matrices (samples, rows, columns).
+
+    Of two columns they are roots of a square equation, many times as fast as by LAPACK; the least one is lost near zero, and
+    found by LAPACK there.
+    """
+    if g.shape[2] != 2 or g.shape[1] < 2:
+        values = np.linalg.svd(g, compute_uv=False)
+        return values[:, 0], values[:, -1]
+    one, other, across = _compute_products(g)
+    largest = _compute_larger_root(one, other, across)
+    least = np.sqrt(np.maximum(one * other - across**2, 0.0)) / np.maximum(largest, np.finfo(float).tiny)
+    doubtful = np.flatnonzero(~(least > DOUBTFUL * largest))
+    if len(doubtful):
+        least[doubtful] = np.linalg.svd(g[doubtful], compute_uv=False)[:, -1]
+    return largest, least
+
+
+def _find_largest_value(g: Array) -> Array:
+    """The largest singular value (samples,) of each matrix."""
+    if g.shape[2] != 2:
+        return np.asarray(np.linalg.norm(g, ord=2, axis=(1, 2)))
+    return _compute_larger_root(*_compute_products(g))
+
+
+def _compute_larger_root(one: Array, other: Array, across: Array) -> Array:
+    """The root of the larger eigenvalue of G^T G (samples,), of two columns."""
+    return np.sqrt(0.5 * (one + other + np.hypot(one - other, 2.0 * across)))
+
+
+def _compute_products(g: Array) -> tuple[Array, Array, Array]:
+    """The products (samples,) of each of two columns with itself, and of both."""
+    whole = np.einsum("sri,srj->sij", g, g)
+    return whole[:, 0, 0], whole[:, 1, 1], whole[:, 0, 1]

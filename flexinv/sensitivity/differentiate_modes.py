@@ -81,6 +81,9 @@ def differentiate_modes(
     """
     check_kind("mechanism", mechanism, Mechanism)
     still = Motion.point_to_point({}, {}, duration=1.0)
+    for name in [by] if isinstance(by, str) else by if isinstance(by, Iterable) else ():
+        if isinstance(name, str) and name.startswith("motion."):
+            raise InputError(f"by: {name!r}: expected a number of the mechanism, for example 'links.NAME.beam.length'")
     parameters = resolve_parameters(by, mechanism, still)
     setup = resolve_setup(resolve_damping_ratio(mechanism), q, free, count)
     modes = compute_modes(*setup, count)
@@ -95,7 +98,7 @@ def differentiate_modes(
     for parameter in parameters:
         variation = build_differences(parameter, mechanism, still)
         beside = (_collect_matrices(one, q, free, count) for one, _ in variation.setups)
-        columns.append(variation.join_results(_multiply(one, shapes, squared, multiplier) for one in beside))
+        columns.append(variation.join_results(_compute_products(one, shapes, squared, multiplier) for one in beside))
     names = tuple(parameter.name for parameter in parameters)
     values = np.array([parameter.value for parameter in parameters], dtype=float)
     return ModeSlopes(modes, names, values, np.stack(columns, axis=1))
@@ -121,7 +124,7 @@ def _collect_matrices(
     return _RestMatrices(solver, stiffness, mass, -solver.border.ties.sides[:rows].copy())
 
 
-def _multiply(beside: _RestMatrices, shapes: Array, squared: Array, multiplier: Array) -> Array:
+def _compute_products(beside: _RestMatrices, shapes: Array, squared: Array, multiplier: Array) -> Array:
     """phi^T (K - omega^2 M) phi - 2 mu^T G phi of each mode (modes,)."""
     left = beside.stiffness @ shapes - (beside.mass @ shapes) * squared
     closed = np.einsum("rm,rm->m", multiplier, beside.gradient @ shapes)

@@ -25,8 +25,8 @@ KEPT: dict[str, str] = {
     """,
     "public names": """
         all animate arc assert_same base_parameters distance factors follow frame from_samples from_urdf identify internal_frame
-        differentiate_residual_vibration
-        differentiate differentiate_modes joint_torques joints line linear_model lint load_cases load_mechanism merge meshed motor_side natural_modes
+        differentiate_modes differentiate_residual_vibration
+        differentiate joint_torques joints line linear_model lint load_cases load_mechanism merge meshed motor_side natural_modes
         nodal of
         plot point_to_point points refined shaped simulate stacked start statics steady_modes step summary tip_frame
         optimize_motion

@@ -19,7 +19,7 @@ CASES = {
     "a stated damping ratio": ("flex_one_link_damped", "modal_damping.ratio", 1e-3, {}),
     "payload at a bent arm": ("spatial_arm", "links.forearm.bodies.tool.inertia.mass", 1e-3, {"q": [0.2, 0.4]}),
     "gravity of a bent arm": ("spatial_arm", "gravity[2]", 1e-2, {"q": [0.2, 0.4]}),
-    "a spring that is free": ("quanser_2dsfl", "joints.1.stiffness", 1e-3, {"free": ["clamp1", "clamp2"]}),
+    "a spring that is free": ("quanser_2dsfl", "joints.1.stiffness", 3e-2, {"free": ["clamp1", "clamp2"]}),
     "a loop": ("four_bar_flexible", "links.coupler.beam.length", 1e-3, {"q": START}),
     "place of a closure": ("four_bar_flexible", "closures.C.second.placement.position[0]", 1e-3, {"q": START}),
 }
@@ -43,7 +43,7 @@ def test_slopes_are_differences_of_natural_modes(root, case):
     mechanism = flexinv.load_mechanism(root / "models" / name)
     found = flexinv.differentiate_modes(mechanism, by, count=4, **settings)
     expected = _compute_differences(mechanism, by, size, settings)
-    # Frequencies are known to 1e-10 or so of themselves, which differences over a step of 1e-3 make 1e-7 of a slope.
+    # Frequencies are known to 1e-9 or so of themselves, which differences over a step make some 1e-7 of them.
     scale = np.maximum(np.abs(expected), found.modes.frequency)
     assert (np.abs(found.frequency[:, 0] - expected) / scale).max() < 1e-7
 
@@ -72,5 +72,5 @@ def test_modes_at_one_frequency_and_names_of_motions_are_refused(root):
     round_arm = replace(arm, links=(replace(arm.link_of["link"], beam=beam),))
     with pytest.raises(InputError, match="modes 1 and 2 of 'flex_one_link' have one frequency"):
         flexinv.differentiate_modes(round_arm, "links.link.beam.length", count=2)
-    with pytest.raises(InputError, match=r"by: 'motion\.hub"):
+    with pytest.raises(InputError, match=r"by: 'motion\.hub\[1\]': expected a number of the mechanism"):
         flexinv.differentiate_modes(arm, "motion.hub[1]")
