@@ -75,19 +75,19 @@ def _compute_conditions(follower: Follower, q: Array, whole: Array | None) -> tu
         last = first + SAMPLES_AT_ONCE
         columns = None if whole is None else follower.take_passive_columns(whole[begin:last])
         g = follower.compute_passive_columns(q[begin:last]) if columns is None else columns
-        size, least = _find_singular_values(g)
+        size, least = find_singular_values(g)
         size = np.maximum(size, np.finfo(float).tiny)
         piece = slice(begin, begin + len(g))
         condition[piece] = np.divide(size, least, out=np.full(len(g), np.inf), where=least > 0.0)
         if g.shape[1] < g.shape[2]:
             condition[piece] = np.inf
-        steps = _find_largest_value(np.diff(g, axis=0))
+        steps = find_largest_value(np.diff(g, axis=0))
         change[begin + 1 : begin + len(g)] = steps / np.minimum(size[1:], size[:-1])
     return condition, change
 
 
-def _find_singular_values(g: Array) -> tuple[Array, Array]:
-    """The largest and the least singular value (samples,) of matrices (samples, rows, columns).
+def find_singular_values(g: Array) -> tuple[Array, Array]:
+    """Return the largest and the least singular value (samples,) of matrices (samples, rows, columns) [any unit].
 
     Of two columns they are roots of a square equation, many times as fast as by LAPACK; the least one is lost near zero, and
     found by LAPACK there.
@@ -104,8 +104,8 @@ def _find_singular_values(g: Array) -> tuple[Array, Array]:
     return largest, least
 
 
-def _find_largest_value(g: Array) -> Array:
-    """The largest singular value (samples,) of each matrix."""
+def find_largest_value(g: Array) -> Array:
+    """Return the largest singular value (samples,) of matrices (samples, rows, columns) [any unit]."""
     if g.shape[2] != 2:
         return np.asarray(np.linalg.norm(g, ord=2, axis=(1, 2)))
     return _compute_larger_root(*_compute_products(g))

@@ -11,6 +11,7 @@ import scipy
 from four_bar_example import START, TURN, four_bar
 
 import flexinv
+from flexinv.constraints.drive_dead_points import find_largest_value, find_singular_values
 from flexinv.model.mechanism import Attachment, Closure, Inertia, Joint, Mechanism, Placement
 
 # The time bar of events where the motion is prescribed; messages carry ten digits.
@@ -104,3 +105,16 @@ def test_drives_that_can_are_left_alone() -> None:
     flexinv.solve(replace(four_bar(), joints=rocker), short, step=0.01, start=START)
     with pytest.raises(flexinv.ConvergenceError, match="dead point of the drives at 'D'"):
         flexinv.solve(replace(four_bar(), joints=rocker), TURN, step=0.01, start=START)
+
+
+@pytest.mark.parametrize("columns", [1, 2, 3])
+def test_singular_values_are_those_of_lapack(columns):
+    """In closed form of two columns, near singular ones among them: a ratio of 1e-3 loses six digits of its square."""
+    dice = np.random.default_rng(columns)
+    g = dice.standard_normal((200, 5, columns))
+    g[::4, :, -1] = g[::4, :, 0] * (1.0 + 10.0 ** -dice.uniform(1, 12, (50, 5)))
+    values = np.linalg.svd(g, compute_uv=False)
+    largest, least = find_singular_values(g)
+    np.testing.assert_allclose(largest, values[:, 0], rtol=1e-14)
+    np.testing.assert_allclose(least, values[:, -1], rtol=1e-9)
+    np.testing.assert_allclose(find_largest_value(g), values[:, 0], rtol=1e-14)
