@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from flexinv.analysis.solution import Solution
+from flexinv.dynamics.section_strains import list_section_points
 from flexinv.optimal_motion.motion_limits import MotionLimits, StrainLimit
 from flexinv.sensitivity.sensitivities import Sensitivities
 from flexinv.typing import Array
@@ -42,22 +43,34 @@ class LimitedLoad:
 
 @dataclass(frozen=True)
 class LimitedStrain:
-    """Strain along the axis of the outermost fibres of a beam, epsilon + z kappa_y - y kappa_z [-], at y, z of both signs."""
+    """Strain along the axis of the outermost fibres of a beam, epsilon + z kappa_y - y kappa_z [-], at y, z of both signs.
+
+    root : (points of the first element,) shares of its strains in those at the root, where a clamped beam bends most
+    """
 
     name: str
     limit: StrainLimit
+    root: tuple[float, ...] = ()
 
     kind = "strain"
     result = "strain"
 
     def compute_values(self, solution: Solution) -> Array:
-        """Return the strains of four fibres at every sample and station (samples points 4,) [-]."""
-        return np.asarray((solution.strain[self.name] @ self._build_fibres()).ravel())
+        """Return the strains of four fibres at every sample, at the root and all stations (samples points 4,) [-]."""
+        return np.asarray((self._add_root(solution.strain[self.name]) @ self._build_fibres()).ravel())
 
     def compute_slopes(self, found: Sensitivities) -> Array:
         """Return their derivatives (samples points 4, parameters) [-] per unit."""
-        slopes = np.einsum("sgip,if->sgfp", found.results["strain"][self.name], self._build_fibres())
+        strains = self._add_root(found.results["strain"][self.name])
+        slopes = np.einsum("sgip,if->sgfp", strains, self._build_fibres())
         return np.asarray(slopes.reshape(-1, slopes.shape[-1]))
+
+    def _add_root(self, strain: Array) -> Array:
+        """The strains (samples, points, ...) with those at the root before them."""
+        if not self.root:
+            return strain
+        at_root = np.tensordot(self.root, strain[:, : len(self.root)], axes=([0], [1]))
+        return np.concatenate([at_root[:, None], strain], axis=1)
 
     def _build_fibres(self) -> Array:
         """Shares (6, 4) of a section's strains in those of its fibres."""
@@ -106,10 +119,22 @@ LimitedResult = LimitedLoad | LimitedStrain | LimitedPath
 def list_limited_results(limits: MotionLimits, given: Solution) -> tuple[LimitedResult, ...]:
     """Return the results that have a limit [N], [N m], [-], [m]; given : the solution of the given motion."""
     out: list[LimitedResult] = [LimitedLoad(kind, joint) for kind in LOADS for joint in getattr(limits, kind)]
-    out += [LimitedStrain(beam, limit) for beam, limit in limits.strain.items()]
+    shares = _list_root_shares(given)
+    out += [LimitedStrain(beam, limit, shares[beam]) for beam, limit in limits.strain.items()]
     rows = np.unique(np.linspace(0, len(given.time) - 1, PATH_PLACES).round().astype(int))
     out += [LimitedPath(link, given.tip[link][rows]) for link in limits.path]
     return tuple(out)
+
+
+def _list_root_shares(given: Solution) -> dict[str, tuple[float, ...]]:
+    """Of each beam the shares by which the polynomial through the first element's strains goes on to the root [-]."""
+    out = {}
+    for name, _, order, station in list_section_points(given.mesh):
+        places = station[: order[0]]
+        others = [np.delete(places, k) for k in range(len(places))]
+        shares = (np.prod(rest / (rest - place)) for place, rest in zip(places, others, strict=True))
+        out[name] = tuple(float(share) for share in shares)
+    return out
 
 
 def list_needed_results(limited: Sequence[LimitedResult]) -> list[str]:

@@ -20,7 +20,9 @@ SCALAR_JOINTS = ("torque", "rate", "acceleration", "jerk")  # limits of joints t
 
 @dataclass(frozen=True)
 class StrainLimit:
-    """Largest strain of a beam's fibres along its axis, at the stations of ``Solution.strain``, none of which is the root.
+    """Largest strain of a beam's fibres along its axis, at the stations of ``Solution.strain`` and at the root.
+
+    At the root, where a clamped beam bends most, it is that of the polynomial through the first element's stations.
 
     largest : [-]; y, z : distances of the outermost fibres from the axis of the beam along the axes of its section [m]
     """
