@@ -93,7 +93,7 @@ def find_singular_values(g: Array) -> tuple[Array, Array]:
     found by LAPACK there.
     """
     if g.shape[2] != 2 or g.shape[1] < 2:
-        values = np.linalg.svd(g, compute_uv=False)
+        values: Array = np.linalg.svd(g, compute_uv=False).astype(float, copy=False)
         return values[:, 0], values[:, -1]
     one, other, across = _compute_products(g)
     largest = _compute_larger_root(one, other, across)

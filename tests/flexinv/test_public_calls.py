@@ -18,7 +18,7 @@ SHARE, SEED = 250, 1
 # Names that are no calls of their own: results, which verbs make, and errors.
 RESULTS = {
     "BaseParameters", "Batch", "ExportedLibrary", "Following", "LimitUse", "LinearModel", "Modes", "OptimizedMotion", "Regressor",
-    "ResidualVibration", "Sensitivities", "ShapedMotion", "SteadyModes", "TorqueDerivatives",
+    "ResidualVibration", "Sensitivities", "Gradient", "ModeSlopes", "ShapedMotion", "SteadyModes", "TorqueDerivatives",
     "ConvergenceError", "FlexinvError", "InputError", "ModelWarning", "Case", "Load", "TorqueSummary", "__version__",
 }  # fmt: skip
 
