@@ -11,22 +11,25 @@ import flexinv
 from flexinv.errors import InputError
 from flexinv.sensitivity.parameters import resolve_parameters
 
+KNOWN = (
+    2e-8  # as two processors and libraries differ by at most: rounding of K, of which slow modes are small differences
+)
 START = np.radians([20.0, 46.0, 103.0])
 # Mechanism, number, the change of the differences, and what natural_modes takes.
 CASES = {
-    "length of a strip": ("flex_one_link", "links.link.beam.length", 1e-3, {}),
-    "stiffness": ("flex_one_link", "links.link.beam.section.stiffness[0,5]", 3e-3, {}),
-    "a stated damping ratio": ("flex_one_link_damped", "modal_damping.ratio", 1e-3, {}),
-    "payload at a bent arm": ("spatial_arm", "links.forearm.bodies.tool.inertia.mass", 1e-3, {"q": [0.2, 0.4]}),
+    "length of a strip": ("flex_one_link", "links.link.beam.length", 1e-2, {}),
+    "stiffness": ("flex_one_link", "links.link.beam.section.stiffness[0,5]", 1e-2, {}),
+    "stiffness, damping stated": ("flex_one_link_damped", "links.link.beam.section.stiffness[0,5]", 1e-2, {}),
+    "payload at a bent arm": ("spatial_arm", "links.forearm.bodies.tool.inertia.mass", 1e-2, {"q": [0.2, 0.4]}),
     "gravity of a bent arm": ("spatial_arm", "gravity[2]", 1e-2, {"q": [0.2, 0.4]}),
     "a spring that is free": ("quanser_2dsfl", "joints.1.stiffness", 3e-2, {"free": ["clamp1", "clamp2"]}),
-    "a loop": ("four_bar_flexible", "links.coupler.beam.length", 1e-3, {"q": START}),
-    "place of a closure": ("four_bar_flexible", "closures.C.second.placement.position[0]", 1e-3, {"q": START}),
+    "a loop": ("four_bar_flexible", "links.coupler.beam.length", 1e-2, {"q": START}),
+    "place of a closure": ("four_bar_flexible", "closures.C.second.placement.position[0]", 1e-2, {"q": START}),
 }
 
 
 def _compute_differences(mechanism, by, size, settings):
-    """Differences of sixth order of the first frequencies [Hz per unit]."""
+    """Differences of sixth order of the first frequencies [Hz per unit], and their step."""
     (parameter,) = resolve_parameters(by, mechanism, flexinv.Motion.point_to_point({}, {}, duration=1.0))
     step = size * max(abs(parameter.value), 0.1)
 
@@ -34,7 +37,7 @@ def _compute_differences(mechanism, by, size, settings):
         return flexinv.natural_modes(parameter.make(parameter.value + k * step), count=4, **settings).frequency
 
     first, second, third = (find(k) - find(-k) for k in (1, 2, 3))
-    return (45 * first - 9 * second + third) / (60 * step)
+    return (45 * first - 9 * second + third) / (60 * step), step
 
 
 @pytest.mark.parametrize("case", CASES)
@@ -42,10 +45,11 @@ def test_slopes_are_differences_of_natural_modes(root, case):
     name, by, size, settings = CASES[case]
     mechanism = flexinv.load_mechanism(root / "models" / name)
     found = flexinv.differentiate_modes(mechanism, by, count=4, **settings)
-    expected = _compute_differences(mechanism, by, size, settings)
-    # Frequencies are known to 1e-9 or so of themselves, which differences over a step make some 1e-7 of them.
-    scale = np.maximum(np.abs(expected), found.modes.frequency)
-    assert (np.abs(found.frequency[:, 0] - expected) / scale).max() < 1e-7
+    expected, step = _compute_differences(mechanism, by, size, settings)
+    # Frequencies are known to KNOWN of themselves, which differences over a step make so much of a slope.
+    off = np.abs(found.frequency[:, 0] - expected) / found.modes.frequency
+    assert off.max() < 1e-7 + 2.0 * KNOWN / step
+    assert np.abs(expected / found.modes.frequency).max() > 100.0 * KNOWN / step  # the differences can tell
 
 
 def test_a_cantilever_has_its_closed_forms(root):
