@@ -19,7 +19,7 @@ from flexinv.errors import InputError
 from flexinv.kernels.records import send_by_address
 from flexinv.kinematics.mesh import Mesh
 from flexinv.model.joint_kinds import FREE, SECTION, SPHERICAL
-from flexinv.model.owned_cache import make_owner_cache
+from flexinv.model.owned_cache import make_owner_cache, make_read_only
 from flexinv.typing import Array, Indices, Mask
 
 
@@ -184,3 +184,9 @@ def list_amplitudes(topology: Topology) -> Indices:
     first = topology.first[topology.shapes.root] + topology.amplitude
     spans = [np.arange(at, at + count) for at, count in zip(first, topology.shapes.size, strict=True)]
     return np.concatenate([*spans, np.empty(0)]).astype(np.int64)
+
+
+def scale_modal_stiffness(topology: Topology, factor: float) -> Topology:
+    """Return the topology with meshed links ``factor`` times as stiff [-], their damping as it is."""
+    shapes = topology.shapes
+    return topology._replace(shapes=shapes._replace(stiffness=make_read_only(factor * shapes.stiffness)))

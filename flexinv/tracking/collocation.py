@@ -19,6 +19,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from flexinv.dynamics.dofs import scale_modal_stiffness
 from flexinv.dynamics.generalized_alpha import DYNAMIC, Scheme
 from flexinv.dynamics.initial_state import compute_joint_motion
 from flexinv.dynamics.linearization import fill_dense_matrices, move_system_to
@@ -288,7 +289,10 @@ class Horizon:
         out = LinearisedEquations(residual, tangents, missed, derivatives, Trajectory.make_zero(size, mesh))
         solver = self.layout.solver
         pick = self.layout.pick
-        system = solver.system._replace(elements=scale_stiffness(solver.elements, stiffness))
+        system = solver.system._replace(
+            elements=scale_stiffness(solver.elements, stiffness),
+            topology=scale_modal_stiffness(solver.topology, stiffness),
+        )
         for first in range(0, size, CHUNK):
             part = slice(first, min(first + CHUNK, size))
             motion = self._take_motion(at, u, du, part)

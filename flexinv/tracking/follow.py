@@ -178,7 +178,6 @@ def _check_open(mechanism: Mechanism) -> None:
     for what, items in (
         ("closures", mechanism.closures),
         ("springs between points", mechanism.springs),
-        ("links that are meshes", mechanism.meshed),
     ):
         if items:
             raise InputError(
