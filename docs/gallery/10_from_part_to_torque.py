@@ -15,7 +15,7 @@ import numpy as np
 from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 
 import flexinv
-from flexinv.inverse.part_forces import compute_part_motion, compute_part_stress
+from flexinv.inverse.part_forces import compute_part_motion
 
 folder = "models/meshed_arm"
 arm = flexinv.load_mechanism(folder)
@@ -60,19 +60,19 @@ axes[0].legend()
 #
 # Von Mises's stress at the nodes of the mesh, at the instant at which it is largest. Deflections are drawn ten times as large.
 
-stress = compute_part_stress(whole.mesh, whole.nodes, "forearm")
+stress = whole.stress["forearm"]
 part = compute_part_motion(whole.mesh, whole.nodes, "forearm")
-sample, node = np.unravel_index(int(stress.argmax()), stress.shape)
+sample = int(stress.largest.argmax())
 rest = part.reduced.points
 drawn = rest + 10.0 * (part.places[sample] - rest)
 print(
-    f"{stress.max() / 1e6:.2f} MPa at t = {whole.time[sample]:.3f} s,"
-    f" at {np.round(rest[node], 3)} m of the link"
+    f"{stress.largest[sample] / 1e6:.2f} MPa at t = {whole.time[sample]:.3f} s,"
+    f" at {np.round(stress.place[sample], 3)} m of the link"
 )
 
 faces = np.vstack([cells.nodes[:, :4] for cells in link.part.cells])  # outer ones
 faces = np.searchsorted(part.reduced.used, faces)
-shade = stress[sample, faces].mean(axis=1) / 1e6
+shade = stress.compute(sample)[0, faces].mean(axis=1) / 1e6
 
 figure = plt.figure(figsize=(8, 3))
 view = figure.add_axes((0.0, -0.2, 0.85, 1.4), projection="3d")
@@ -88,3 +88,11 @@ view.set_axis_off()
 figure.colorbar(
     walls, cax=figure.add_axes((0.88, 0.15, 0.02, 0.7)), label="von Mises stress [MPa]"
 )
+
+# %%
+# In motion
+# ---------
+#
+# The mesh as a coarse net, from blue to red by the same stress.
+
+whole.animate()

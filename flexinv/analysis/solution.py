@@ -17,6 +17,7 @@ from flexinv.dynamics.section_strains import compute_section_strains
 from flexinv.errors import ConvergenceError
 from flexinv.inverse.balance import Balance
 from flexinv.inverse.inverse_dynamics import Factors, NodalForces, compute_torque_factors
+from flexinv.inverse.part_results import PartStress, build_part_stress, compute_interface_wrenches
 from flexinv.kinematics.mesh import Mesh, find_outboard_nodes
 from flexinv.kinematics.nodal_motion import NodalMotion, collect_scalar_places
 from flexinv.model.by_value import ByValue
@@ -155,6 +156,20 @@ class Solution(Shown, ByValue):
         """
         return compute_section_strains(self.mesh, self.nodes)
 
+    @cached_property
+    def stress(self) -> dict[str, PartStress]:
+        """Meshed link -> von Mises's stress at the nodes of its mesh [Pa]; links of ready matrices have none."""
+        links = [link.name for link in self.mesh.mechanism.meshed if link.part is not None and link.part.cells]
+        return {link: build_part_stress(self.mesh, self.nodes, link) for link in links}
+
+    @cached_property
+    def interface_wrench(self) -> dict[tuple[str, str], Array]:
+        """(Link, interface) -> (samples, 6) force [N] and moment [N m] that a meshed link gives to what is attached there.
+
+        About the origin of the interface's frame and along its axes; of all interfaces but the root.
+        """
+        return compute_interface_wrenches(self.mesh, self.nodes, self.forces)
+
     @property
     def power_residual(self) -> Array:
         """(samples,) residual of the instantaneous power balance [W]."""
@@ -251,7 +266,10 @@ class Solution(Shown, ByValue):
         )
 
     def frame(self) -> pd.DataFrame:
-        """Return joint motion and torque over time [s], one column per coordinate with its unit in the header."""
+        """Return joint motion and torque over time [s], one column per coordinate with its unit in the header.
+
+        Of meshed links also the largest von Mises stress [Pa] and the wrenches at interfaces [N], [N m].
+        """
         m = self.mechanism
         columns = dict[str, Array]()
         series = (
@@ -265,6 +283,9 @@ class Solution(Shown, ByValue):
                 if np.isfinite(column).all():
                     columns[f"{label} {name} [{unit}{per}]"] = column
         columns |= dict(zip(list_effort_labels(m), self.torque_all.T, strict=True))
+        columns |= {f"largest stress {link} [Pa]": stress.largest for link, stress in self.stress.items()}
+        named = {f"{link} {interface}": wrench for (link, interface), wrench in self.interface_wrench.items()}
+        columns |= _collect_wrench_columns(named)
         return _build_frame(columns, self.time)
 
     def tip_frame(self) -> pd.DataFrame:
@@ -319,9 +340,7 @@ class Solution(Shown, ByValue):
 
     def wrench_frame(self) -> pd.DataFrame:
         """Return the wrench of every joint over time [s], in the child's link frame [N], [N m]."""
-        labels = [f"{c} {joint} [{'N' if c[0] == 'f' else 'N m'}]" for joint in self.wrench for c in WRENCH]
-        columns = dict(zip(labels, (column for w in self.wrench.values() for column in w.T), strict=True))
-        return _build_frame(columns, self.time)
+        return _build_frame(_collect_wrench_columns(self.wrench), self.time)
 
     def summary(self) -> pd.DataFrame:
         """Return peak and RMS torque, speed and power of each coordinate against its limits, a row per coordinate.
@@ -341,6 +360,12 @@ class Solution(Shown, ByValue):
             "speed / limit [-]": np.where(np.isfinite(limit_speed), speed / limit_speed, np.nan),
         }  # fmt: skip
         return _build_frame(rows, m.velocity_names, "coordinate")
+
+
+def _collect_wrench_columns(wrenches: Mapping[str, Array]) -> dict[str, Array]:
+    """Columns of wrenches (samples, 6) by what they act on, with their units."""
+    labels = [f"{c} {name} [{'N' if c[0] == 'f' else 'N m'}]" for name in wrenches for c in WRENCH]
+    return dict(zip(labels, (column for wrench in wrenches.values() for column in wrench.T), strict=True))
 
 
 def _build_frame(columns: Mapping[str, ArrayLike], rows: ArrayLike, name: str = "time [s]") -> pd.DataFrame:

@@ -12,6 +12,7 @@ import hashlib
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
@@ -21,6 +22,7 @@ from flexinv.display.drawing import (
     HEIGHT,
     RIGID_COLOUR,
     WIDTH,
+    PixelMap,
     Stroke,
     convert_to_view,
     draw_lines,
@@ -48,6 +50,19 @@ PAGE = (
     '<meta name="viewport" content="width=device-width"/><title>{title}</title></head>'
     '<body style="font-family:sans-serif;margin:16px">{body}</body></html>\n'
 )
+
+
+NET_PEN = ' stroke-width="0.7"'
+NOWHERE = "M0 0"  # [px] the path of no edge
+# From little to much, each 3 : 1 at least on white and on the dark page.
+LEVEL_COLOURS = (BENDS_COLOUR, "#6a6fd0", "#9a5cc0", "#bd4c9c", "#cf4673", "#d8452f")
+
+
+class ColouredNet(NamedTuple):
+    """Edges of a net in motion: lines (frames, edges, 2, 3) [m] in the world, and the level of each (frames, edges), 0 to 1."""
+
+    lines: Array
+    level: Array
 
 
 @dataclass(frozen=True, repr=False)
@@ -82,15 +97,56 @@ class Animation:
 
 
 def draw_animation(
-    frames: Sequence[Sequence[Stroke]], span: tuple[float, float], seconds: float, title: str
+    frames: Sequence[Sequence[Stroke]],
+    span: tuple[float, float],
+    seconds: float,
+    title: str,
+    nets: Sequence[ColouredNet] = (),
 ) -> Animation:
     """Return the moving picture of equally spaced frames, as many lines in each, of a ``span`` of time [s] in ``seconds`` [s].
 
-    frames : lines (points, 3) [m] in the world, and whether they bend
+    frames : lines (points, 3) [m] in the world, and whether they bend; nets : drawn over them, coloured by their levels
     """
-    everything = np.concatenate([np.reshape(line, (-1, 3)) for strokes in frames for line, _ in strokes])
+    drawn = [np.reshape(line, (-1, 3)) for strokes in frames for line, _ in strokes]
+    everything = np.concatenate(drawn + [net.lines.reshape(-1, 3) for net in nets])
     axes = find_motion_plane(everything)
     place = make_drawing_map(convert_to_view(everything, axes))
+    lines = _write_strokes(frames, axes, place)
+    coloured = [
+        (colour, shapes)
+        for net in nets
+        for colour, shapes in zip(LEVEL_COLOURS, _write_levels(net, axes, place), strict=True)
+        if any(shapes)
+    ]
+    key = hashlib.sha256(repr((lines, coloured, span, seconds)).encode()).hexdigest()[
+        :8
+    ]  # of several pictures on a page each stops alone
+    moved = "".join(_draw_moving_path(colour, shapes, seconds, key) for colour, shapes in lines)
+    moved += "".join(_draw_moving_path(colour, shapes, seconds, key, NET_PEN) for colour, shapes in coloured)
+    still = draw_lines([frames[k] for k in list_drawn_samples(len(frames))], axes, place)
+    still += "".join(
+        f'<path d="{shapes[-1]}" stroke="{colour}"{NET_PEN}/>' for colour, shapes in coloured if shapes[-1]
+    )
+    pen = 'fill="none" stroke-width="1.2" stroke-linecap="round" stroke-linejoin="round"'
+    head = f'{open_svg(WIDTH, HEIGHT + BAR, title)} tabindex="0">{CALM}'
+    both = f'<g class="{OVERLAY}" {pen}>{still}</g><g class="{MOVING}" {pen}>{moved}</g>'
+    svg = f"{head}{both}{_draw_time(span, seconds, key)}{_draw_switch(key)}</svg>"
+    length = span[1] - span[0]
+    return Animation(
+        svg, title, f"{format_number(length)} s, {_describe_pace(length / seconds)}; a click stops it", seconds
+    )
+
+
+def _describe_pace(pace: float) -> str:
+    if pace == 1.0:
+        return "as fast as it happens"
+    return f"{format_number(max(pace, 1 / pace))} times {'slower' if pace < 1 else 'faster'} than it happens"
+
+
+def _write_strokes(
+    frames: Sequence[Sequence[Stroke]], axes: tuple[int, int] | None, place: PixelMap
+) -> list[tuple[str, list[str]]]:
+    """Colours, and the paths of the lines that have them [px], frame by frame."""
     lines = []
     for bends, colour in ((False, RIGID_COLOUR), (True, BENDS_COLOUR)):
         shapes = [
@@ -99,36 +155,39 @@ def draw_animation(
         ]
         if shapes[0]:
             lines.append((colour, shapes))
-    key = hashlib.sha256(repr((lines, span, seconds)).encode()).hexdigest()[
-        :8
-    ]  # of several pictures on a page each stops alone
-    moved = "".join(
-        f'<path d="{shapes[0]}" stroke="{colour}">{_write_animate("d", ";".join(shapes), seconds, key)}</path>'
-        for colour, shapes in lines
-    )
-    still = draw_lines([frames[k] for k in list_drawn_samples(len(frames))], axes, place)
-    pen = 'fill="none" stroke-width="1.2" stroke-linecap="round" stroke-linejoin="round"'
-    head = f'{open_svg(WIDTH, HEIGHT + BAR, title)} tabindex="0">{CALM}'
-    both = f'<g class="{OVERLAY}" {pen}>{still}</g><g class="{MOVING}" {pen}>{moved}</g>'
-    length = span[1] - span[0]
-    pace = length / seconds
-    if pace == 1.0:
-        words = "as fast as it happens"
-    else:
-        words = f"{format_number(max(pace, 1 / pace))} times {'slower' if pace < 1 else 'faster'} than it happens"
-    svg = f"{head}{both}{_draw_time(span, seconds, key)}{_draw_switch(key)}</svg>"
-    return Animation(svg, title, f"{format_number(length)} s, {words}; a click stops it", seconds)
+    return lines
 
 
-def _write_animate(attribute: str, values: str, seconds: float, key: str) -> str:
+def _write_levels(net: ColouredNet, axes: tuple[int, int] | None, place: PixelMap) -> list[list[str]]:
+    """Paths of the edges of each level [px], frame by frame."""
+    count = len(LEVEL_COLOURS)
+    level = np.clip((count * net.level).astype(np.int64), 0, count - 1)
+    edges = net.lines.shape[1]
+    out: list[list[str]] = [[] for _ in range(count)]
+    for lines, levels in zip(net.lines, level, strict=True):
+        points = place(convert_to_view(lines.reshape(-1, 3), axes)).reshape(edges, 2, 2)
+        for number, shapes in enumerate(out):
+            shapes.append("".join(write_line(line) for line in points[levels == number]))
+    return out
+
+
+def _draw_moving_path(colour: str, shapes: Sequence[str], seconds: float, key: str, pen: str = "") -> str:
+    """A path that takes one shape after the other; of a net, whose edges change their level, in jumps."""
+    jumps = bool(pen)
+    values = ";".join(shape or NOWHERE for shape in shapes) if jumps else ";".join(shapes)
+    moves = _write_animate("d", values, seconds, key, jumps)
+    return f'<path d="{shapes[0] or NOWHERE}" stroke="{colour}"{pen}>{moves}</path>'
+
+
+def _write_animate(attribute: str, values: str, seconds: float, key: str, jumps: bool = False) -> str:
     """The change of an attribute over and over, until the picture ``key`` is stopped; it stays where it is then.
 
+    jumps : nothing is drawn between two values
     ``key`` has no hyphen: in the names of events it is a minus.
     """
     when = f'begin="0s;play{key}.click" end="stop{key}.click" fill="freeze" restart="whenNotActive"'
-    return (
-        f'<animate attributeName="{attribute}" dur="{seconds:g}s" repeatCount="indefinite" {when} values="{values}"/>'
-    )
+    how = ' calcMode="discrete"' if jumps else ""
+    return f'<animate attributeName="{attribute}" dur="{seconds:g}s" repeatCount="indefinite"{how} {when} values="{values}"/>'
 
 
 def _draw_switch(key: str) -> str:

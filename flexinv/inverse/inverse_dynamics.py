@@ -19,7 +19,7 @@ from flexinv.kinematics.nodal_motion import NodalMotion, read_scalar_coordinate
 from flexinv.model.attachments import Spring
 from flexinv.model.joint_kinds import KINDS
 from flexinv.model.mechanism import Attachment, Mechanism
-from flexinv.typing import Array
+from flexinv.typing import Array, Indices
 
 
 @dataclass(frozen=True)
@@ -90,6 +90,13 @@ def compute_local_wrenches(mesh: Mesh, motion: NodalMotion, forces: NodalForces)
     """Return wrenches of `compute_joint_wrenches` of joints' nodes only, node -> (samples, 6) [N], [N m], in its own frame."""
     moves = np.flatnonzero(mesh.v_index >= 0)
     nodes = np.union1d(moves, np.array([*mesh.joint_node.values()], dtype=np.int64))
+    return compute_wrenches_in_frames(mesh, motion, forces, nodes)
+
+
+def compute_wrenches_in_frames(
+    mesh: Mesh, motion: NodalMotion, forces: NodalForces, nodes: Indices
+) -> dict[int, Array]:
+    """Return wrenches of `compute_joint_wrenches` of some nodes, node -> (samples, 6) [N], [N m], each in its own frame."""
     wrenches = np.empty((len(nodes), len(motion.x), 6))
     line = np.empty((mesh.size, 6))
     parts = (make_contiguous(part) for part in (motion.x, motion.rotation, forces.force, forces.moment))

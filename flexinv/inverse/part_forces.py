@@ -19,7 +19,6 @@ from flexinv.inverse.inverse_dynamics import NodalForces, compute_nodal_forces, 
 from flexinv.kinematics.mesh import Mesh
 from flexinv.kinematics.nodal_motion import NodalMotion
 from flexinv.parts.craig_bampton import Reduction
-from flexinv.parts.part_stress import compute_stress_shapes, compute_von_mises
 from flexinv.parts.point_masses import build_point_masses
 from flexinv.parts.reductions import find_reduction
 from flexinv.typing import Array, Indices
@@ -68,19 +67,6 @@ class PartMotion:
         nodes = len(self.reduced.points)
         flat = a.transpose(1, 0, 2).reshape(nodes, -1)  # (node, sample xyz)
         return np.asarray((self.reduced.mass @ flat).reshape(nodes, len(r), 3).transpose(1, 0, 2))
-
-
-def compute_part_stress(mesh: Mesh, motion: NodalMotion, link: str) -> Array:
-    """Return von Mises's stress of every node of a meshed link [Pa], (samples, n).
-
-    It is linear in the amplitudes, without what they make of second order.  Raises InputError for a link without a mesh, and for
-    one of ready matrices.
-    """
-    moved = compute_part_motion(mesh, motion, link)
-    part = mesh.mechanism.link_of[link].part
-    assert part is not None
-    by_shapes = compute_stress_shapes(part, moved.reduced)
-    return np.stack([compute_von_mises(by_shapes @ row[:, None])[:, 0] for row in moved.amplitudes])
 
 
 def _compute_bent_shapes(shapes: Array, second: Array, amplitudes: Array) -> Array:

@@ -2,16 +2,21 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from flexinv.analysis.solution import Solution, list_effort_units
 from flexinv.analysis.views.solution_card import list_instants, list_shown_coordinates
-from flexinv.display.animation import Animation, draw_animation
+from flexinv.display.animation import Animation, ColouredNet, draw_animation
 from flexinv.display.figures import Band, Panel, draw_panels
+from flexinv.display.words import format_number
 from flexinv.errors import InputError
-from flexinv.typing import Array
+from flexinv.inverse.part_forces import compute_part_motion
+from flexinv.kinematics.nodal_motion import NodalMotion
+from flexinv.parts.surface_net import build_surface_net
+from flexinv.typing import Array, Indices
 
 if TYPE_CHECKING:
     from flexinv.display.figures import Figure
@@ -21,6 +26,8 @@ SHORTEST_SHOW = 3.0
 LONGEST_SHOW = 20.0
 FEWEST_FRAMES = 60
 MOST_FRAMES = 200
+# Of the net of a meshed link.
+MOST_KNOTS = 90
 
 
 def draw_solution(solution: Solution, title: str) -> Figure:
@@ -52,7 +59,10 @@ def _find_error(solution: Solution, k: int) -> Array | None:
 
 
 def draw_moving_solution(solution: Solution, seconds: float | None = None) -> Animation:
-    """Return the mechanism in motion as a moving picture that takes ``seconds`` [s]; None: as long as the motion, 3 to 20 s."""
+    """Return the mechanism in motion as a moving picture that takes ``seconds`` [s]; None: as long as the motion, 3 to 20 s.
+
+    Meshed links are nets, coloured by von Mises's stress.
+    """
     time = solution.time
     if len(time) < 2:
         raise InputError("animate: a solution of one sample does not move; expected two samples or more")
@@ -66,4 +76,24 @@ def draw_moving_solution(solution: Solution, seconds: float | None = None) -> An
         raise InputError(
             f"animate: '{solution.mechanism.name}' has no line to draw: all its nodes and tips are in one point"
         )
-    return draw_animation(frames, (start, end), taken, solution.mechanism.name)
+    most = max((float(stress.largest.max()) for stress in solution.stress.values()), default=0.0)
+    nets = [build_stress_net(solution, link, samples, most) for link in solution.stress]
+    moving = draw_animation(frames, (start, end), taken, solution.mechanism.name, nets)
+    if not nets:
+        return moving
+    return replace(moving, words=f"{moving.words}; blue to red: von Mises stress, 0 to {format_number(most)} Pa")
+
+
+def build_stress_net(solution: Solution, link: str, samples: Indices, most: float) -> ColouredNet:
+    """Return the net of a meshed link at some samples, its levels stress over the largest one, ``most`` [Pa]."""
+    part = solution.mesh.mechanism.link_of[link].part
+    assert part is not None
+    net = build_surface_net(part, MOST_KNOTS)
+    some = NodalMotion(*(history[samples] for history in solution.nodes.parts))
+    moved = compute_part_motion(solution.mesh, some, link)
+    knots = np.searchsorted(moved.reduced.used, net.knots)
+    turn = moved.frame.rotation[:, 0]
+    places = moved.frame.x + np.einsum("sij,skj->ski", turn, moved.places[:, knots])
+    stress = solution.stress[link].compute(samples)[:, knots]
+    level = stress[:, net.edges].mean(axis=2) / (most or 1.0)
+    return ColouredNet(places[:, net.edges], level)
