@@ -148,7 +148,8 @@ def read_part(data: PartData, folder: Path) -> MeshedPart:
     return MeshedPart(
         arrays["points"], cells, interfaces, data.root, data.tip,
         modes=data.modes, frequency=data.frequency, retardation=data.retardation, drag=data.drag,
-        lumped=data.lumped, stiffening=data.stiffening, source=str(file), **matrices,
+        lumped=data.lumped, stiffening=data.stiffening, source=str(file),
+        mass=matrices.get("mass"), stiffness=matrices.get("stiffness"),
     )  # fmt: skip
 
 

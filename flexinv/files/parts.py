@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Annotated, Any, Literal
 
 import numpy as np
@@ -91,6 +92,9 @@ class MeshLinkTable(Table):
 
     kind: Literal["mesh"] = make_key('"rigid", "beam" or "mesh"', '"mesh"')
     file: Text = make_key("the mesh, a path from this file's folder", '"forearm.inp"')
+    finer_file: Text | None = make_optional_key(
+        "a finer mesh of the same part, a path: error bars come from it", '"forearm_fine.inp"'
+    )
     unit_m: Positive = make_key("the mesh's unit of length, a number > 0 [m]", "0.001", 1.0)
     unit_kg: Positive = make_key("the unit of mass of ready matrices, a number > 0 [kg]; t-mm-s has 1000", "1000", 1.0)
     material: SolidTable | None = make_optional_key(
@@ -134,28 +138,46 @@ LINK_SIZES = (5e-3, 20.0)
 def read_meshed_part(data: Any, where: Location) -> tuple[MeshedPart, MeshLinkTable]:
     """Read the mesh of a link [m, kg, Pa] and its table.  Raises InputError: file, table, key, and what to write."""
     table = check_table(MeshLinkTable, data, where)
-    mesh = read_mesh_file(where.file.parent / table.file)
+    part = _read_part(table, table.file, where)
+    if table.finer_file is None:
+        return part, table
+    if not part.cells:
+        expected = "no finer mesh beside ready matrices, which are those of one mesh"
+        raise where.make_error("finer_file", f'finer_file = "{table.finer_file}"', expected, "no finer_file")
+    finer = _read_part(table, table.finer_file, where, part.interface_of)
+    try:
+        return replace(part, finer=finer), table
+    except InputError as error:
+        raise InputError(f"{where.describe_key('finer_file')}: {error}") from error
+
+
+def _read_part(
+    table: MeshLinkTable, name: str, where: Location, known: Mapping[str, PartInterface] | None = None
+) -> MeshedPart:
+    """The part of one mesh file; ``known`` : interfaces of another mesh of it, where their frames are."""
+    mesh = read_mesh_file(where.file.parent / name)
     for note in mesh.notes:
-        warnings.warn(note, ModelWarning, stacklevel=5)
+        warnings.warn(note, ModelWarning, stacklevel=6)
     place = read_placement(table.placement, where.make_inner_location("placement"))
     points = place.position + table.unit_m * mesh.points @ place.rotation.T
     interfaces = [
         _read_interface(data, name, mesh, points, where.make_inner_location(f"interfaces.{name}"))
         for name, data in table.interfaces.items()
     ]
+    if known is not None:
+        interfaces = [replace(one, origin=known[one.name].origin) for one in interfaces]
     _check_ends(table, where)
     tip = table.tip or next((name for name in reversed(table.interfaces) if name != table.root), table.root)
     matter = _read_matter(table, mesh, place, where)
     _warn_of_odd_size(points, table, where)
     try:
-        part = MeshedPart(
+        return MeshedPart(
             points, matter[0], tuple(interfaces), table.root, tip, 8 if table.modes is None else table.modes,
             frequency=table.modes_up_to_Hz or 0.0, retardation=table.retardation_s, drag=table.drag_per_s, lumped=table.lumped,
-            stiffening=table.stiffening, mass=matter[1], stiffness=matter[2], source=str(where.file.parent / table.file),
+            stiffening=table.stiffening, mass=matter[1], stiffness=matter[2], source=str(where.file.parent / name),
         )  # fmt: skip
     except InputError as error:
         raise InputError(f"{where.describe_key()}: {error}") from error
-    return part, table
 
 
 def _warn_of_odd_size(points: Array, table: MeshLinkTable, where: Location) -> None:
@@ -164,7 +186,7 @@ def _warn_of_odd_size(points: Array, table: MeshLinkTable, where: Location) -> N
     if not LINK_SIZES[0] <= extent <= LINK_SIZES[1]:
         said = f"{where.describe_key('unit_m')}: with {table.unit_m:g} the mesh is {extent:.4g} m long; "
         warnings.warn(
-            said + "write unit_m = 0.001 for a mesh in millimetres, 1 for one in metres", ModelWarning, stacklevel=6
+            said + "write unit_m = 0.001 for a mesh in millimetres, 1 for one in metres", ModelWarning, stacklevel=7
         )
 
 

@@ -295,11 +295,16 @@ class Mechanism(Shown, Frozen):
         return finer.add_modes(2) if times > 1 or more else finer
 
     def add_modes(self, times: int) -> Mechanism:
-        """Return the mechanism with ``times`` as many vibration modes of every meshed link [-], two of each at least."""
+        """Return the mechanism with ``times`` as many vibration modes of every meshed link [-], two of each at least.
+
+        Where a part has a finer mesh, it takes the place of the other.
+        """
         more = check_whole_number("times", times, 1)
 
         def add_to_part(part: MeshedPart) -> MeshedPart:
-            return replace(part, modes=max(part.modes, 2) * more, frequency=part.frequency * more)
+            mesh = part if part.finer is None else part.finer
+            law = {name: getattr(part, name) for name in ("retardation", "drag", "lumped", "stiffening")}
+            return replace(mesh, modes=max(part.modes, 2) * more, frequency=part.frequency * more, **law)
 
         links = (link if link.part is None else replace(link, part=add_to_part(link.part)) for link in self.links)
         return replace(self, links=tuple(links)) if self.meshed else self

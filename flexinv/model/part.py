@@ -171,8 +171,15 @@ class PartInterface(Frozen):
     }
 
 
+# Two meshes of one curved part differ by what chords leave of arcs, in parts of its extent along each axis.
+SAME_EXTENT = 0.05
 # A set of nodes is on a line where its second largest extent is below this part of the largest.
 ON_A_LINE = 1e-6
+
+
+def _check_finer_part(name: str, value: Any) -> Any:
+    """A meshed part, or None."""
+    return rules.make_optional_rule(rules.make_kind_rule(MeshedPart))(name, value)
 
 
 @dataclass(frozen=True, eq=False)
@@ -189,6 +196,7 @@ class MeshedPart(Frozen):
         stiffens it against bending (geometric stiffness); it needs cells
     lumped : mass of linear cells in their nodes alone, as Abaqus and CalculiX have it in explicit codes
     mass, stiffness : by the three coordinates of all points in turn [kg], [N/m], in place of cells
+    finer : a finer mesh of the same part, with the same interfaces: error bars of a solution come from it
     source : the file, for messages
     """
 
@@ -205,6 +213,7 @@ class MeshedPart(Frozen):
     stiffening: bool = True
     mass: SparseMatrix | None = None
     stiffness: SparseMatrix | None = None
+    finer: MeshedPart | None = None
     source: str = field(default="", compare=False)
 
     RULES: ClassVar[rules.Rules] = {
@@ -221,6 +230,7 @@ class MeshedPart(Frozen):
         "stiffening": rules.check_truth,
         "mass": rules.make_optional_rule(rules.make_kind_rule(SparseMatrix)),
         "stiffness": rules.make_optional_rule(rules.make_kind_rule(SparseMatrix)),
+        "finer": _check_finer_part,
         "source": rules.check_text,
     }
 
@@ -256,6 +266,23 @@ class MeshedPart(Frozen):
                     raise InputError(
                         f"{where}{both}; expected interfaces apart: write a smaller tolerance or other sets"
                     )
+        if self.finer is not None:
+            self._check_same_part(self.finer, where)
+
+    def _check_same_part(self, finer: MeshedPart, where: str) -> None:
+        """Raise InputError for a finer mesh of another part, or one that is no finer."""
+        said = f"{where}the finer mesh{f' {finer.source}' if finer.source else ''}"
+        frames = [{one.name: (one.tie, one.origin.tolist()) for one in part.interfaces} for part in (self, finer)]
+        if frames[0] != frames[1] or (self.root, self.tip) != (finer.root, finer.tip):
+            expected = "the same interfaces, ties, origins, root and tip as of the coarse one"
+            raise InputError(f"{said} has other interfaces: expected {expected}")
+        if len(finer.points) <= len(self.points):
+            count = f"{len(finer.points)} points, the coarse one {len(self.points)}"
+            raise InputError(f"{said} has {count}: expected more; write the finer one as finer_file")
+        sizes = [np.ptp(part.points, axis=0) for part in (self, finer)]
+        if (np.abs(sizes[0] - sizes[1]) > SAME_EXTENT * sizes[0]).any():
+            extents = " and ".join(str(size.round(6).tolist()) for size in sizes)
+            raise InputError(f"{said} is another part: both reach over {extents} m; expected the same shape and unit")
 
     def _check_matter(self, where: str) -> None:
         """Raise InputError unless cells, or both matrices, say what the part is made of."""

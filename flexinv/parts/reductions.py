@@ -25,7 +25,7 @@ RELEASE = "3"
 # Parts whose points are fewer are reduced in less time than a file takes.
 FEW_POINTS = 300
 # Data of a part on which its reduction does not depend.
-NOT_REDUCED = ("source", "tip", "retardation", "drag")
+NOT_REDUCED = ("source", "tip", "retardation", "drag", "finer")
 # Files that are kept: the oldest go first.
 MOST_FILES = 200
 

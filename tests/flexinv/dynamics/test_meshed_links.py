@@ -275,6 +275,35 @@ def test_error_bars_come_from_more_modes() -> None:
     assert wide[4] < wide[0]
 
 
+def test_a_finer_mesh_widens_the_bars_to_what_a_coarse_one_misses() -> None:
+    """One brick of eight nodes over the height is 40 % too stiff in bending: without a finer mesh the bars do not know.
+
+    Bars hold the answer of the finer mesh, which more modes alone do not.
+    """
+    coarse = make_bar("hexahedron", count=(20, 1, 1), modes=4)
+    fine = make_bar("hexahedron20", count=(20, 1, 1), modes=4)
+    exact, blind, seen = (
+        flexinv.solve(make_arm(Link("bar", part=part)), ONE, step=1e-3, initial="static", error=True)
+        for part in (fine, coarse, replace(coarse, finer=fine))
+    )
+    assert blind.torque_error is not None
+    assert seen.torque_error is not None
+    off = np.abs(seen.torque - exact.torque).max()
+    assert off > 0.02 * list_ranges(exact)[0]
+    assert blind.torque_error.max() < 0.5 * off
+    assert off < seen.torque_error.max() < 3.0 * off
+
+
+def test_a_finer_mesh_of_another_part_is_refused() -> None:
+    coarse = make_bar(count=(4, 1, 1), modes=1)
+    with pytest.raises(InputError, match=r"the finer mesh has 56 points, the coarse one 56: expected more"):
+        replace(coarse, finer=make_bar(count=(4, 1, 1), modes=1))
+    with pytest.raises(InputError, match="is another part: both reach over"):
+        replace(coarse, finer=make_bar(count=(8, 1, 1), side=0.03, modes=1))
+    with pytest.raises(InputError, match="has other interfaces: expected the same"):
+        replace(coarse, finer=make_bar(count=(8, 1, 1), modes=1, tie="average"))
+
+
 def test_what_meshes_cannot_do_yet_is_refused_in_words() -> None:
     arm = make_arm(Link("bar", part=make_bar(count=(4, 1, 1), modes=1)))
     with pytest.raises(InputError, match="links that are meshes"):

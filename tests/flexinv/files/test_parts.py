@@ -283,3 +283,25 @@ def test_broken_meshes_are_named(tmp_path: Path, fault: str) -> None:
     with pytest.raises(InputError) as caught:
         load(tmp_path)
     assert words in str(caught.value)
+
+
+def test_a_finer_mesh_is_read_with_the_same_frames(tmp_path: Path) -> None:
+    """Interfaces have the frames of the coarse mesh, whose nodes are others; ready matrices take no finer one."""
+    write_mesh(tmp_path)
+    write_mesh(tmp_path, "tetra10", "fine.inp")
+    (tmp_path / "mechanism.toml").write_text(
+        GOOD.replace('file = "arm.inp"', 'file = "arm.inp"\nfiner_file = "fine.inp"')
+    )
+    part = load_mechanism(tmp_path).links[0].part
+    assert part is not None
+    assert part.finer is not None
+    assert len(part.finer.points) > len(part.points)
+    assert [one.origin.tolist() for one in part.finer.interfaces] == [one.origin.tolist() for one in part.interfaces]
+    (tmp_path / "mechanism.toml").write_text(
+        GOOD.replace('file = "arm.inp"', 'file = "fine.inp"\nfiner_file = "arm.inp"')
+    )
+    with pytest.raises(
+        InputError,
+        match=r"key finer_file: .*fine.inp: the finer mesh .*arm.inp has .* expected more",
+    ):
+        load_mechanism(tmp_path)
