@@ -84,6 +84,9 @@ def test_a_helper_that_begins_leaves_the_collector_of_garbage_alone() -> None:
     assert all(seen)
 
 
+@pytest.mark.skipif(
+    processor_now() < 0 or count_processors() < 2, reason="needs a system that tells, and two processors"
+)
 def test_a_thread_leaves_the_processor_of_its_caller_and_may_come_back() -> None:
     def run(other: int) -> None:
         allowed = os.sched_getaffinity(0)
