@@ -25,7 +25,7 @@ from flexinv.files.closures import (
     TableSpringTable,
 )
 from flexinv.files.joints import DRIVES, JOINT_TABLES, MOTORS
-from flexinv.files.parts import InterfaceTable, MeshLinkTable, SolidTable
+from flexinv.files.parts import InterfaceTable, MeshLinkTable, OverlayMeshTable, SolidTable
 from flexinv.files.schema import BeamLinkTable, MechanismTable, OverlayLinkTable, RigidLinkTable
 from flexinv.files.sections import MATRICES, SECTION_SHAPES, MatrixSectionTable, StiffnessSectionTable
 
@@ -48,6 +48,8 @@ MECHANISM: Places = {
     ("MechanismTable", "forces", ""): {"": ForceTable},
     ("MeshLinkTable", "materials", ""): {"": SolidTable},
     ("MeshLinkTable", "interfaces", ""): {"": InterfaceTable},
+    ("OverlayMeshTable", "materials", ""): {"": SolidTable},
+    ("OverlayMeshTable", "interfaces", ""): {"": InterfaceTable},
     ("OverlayTable", "links", ""): {"": OverlayLinkTable},
     ("OverlayTable", "joints", ""): DRIVES,
 }
@@ -66,13 +68,18 @@ NAMES = (*KIT, *OURS)
 def schema(name: str) -> JsonSchemaValue:
     """Return the JSON Schema of one of ``NAMES``."""
     root, places = (KIT[name], {}) if name in KIT else OURS[name]
-    definitions = described([root, *(table for kinds in places.values() for table in kinds.values()), *MOTORS.values()])
+    entries = [table for kinds in places.values() for table in kinds.values()]
+    definitions = described([root, *entries, *MOTORS.values(), OverlayMeshTable])
     for (table, key, decides), kinds in places.items():
         definitions[table]["properties"][key]["additionalProperties"] = _build_alternatives(decides, kinds)
     if name == "mechanism":
         for drive in DRIVES.values():  # laid over a URDF they may have a motor
             motors = [{"$ref": f"#/$defs/{motor.__name__}"} for motor in dict.fromkeys(MOTORS.values())]
             definitions[drive.__name__]["properties"]["drive"] = {"anyOf": motors}
+        mesh = definitions["OverlayLinkTable"]["properties"]["mesh"]
+        definitions["OverlayLinkTable"]["properties"]["mesh"] = {
+            "description": mesh["description"], "$ref": f"#/$defs/{OverlayMeshTable.__name__}"
+        }  # fmt: skip
     whole = {"$schema": DRAFT, "title": f"{name} ({root.__name__})", "$ref": f"#/$defs/{root.__name__}"}
     return {**whole, "$defs": _collect_definitions(root.__name__, definitions)}
 

@@ -6,9 +6,11 @@ through the wall, in millimetres, as an Abaqus or CalculiX input with the nodes 
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
+from write_hexahedra import Key, write_hexahedra
 
 FILE = Path(__file__).parents[2] / "models" / "meshed_arm" / "forearm.inp"
 LENGTH = 400.0
@@ -17,36 +19,17 @@ WALL = 4.0
 ALONG = 12
 ACROSS = 4  # elements of a side
 WINDOWS = ((2, 4), (7, 9))  # elements along, of the two in the middle of the side walls
-# Corners, then midpoints of edges, of a cell in the order of Abaqus, in half steps along, around and through the wall.
-ORDER = "000 200 220 020 002 202 222 022 100 210 120 010 102 212 122 012 001 201 221 021"
 
 
 def main() -> None:
     """Write the file [mm]."""
-    number: dict[tuple[int, int, int], int] = {}
-    cells = []
-    for i in range(ALONG):
-        for j in range(4 * ACROSS):
-            if is_window(i, j):
-                continue
-            cell = []
-            for word in ORDER.split():
-                a, b, c = map(int, word)
-                key = (2 * i + a, (2 * j + b) % (8 * ACROSS), c)
-                cell.append(number.setdefault(key, len(number) + 1))
-            cells.append(cell)
-    lines = ["*HEADING", "Forearm, millimetres; docs/studies/make_meshed_arm.py", "*NODE, NSET=ALL_NODES"]
-    lines += [f"{n}, " + ", ".join(f"{x:.6f}" for x in compute_place(*key)) for key, n in number.items()]
-    lines.append("*ELEMENT, TYPE=C3D20, ELSET=TUBE")
-    for k, cell in enumerate(cells):
-        lines += [f"{k + 1}, " + ", ".join(map(str, cell[:15])) + ",", ", ".join(map(str, cell[15:]))]
-    for name, end in (("ELBOW", 0), ("FLANGE", 2 * ALONG)):
-        lines.append(f"*NSET, NSET={name}")
-        at = [n for key, n in number.items() if key[0] == end]
-        lines += [
-            ", ".join(map(str, at[k : k + 16])) + ("," if k + 16 < len(at) else "") for k in range(0, len(at), 16)
-        ]
-    FILE.write_text("\n".join(lines) + "\n", encoding="utf-8")
+    cells = [(i, j) for i in range(ALONG) for j in range(4 * ACROSS) if not is_window(i, j)]
+    sets: dict[str, Callable[[Key], bool]] = {
+        "ELBOW": lambda key: key[0] == 0,
+        "FLANGE": lambda key: key[0] == 2 * ALONG,
+    }
+    heading = "Forearm, millimetres; docs/studies/make_meshed_arm.py"
+    write_hexahedra(FILE, heading, "TUBE", cells, sets, compute_place, 8 * ACROSS)
 
 
 def is_window(i: int, j: int) -> bool:

@@ -192,11 +192,9 @@ def _build_link(data: Any, name: str, sections: Mapping[str, CrossSection], wher
 
 def _build_mesh_link(data: Any, name: str, where: Location) -> Link:
     """A link of any shape; what its mesh needs is imported with the first one."""
-    from flexinv.files.parts import read_meshed_part
+    from flexinv.files.parts import read_meshed_link
 
-    part, table = read_meshed_part(data, where)
-    bodies = read_payloads(table.payload, False, name, where, tuple(part.interface_of))
-    return Link(name, bodies, part=part)
+    return read_meshed_link(data, name, where)
 
 
 def _build_from_urdf(table: schema.MechanismTable, sections: Mapping[str, CrossSection], top: Location) -> Mechanism:
@@ -237,21 +235,9 @@ def _apply_overlay(
     for name, data in table.links.items():
         where = top.make_inner_location(f"links.{name}")
         laid = check_table(schema.OverlayLinkTable, data, where)
-        link = _replace_own_body(links[name], laid, where)
-        if laid.beam is not None and laid.tip_m is not None:
-            given = f"tip_m = {laid.tip_m} beside a beam"
-            expected = "no tip: a beam reports its end"
-            raise where.make_error("tip_m", given, expected, "the beam alone")
-        if laid.beam is not None:
-            link, changed, note = _make_link_flexible(
-                link, joints, laid.beam, sections, where.make_inner_location("beam")
-            )
-            joints.update(changed)
-            notes.append(note)
-        body_name = link.bodies[0].name if link.bodies else name
-        payload = read_payloads(laid.payload, laid.beam is not None, body_name, where)
-        tip = link.tip if laid.tip_m is None else np.array(laid.tip_m, dtype=np.float64)
-        links[name] = replace(link, bodies=(*link.bodies, *payload), tip=tip)
+        links[name], changed, note = _apply_link_overlay(links[name], joints, laid, sections, where)
+        joints.update(changed)
+        notes += note
     driven = {
         name: _apply_drive(joints[name], data, top.make_inner_location(f"joints.{name}"))
         for name, data in table.joints.items()
@@ -260,14 +246,49 @@ def _apply_overlay(
     return replace(mechanism, links=tuple(links.values()), joints=moving, notes=tuple(notes))
 
 
-def _replace_own_body(link: Link, table: schema.OverlayLinkTable, where: Location) -> Link:
-    """The link with the mass, centre and inertia [kg, m, kg m^2] of its overlay, if that states any, in place of the URDF's."""
+def _apply_link_overlay(
+    link: Link, joints: Mapping[str, Joint], laid: schema.OverlayLinkTable, sections: Mapping[str, CrossSection],
+    where: Location,
+) -> tuple[Link, dict[str, Joint], list[str]]:  # fmt: skip
+    """The link under its overlay, the joints that it moves to a beam or a mesh, and a note of that."""
+    bends = "a beam" if laid.beam is not None else "a mesh"
+    if laid.beam is not None and laid.mesh is not None:
+        raise where.make_error("mesh", "a beam and a mesh", "one of both", "[overlay.links.NAME.mesh] alone")
+    flexible = laid.beam is not None or laid.mesh is not None
+    link = _replace_own_body(link, laid, bends if flexible else "", where)
+    if flexible and laid.tip_m is not None:
+        expected = f"no tip: {bends} reports its end"
+        raise where.make_error("tip_m", f"tip_m = {laid.tip_m} beside {bends}", expected, f"{bends} alone")
+    changed: dict[str, Joint] = {}
+    notes: list[str] = []
+    interfaces: tuple[str, ...] = ()
+    if laid.beam is not None:
+        link, changed, note = _make_link_flexible(link, joints, laid.beam, sections, where.make_inner_location("beam"))
+        notes.append(note)
+    elif laid.mesh is not None:
+        from flexinv.files.parts import make_link_meshed
+
+        link, changed, note = make_link_meshed(link, joints, laid.mesh, where.make_inner_location("mesh"))
+        notes.append(note)
+        assert link.part is not None
+        interfaces = tuple(link.part.interface_of)
+    body_name = link.bodies[0].name if link.bodies else link.name
+    payload = read_payloads(laid.payload, laid.beam is not None, body_name, where, interfaces)
+    tip = link.tip if laid.tip_m is None else np.array(laid.tip_m, dtype=np.float64)
+    return replace(link, bodies=(*link.bodies, *payload), tip=tip), changed, notes
+
+
+def _replace_own_body(link: Link, table: schema.OverlayLinkTable, bends: str, where: Location) -> Link:
+    """The link with the mass, centre and inertia [kg, m, kg m^2] of its overlay, if that states any, in place of the URDF's.
+
+    bends : "a beam", "a mesh", whose mass is its own; "" for a rigid link
+    """
     stated = [key for key in ("mass_kg", "com_m", *INERTIA_SHAPES) if getattr(table, key) is not None]
     if not stated:
         return link
-    if table.beam is not None:
-        expected = "no mass of its own: that of a beam is its section's"
-        raise where.make_error(stated[0], f"{stated[0]} beside a beam", expected, "the beam alone, or a payload on it")
+    if bends:
+        expected = "no mass of its own: that of a beam is its section's, that of a mesh its material's"
+        raise where.make_error(stated[0], f"{stated[0]} beside {bends}", expected, f"{bends} alone, or a payload on it")
     return replace(link, bodies=(Body(REPLACED, read_inertia(table, where)),))
 
 

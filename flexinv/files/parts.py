@@ -13,10 +13,19 @@ from pydantic import Field
 from flexinv.errors import InputError, ModelWarning
 from flexinv.files.joints import read_placement
 from flexinv.files.part_files import FileMesh, read_matrix_file, read_mesh_file
-from flexinv.files.schema import PLACEMENT, SOURCE, PayloadTable, PlacementTable, read_finite_number
+from flexinv.files.schema import (
+    PLACEMENT,
+    SOURCE,
+    PayloadTable,
+    PlacementTable,
+    make_interface_error,
+    read_finite_number,
+    read_payloads,
+)
 from flexinv.files.toml_tables import Location, Table, check_table, format_toml, make_key, make_optional_key
 from flexinv.files.values import Name, NotNegative, Number, Positive, Text, Vector
-from flexinv.model.links import Placement
+from flexinv.model.joints import Joint
+from flexinv.model.links import Link, Placement
 from flexinv.model.part import Cells, Material, MeshedPart, PartInterface, SparseMatrix
 from flexinv.typing import Array, Indices
 from flexinv.validation import find_nearest_word
@@ -87,10 +96,9 @@ class InterfaceTable(Table):
     )
 
 
-class MeshLinkTable(Table):
-    """A link of any shape: a finite-element mesh of it, reduced to few shapes."""
+class PartTable(Table):
+    """A part of any shape: its finite-element mesh, reduced to few shapes."""
 
-    kind: Literal["mesh"] = make_key('"rigid", "beam" or "mesh"', '"mesh"')
     file: Text = make_key("the mesh, a path from this file's folder", '"forearm.inp"')
     finer_file: Text | None = make_optional_key(
         "a finer mesh of the same part, a path: error bars come from it", '"forearm_fine.inp"'
@@ -127,32 +135,86 @@ class MeshLinkTable(Table):
     )
     retardation_s: NotNegative = make_key("stress by rate of strain over stress by strain, >= 0 [s]", "1e-4", 0.0)
     drag_per_s: NotNegative = make_key("force by velocity of the deformation over mass, >= 0 [1/s]", "0.5", 0.0)
-    payload: list[PayloadTable] = make_key("tables [[links.NAME.payload]]", "[[links.NAME.payload]]", [])
     source: Text = SOURCE
+
+
+class MeshLinkTable(PartTable):
+    """A link of any shape."""
+
+    kind: Literal["mesh"] = make_key('"rigid", "beam" or "mesh"', '"mesh"')
+    payload: list[PayloadTable] = make_key("tables [[links.NAME.payload]]", "[[links.NAME.payload]]", [])
+
+
+class OverlayMeshTable(PartTable):
+    """A link of the URDF made a mesh, whose interfaces carry the joints of the link."""
+
+    joints: dict[str, Name] = make_key(
+        "the interface of each joint whose parent is this link", '{ wrist_1_joint = "flange" }'
+    )
+    own_inertia: Literal["replaced", "at_root"] = make_key(
+        '"replaced" by the mesh\'s mass, or "at_root": kept as a rigid body in the link frame', '"replaced"'
+    )
 
 
 # Extents of links of machines [m]: beyond them the unit of a mesh is as a rule another one.
 LINK_SIZES = (5e-3, 20.0)
 
 
-def read_meshed_part(data: Any, where: Location) -> tuple[MeshedPart, MeshLinkTable]:
-    """Read the mesh of a link [m, kg, Pa] and its table.  Raises InputError: file, table, key, and what to write."""
+def read_meshed_link(data: Any, name: str, where: Location) -> Link:
+    """Read a link that is a mesh [m, kg, Pa], and what it carries.  Raises InputError: file, table, key, and what to write."""
     table = check_table(MeshLinkTable, data, where)
+    part = read_meshed_part(table, where)
+    return Link(name, read_payloads(table.payload, False, name, where, tuple(part.interface_of)), part=part)
+
+
+def make_link_meshed(
+    link: Link, joints: Mapping[str, Joint], data: Any, where: Location
+) -> tuple[Link, dict[str, Joint], str]:
+    """Return a link of a URDF as a mesh [m, kg, Pa], its joints placed on their interfaces, and a note.
+
+    joints : of the whole mechanism, by name.  Raises InputError: file, table, key, and what to write.
+    """
+    table = check_table(OverlayMeshTable, data, where)
+    part = read_meshed_part(table, where)
+    outward = {name: joint for name, joint in joints.items() if joint.parent == link.name}
+    if sorted(outward) != sorted(table.joints):
+        expected = f"an interface for each joint whose parent is {link.name}: {', '.join(outward) or 'it has none'}"
+        write = "joints = { " + ", ".join(f'{name} = "{part.tip}"' for name in outward) + " }"
+        raise where.make_error("joints", f"interfaces of {', '.join(table.joints) or 'none'}", expected, write)
+    for name, interface in table.joints.items():
+        if interface not in part.interface_of:
+            raise make_interface_error(interface, tuple(part.interface_of), where.make_inner_location(f"joints.{name}"))
+    placed = {name: _move_to_interface(outward[name], part.interface_of[one]) for name, one in table.joints.items()}
+    kept = table.own_inertia == "at_root"
+    stated_mass = sum(body.inertia.mass for body in link.bodies)
+    what = "kept as a rigid body in its frame" if kept else "replaced"
+    note = f"{link.name} is the mesh {table.file}; its URDF inertia ({stated_mass:.6g} kg) is {what}"
+    return Link(link.name, link.bodies if kept else (), part=part), placed, note
+
+
+def _move_to_interface(joint: Joint, interface: PartInterface) -> Joint:
+    """The same place, in the frame of an interface, whose axes are those of the link."""
+    placement = replace(joint.placement, position=joint.placement.position - interface.origin)
+    return replace(joint, interface=interface.name, placement=placement)
+
+
+def read_meshed_part(table: PartTable, where: Location) -> MeshedPart:
+    """Read the mesh of a part [m, kg, Pa].  Raises InputError: file, table, key, and what to write."""
     part = _read_part(table, table.file, where)
     if table.finer_file is None:
-        return part, table
+        return part
     if not part.cells:
         expected = "no finer mesh beside ready matrices, which are those of one mesh"
         raise where.make_error("finer_file", f'finer_file = "{table.finer_file}"', expected, "no finer_file")
     finer = _read_part(table, table.finer_file, where, part.interface_of)
     try:
-        return replace(part, finer=finer), table
+        return replace(part, finer=finer)
     except InputError as error:
         raise InputError(f"{where.describe_key('finer_file')}: {error}") from error
 
 
 def _read_part(
-    table: MeshLinkTable, name: str, where: Location, known: Mapping[str, PartInterface] | None = None
+    table: PartTable, name: str, where: Location, known: Mapping[str, PartInterface] | None = None
 ) -> MeshedPart:
     """The part of one mesh file; ``known`` : interfaces of another mesh of it, where their frames are."""
     mesh = read_mesh_file(where.file.parent / name)
@@ -180,7 +242,7 @@ def _read_part(
         raise InputError(f"{where.describe_key()}: {error}") from error
 
 
-def _warn_of_odd_size(points: Array, table: MeshLinkTable, where: Location) -> None:
+def _warn_of_odd_size(points: Array, table: PartTable, where: Location) -> None:
     """Warn where a mesh is so long or so short [m] that its unit is as a rule another one."""
     extent = float(np.ptp(points, axis=0).max())
     if not LINK_SIZES[0] <= extent <= LINK_SIZES[1]:
@@ -190,7 +252,7 @@ def _warn_of_odd_size(points: Array, table: MeshLinkTable, where: Location) -> N
         )
 
 
-def _check_ends(table: MeshLinkTable, where: Location) -> None:
+def _check_ends(table: PartTable, where: Location) -> None:
     """Raise InputError for a root or a tip that is no interface, and for modes that are stated twice."""
     names = list(table.interfaces)
     for key, given in (("root", table.root), ("tip", table.tip or table.root)):
@@ -205,7 +267,7 @@ def _check_ends(table: MeshLinkTable, where: Location) -> None:
 Matter = tuple[tuple[Cells, ...], SparseMatrix | None, SparseMatrix | None]
 
 
-def _read_matter(table: MeshLinkTable, mesh: FileMesh, place: Placement, where: Location) -> Matter:
+def _read_matter(table: PartTable, mesh: FileMesh, place: Placement, where: Location) -> Matter:
     """Cells with their materials, or mass and stiffness."""
     if table.mass or table.stiffness:
         return (), *_read_matrices(table, place, where)
@@ -225,7 +287,7 @@ def _read_matter(table: MeshLinkTable, mesh: FileMesh, place: Placement, where: 
     return tuple(_choose_material(block, materials, general, where) for block in mesh.cells), None, None
 
 
-def _read_matrices(table: MeshLinkTable, place: Placement, where: Location) -> tuple[SparseMatrix, SparseMatrix]:
+def _read_matrices(table: PartTable, place: Placement, where: Location) -> tuple[SparseMatrix, SparseMatrix]:
     """Mass [kg] and stiffness [N/m] that another program has made."""
     if not (table.mass and table.stiffness) or table.material is not None or table.materials:
         expected = "both mass and stiffness, without a material: the matrices hold it"

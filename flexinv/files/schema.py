@@ -282,6 +282,9 @@ class OverlayLinkTable(BodyTable):
     """Overlay of one link of the URDF; a mass, with centre and inertia, stands in place of the URDF's own."""
 
     beam: OverlayBeamTable | None = make_optional_key("a table [overlay.links.NAME.beam]", "[overlay.links.NAME.beam]")
+    mesh: dict[str, Any] | None = make_optional_key(
+        "a table [overlay.links.NAME.mesh], as of links that are meshes", "[overlay.links.NAME.mesh]"
+    )
     payload: list[PayloadTable] = make_key(
         "tables [[overlay.links.NAME.payload]]", "[[overlay.links.NAME.payload]]", []
     )

@@ -1,7 +1,6 @@
 """Links that are meshes in Exudyn: ``ObjectFFRFreducedOrder``, with matrices and a basis that are not flexinv's.
 
-Stiffness and mass are assembled by scikit-fem's own bases from primary data: points, cells, material.  Its mappings have straight
-edges, so cells with curved ones are refused.  Shapes are Exudyn's own: ``FEMinterface.ComputeHurtyCraigBamptonModes`` with rigid
+Stiffness and mass are assembled by scikit-fem's own bases from primary data: points, cells, material; edges may be curved.  Shapes are Exudyn's own: ``FEMinterface.ComputeHurtyCraigBamptonModes`` with rigid
 (RBE2) or averaged (RBE3) interfaces, the first of which is the root and stays in the floating frame.
 
 Its floating frame is linear in the amplitudes: it has no geometric stiffening (`describe_loss`).
@@ -30,7 +29,18 @@ ELEMENTS = {
     "hexahedron20": ("MeshHex", "ElementHexS2", [6, 2, 5, 7, 1, 3, 4, 0]),
     "hexahedron27": ("MeshHex", "ElementHex2", [6, 2, 5, 7, 1, 3, 4, 0]),
 }
-# A node is where scikit-fem has a degree of freedom up to this part of the part's extent; further off, an edge is curved.
+# scikit-fem's mesh whose cells have curved edges.
+CURVED = {"tetra10": "MeshTet2", "hexahedron20": "MeshHex2", "hexahedron27": "MeshHex2"}
+# Corners of the edges, then of the faces and of the volume, in the middle of which a kind has its other nodes.
+_TETRAHEDRON_MIDDLES = "01 12 02 03 13 23"
+_BRICK_EDGES = "01 12 23 30 45 56 67 74 04 15 26 37"
+_BRICK_MIDDLES = f"{_BRICK_EDGES} 0374 1265 0154 3267 0123 4567 01234567"
+MIDDLES = {"tetra10": _TETRAHEDRON_MIDDLES, "hexahedron20": _BRICK_EDGES, "hexahedron27": _BRICK_MIDDLES}
+# Orders of the rules for stiffness where edges are curved and they count: 4 and 8 points, as Abaqus and CalculiX integrate.
+STIFFNESS_ORDERS = {"tetra10": 2, "hexahedron": 3}
+# Order of all other rules, which are exact where edges are straight.
+ORDER = 4
+# Where edges are straight, a node is where scikit-fem has a degree of freedom, up to this part of the part's extent.
 SAME_PLACE = 1e-6
 
 
@@ -141,17 +151,34 @@ def _assemble_cells(part: MeshedPart, cells: Cells) -> tuple[Any, Any]:
     mesh_name, element_name, corners = ELEMENTS[cells.kind]
     ends, place = np.unique(cells.nodes[:, corners], return_inverse=True)
     mesh = getattr(skfem, mesh_name)(part.points[ends].T, place.reshape(-1, len(corners)).T)
-    basis = skfem.Basis(mesh, getattr(skfem, element_name)(), intorder=4)
-    points = np.unique(cells.nodes)
-    off, nearest = scipy.spatial.KDTree(part.points[points]).query(basis.doflocs.T)
+    element = getattr(skfem, element_name)
+    basis = skfem.Basis(mesh, element(), intorder=ORDER)
+    points, straight = _find_straight_places(part, cells)
+    off, nearest = scipy.spatial.KDTree(straight).query(basis.doflocs.T)
     if off.max() > SAME_PLACE * np.ptp(part.points, axis=0).max():
-        raise ValueError("cells with curved edges, of which scikit-fem has no mapping here")
+        raise ValueError("scikit-fem has a degree of freedom where the mesh has no node")
     numbers = points[nearest]
+    if cells.kind in CURVED:
+        mesh = getattr(skfem, CURVED[cells.kind])(part.points[numbers].T, mesh.t, sort_t=False, elem=element)
+        basis = skfem.Basis(mesh, element(), intorder=ORDER)
     size = 3 * len(part.points)
-    stiffness = _assemble_stiffness(basis, cells.material.stiffness, numbers, size)
+    order = STIFFNESS_ORDERS.get(cells.kind, ORDER)
+    by_order = skfem.Basis(mesh, element(), intorder=order)
+    stiffness = _assemble_stiffness(by_order, cells.material.stiffness, numbers, size)
     one = skfem.BilinearForm(lambda u, v, w: cells.material.density * u * v).assemble(basis)
     mass = sum(_build_block(one, 3 * numbers + i, 3 * numbers + i, size) for i in range(3))
     return mass, stiffness
+
+
+def _find_straight_places(part: MeshedPart, cells: Cells) -> tuple[NDArray[np.int64], Array]:
+    """Numbers of the cells' points, and where each would be if all edges were straight (n, 3) [m]."""
+    places = part.points.copy()
+    first = len(ELEMENTS[cells.kind][2])
+    for k, middle in enumerate(MIDDLES.get(cells.kind, "").split()):
+        ends = cells.nodes[:, [int(corner) for corner in middle]]
+        places[cells.nodes[:, first + k]] = part.points[ends].mean(axis=1)
+    points = np.unique(cells.nodes)
+    return points, places[points]
 
 
 def _assemble_stiffness(basis: Any, law: Array, numbers: NDArray[np.int64], size: int) -> Any:
