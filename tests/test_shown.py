@@ -139,7 +139,7 @@ def test_coupled_sections_that_are_shown_are_read(tmp_path: Path) -> None:
 
 def test_meshed_links_that_are_shown_are_read(tmp_path: Path) -> None:
     """The forearm of the page, from its mesh in millimetres and from matrices in tonnes, millimetres and seconds."""
-    shown, ready = blocks((ROOT / "docs/howto/meshed-links.md").read_text(), "TOML")
+    shown, laid, ready = blocks((ROOT / "docs/howto/meshed-links.md").read_text(), "TOML")
     points, cells = make_block("hexahedron20", (0.4, 0.05, 0.05), (2, 1, 1))
     held = np.flatnonzero(points[:, 0] < 1e-9)
     mesh = meshio.Mesh(1000.0 * points, [("hexahedron20", cells)], point_sets={"ELBOW": held})
@@ -175,6 +175,11 @@ axis = [0, 0, 1]
     other = load_mechanism(tmp_path).link_of["forearm"].part
     assert other is not None
     assert compute_reduction(other).frequency == pytest.approx(compute_reduction(part).frequency, rel=1e-9)
+    robot = tmp_path / "robot"
+    robot.mkdir()
+    shutil.copy(ROOT / "models/ur5_meshed_forearm/forearm.inp", robot)
+    (robot / "mechanism.toml").write_text(f'source = "a test"\n{laid}')
+    assert load_mechanism(robot).joint_of["wrist_1_joint"].interface == "wrist"
 
 
 def test_payloads_that_are_shown_are_read(tmp_path: Path) -> None:

@@ -18,7 +18,6 @@ from flexinv.files.schema import (
     SOURCE,
     PayloadTable,
     PlacementTable,
-    make_interface_error,
     read_finite_number,
     read_payloads,
 )
@@ -183,7 +182,10 @@ def make_link_meshed(
         raise where.make_error("joints", f"interfaces of {', '.join(table.joints) or 'none'}", expected, write)
     for name, interface in table.joints.items():
         if interface not in part.interface_of:
-            raise make_interface_error(interface, tuple(part.interface_of), where.make_inner_location(f"joints.{name}"))
+            known = list(part.interface_of)
+            write = f'{name} = "{find_nearest_word(interface, known) or part.tip}"'
+            expected = f"an interface of the mesh: {', '.join(known)}"
+            raise where.make_inner_location("joints").make_error(name, f'{name} = "{interface}"', expected, write)
     placed = {name: _move_to_interface(outward[name], part.interface_of[one]) for name, one in table.joints.items()}
     kept = table.own_inertia == "at_root"
     stated_mass = sum(body.inertia.mass for body in link.bodies)

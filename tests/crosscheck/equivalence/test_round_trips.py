@@ -24,7 +24,7 @@ from flexinv.model.mechanism import WORLD, Body, Inertia, Joint, Link, Mechanism
 MODELS = Path(__file__).resolve().parents[3] / "models"
 NAMES = sorted(path.parent.name for path in MODELS.glob("*/mechanism.toml"))
 SLOW = ("talos",)
-MESHED = ("meshed_arm", "slider_crank_meshed", "four_bar_bracket")
+MESHED = ("meshed_arm", "slider_crank_meshed", "four_bar_bracket", "ur5_meshed_forearm")
 # What a format has no word for, by model: a word of the reason that the export gives.
 CANNOT = {
     "urdf": {"screw_lift": "helical"} | dict.fromkeys(MESHED, "meshes"),

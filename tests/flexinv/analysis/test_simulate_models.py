@@ -70,6 +70,7 @@ WINDOWS = {
     "two_arms_flexible": Window(1e-5, 0.95, 0.1),
     "ur5": Window(2e-4, 0.0, 0.3),
     "ur5_flexible_forearm": Window(2.5e-4, 0.2, 0.1),
+    "ur5_meshed_forearm": Window(1e-4, 0.2, 0.1),
     "walker": Window(2e-4, 1.25, 0.1),  # a foot lands at 1.3 s
 }
 

@@ -1,7 +1,8 @@
 """Links that are meshes in Exudyn: ``ObjectFFRFreducedOrder``, with matrices and a basis that are not flexinv's.
 
-Stiffness and mass are assembled by scikit-fem's own bases from primary data: points, cells, material; edges may be curved.  Shapes are Exudyn's own: ``FEMinterface.ComputeHurtyCraigBamptonModes`` with rigid
-(RBE2) or averaged (RBE3) interfaces, the first of which is the root and stays in the floating frame.
+Stiffness and mass are assembled by scikit-fem's own bases from primary data: points, cells, material; edges may be curved.
+Shapes are Exudyn's own: ``FEMinterface.ComputeHurtyCraigBamptonModes`` with rigid (RBE2) or averaged (RBE3) interfaces, the first
+of which is the root and stays in the floating frame.
 
 Its floating frame is linear in the amplitudes: it has no geometric stiffening (`describe_loss`).
 """
