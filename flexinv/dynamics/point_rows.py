@@ -40,8 +40,11 @@ def add_point_rows(part, system, factors, want_tangent):
         work.residual[0, first + c] += _compute_product_sum(work.points.slide[c, row : row + 3 * stride], force)
     if want_tangent:
         law = _compute_own_law(part, system, factors)
-        _fill_force_columns(part, system, law, factors)
-        _add_to_frame(part, system)
+        carried = topology.reach[root] > 0
+        if carried or topology.shapes.soft[part] > 0:
+            _fill_force_columns(part, system, law, factors)
+        if carried:  # else nothing inboard moves, and nothing there asks how the wrench varies
+            _add_to_frame(part, system)
         _add_amplitude_rows(part, system, law)
 
 
