@@ -16,7 +16,8 @@ import click
 import numpy as np
 import scipy
 
-from flexinv.files.part_files import read_matrix_file, read_mesh_file
+from flexinv.files.meshes.matrix_files import read_matrix_file
+from flexinv.files.meshes.mesh_files import read_mesh_file
 from flexinv.model.part import Cells, Material, MeshedPart, PartInterface, SparseMatrix
 from flexinv.parts.craig_bampton import compute_reduction
 from flexinv.parts.part_matrices import build_part_matrices

@@ -12,7 +12,8 @@ from pydantic import Field
 
 from flexinv.errors import InputError, ModelWarning
 from flexinv.files.joints import read_placement
-from flexinv.files.part_files import FileMesh, read_matrix_file, read_mesh_file
+from flexinv.files.meshes.matrix_files import read_matrix_file
+from flexinv.files.meshes.mesh_files import FileMesh, read_mesh_file
 from flexinv.files.schema import (
     PLACEMENT,
     SOURCE,

@@ -262,7 +262,7 @@ def _find_strongest_cause(here: CauseRound, at: Array, known: set[str]) -> tuple
     if not followed:
         return None
     most = max(_compute_cost_drop(here, *one) for one in followed)
-    near = [one for one in followed if _compute_cost_drop(here, *one) > most - ALIKE]
+    near = [one for one in followed if _compute_cost_drop(here, *one) >= most - ALIKE]
     alike = sorted(near, key=lambda one: (not _is_wave_of_named(here, one[0]), one[0]))
     k, likely = alike[0]
     others = [f"{one.name} of {one.place}, {one.size:.3g} {one.unit}" for _, one in alike[1:]]

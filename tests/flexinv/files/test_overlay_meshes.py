@@ -87,7 +87,11 @@ def test_own_inertia_may_stay_at_the_root(root: Path, tmp_path: Path) -> None:
             'own_inertia = "replaced"\n\n[overlay.links.forearm_link.mesh]',
             "key mesh given: a beam and a mesh expected: one of both",
         ),
-        ('set = "WRIST"', 'set = "WRISTS"', 'expected: a set of the file: ELBOW, WRIST, SHELL write: set = "WRIST"'),
+        (
+            'set = "WRIST"',
+            'set = "WRISTS"',
+            'expected: a set of the file: ALL_NODES, ELBOW, WRIST, SHELL write: set = "WRIST"',
+        ),
     ],
 )
 def test_what_cannot_be_laid_over_is_said(root: Path, tmp_path: Path, before: str, after: str, said: str) -> None:

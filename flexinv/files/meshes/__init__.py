@@ -1,0 +1,1 @@
+"""Files of finite-element meshes and of their matrices."""
