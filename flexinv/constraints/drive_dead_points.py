@@ -118,5 +118,9 @@ def _compute_larger_root(one: Array, other: Array, across: Array) -> Array:
 
 def _compute_products(g: Array) -> tuple[Array, Array, Array]:
     """The products (samples,) of each of two columns with itself, and of both."""
-    whole = np.einsum("sri,srj->sij", g, g)
-    return whole[:, 0, 0], whole[:, 1, 1], whole[:, 0, 1]
+    first, second = np.ascontiguousarray(g.transpose(2, 0, 1))
+    return (
+        np.einsum("sr,sr->s", first, first),
+        np.einsum("sr,sr->s", second, second),
+        np.einsum("sr,sr->s", first, second),
+    )

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from itertools import pairwise
 from typing import Literal
 
@@ -165,7 +166,7 @@ class Motion(Shown, ByValue):
         """Times [s] between which acceleration and jerk are continuous."""
         return tuple(sorted({t for track in self.tracks for t in track.breaks}))
 
-    @property
+    @cached_property
     def knots(self) -> tuple[float, ...]:
         """Times [s] between which every coordinate is one polynomial of its samples, or one smooth function of its law."""
         return tuple(sorted({t for track in self.tracks for t in track.knots}))
