@@ -118,7 +118,7 @@ def _compute_larger_root(one: Array, other: Array, across: Array) -> Array:
 
 def _compute_products(g: Array) -> tuple[Array, Array, Array]:
     """The products (samples,) of each of two columns with itself, and of both."""
-    first, second = np.ascontiguousarray(g.transpose(2, 0, 1))
+    first, second = np.ascontiguousarray(np.moveaxis(g, 2, 0))
     return (
         np.einsum("sr,sr->s", first, first),
         np.einsum("sr,sr->s", second, second),
