@@ -85,7 +85,7 @@ def _is_excluded(g: Array, follower: Follower, way: tuple[Array, Array]) -> bool
     least = np.sqrt(max((one * other - across**2).min(), 0.0)) / max(trace.max(), np.finfo(float).tiny)
     if not least > DOUBTFUL:
         return False
-    steps = sum(np.einsum("rs,rs->s", d, d) for d in (np.diff(first), np.diff(second)))
+    steps = (np.diff(first) ** 2 + np.diff(second) ** 2).sum(axis=0)
     rates, accelerations = way
     bend = OFF_LINE * rates.max() ** 2 + TURNING_BACK * accelerations.max()
     return bool(2.0 * least > np.sqrt(2.0 * steps.max() / smallest) + bend)
