@@ -11,9 +11,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from flexinv.constraints.closures import Rows
+from flexinv.constraints.closures import Rows, list_velocity_scales
 from flexinv.constraints.continuation import Follower
-from flexinv.constraints.singular_search import WORST_CONDITION, find_singular
+from flexinv.constraints.singular_search import OFF_LINE, TURNING_BACK, WORST_CONDITION, find_singular
 from flexinv.errors import ConvergenceError
 from flexinv.kinematics.mesh import Mesh
 from flexinv.kinematics.nodal_motion import JointHistory
@@ -46,6 +46,9 @@ def check_drives(
         return
     history, knots = given
     follower = Follower(mesh, rows, undriven)
+    way = follower.compute_ways(time, joints)
+    if g is not None and _is_excluded(g[:, :, undriven], follower, way):
+        return
     branch = replace(
         Follower(mesh, rows, unknown).build_branch(history, knots), matrices=follower.compute_passive_columns
     )
@@ -53,7 +56,7 @@ def check_drives(
     condition, change = _compute_conditions(follower, q, g)
     if not (condition < WORST_CONDITION).any():
         return
-    instant = find_singular(branch, time, q, condition, change, follower.compute_ways(time, joints))
+    instant = find_singular(branch, time, q, condition, change, way)
     on_it = np.flatnonzero(~(condition < WORST_CONDITION))
     if len(on_it) and (instant is None or time[on_it[0]] < instant):
         instant = float(time[on_it[0]])
@@ -64,6 +67,28 @@ def check_drives(
             "allow moves none of them there, and their efforts grow without bound on the way to it; write actuated = true for "
             "another joint, or keep the motion away from this position"
         )
+
+
+def _is_excluded(g: Array, follower: Follower, way: tuple[Array, Array]) -> bool:
+    """Return True where sums of squares of two columns exclude a dead point at all samples, as `find_singular` would.
+
+    With the trace t of G^T G and its determinant d:  s_2 / s_1 >= sqrt(d) / t,  s_1^2 >= t / 2,  and the norm of a change is at
+    most its Frobenius norm.
+    """
+    if g.shape[2] != 2 or g.shape[1] < 2 or len(g) > SAMPLES_AT_ONCE:
+        return False
+    scales = list_velocity_scales(follower.mesh)[follower.unknown]
+    first, second = (np.ascontiguousarray(g[:, :, k].T) * (scales[k] / follower.rows.scale[:, None]) for k in range(2))
+    one, other, across = (np.einsum("rs,rs->s", a, b) for a, b in ((first, first), (second, second), (first, second)))
+    trace = one + other
+    smallest = trace.min()
+    least = np.sqrt(max((one * other - across**2).min(), 0.0)) / max(trace.max(), np.finfo(float).tiny)
+    if not least > DOUBTFUL:
+        return False
+    steps = (np.diff(first) ** 2 + np.diff(second) ** 2).sum(axis=0)
+    rates, accelerations = way
+    bend = OFF_LINE * rates.max() ** 2 + TURNING_BACK * accelerations.max()
+    return bool(2.0 * least > np.sqrt(2.0 * steps.max() / smallest) + bend)
 
 
 def _compute_conditions(follower: Follower, q: Array, whole: Array | None) -> tuple[Array, Array]:

@@ -11,6 +11,7 @@ import scipy
 from four_bar_example import START, TURN, four_bar
 
 import flexinv
+from flexinv.constraints import drive_dead_points
 from flexinv.constraints.drive_dead_points import find_largest_value, find_singular_values
 from flexinv.model.mechanism import Attachment, Closure, Inertia, Joint, Mechanism, Placement
 
@@ -118,3 +119,21 @@ def test_singular_values_are_those_of_lapack(columns):
     np.testing.assert_allclose(largest, values[:, 0], rtol=1e-14)
     np.testing.assert_allclose(least, values[:, -1], rtol=1e-9)
     np.testing.assert_allclose(find_largest_value(g), values[:, 0], rtol=1e-14)
+
+
+@pytest.mark.parametrize(("first", "last", "dead"), [(0.5, 1.0, False), (-0.9, 1.0, True)])
+def test_bounds_exclude_no_dead_point_where_all_joints_are_given(first: float, last: float, dead: bool) -> None:
+    """The crank alone drives, so that the way through the dead point of the slide is known, and its samples are given."""
+    slide = driven_slider()
+    crank = replace(slide, joints=(replace(slide.joints[0], actuated=True), *slide.joints[1:-1], slide.joints[-1]))
+    crank = replace(crank, joints=(*crank.joints[:-1], replace(crank.joints[-1], actuated=False)))
+    motion = flexinv.Motion.point_to_point({"A": first}, {"A": last}, 1.0)
+    found = flexinv.solve(crank, motion, step=1e-3, start=list_start(first))
+    given = flexinv.Motion.from_samples(found.time, found.q, ["A", "B", "S"])
+    if dead:
+        with pytest.raises(flexinv.ConvergenceError, match="dead point of the drives at 'S'"):
+            flexinv.solve(slide, given, step=1e-3)
+        return
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(drive_dead_points, "find_singular_values", None)  # what the bound spares
+        flexinv.solve(slide, given, step=1e-3)
