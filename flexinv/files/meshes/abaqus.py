@@ -99,6 +99,8 @@ def read_abaqus(path: Path, read: Callable[[Path], bytes]) -> tuple[Any, tuple[s
         elif card.keyword in GENERATED:
             raise card.make_error(f"a card *{card.keyword}", OWN_AXES, "the flat export of nodes and elements")
     _check_content(path, found)
+    if not read(path).endswith((b"\n", b"\r")):
+        found.notes["the last line has no end: see whether the file is whole"] = None
     return _convert_to_meshio(found), tuple(f"{path.name}: {note}" for note in found.notes)
 
 

@@ -130,6 +130,12 @@ def test_a_set_may_name_nodes_that_are_not_there(tmp_path: Path) -> None:
     assert mesh.notes == ("part.inp: set ALL names node 5, which is not there: left out",)
 
 
+def test_a_file_that_ends_within_a_line_is_said(tmp_path: Path) -> None:
+    """Torn there, it may lack nodes of its last set without any other sign."""
+    mesh = read(tmp_path, f"{NODES}{BRICK}*NSET, NSET=A\n1, 2, 4, 1")
+    assert mesh.notes == ("part.inp: the last line has no end: see whether the file is whole",)
+
+
 def test_surfaces_that_gmsh_writes_are_sets(tmp_path: Path) -> None:
     """Beside the solid gmsh writes CPS and T3D elements for its groups; in other files they carry, and are refused."""
     faces = "*ELEMENT, type=CPS4, ELSET=Surface1\n1, 1, 2, 3, 4\n"

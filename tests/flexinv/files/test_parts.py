@@ -218,7 +218,7 @@ def test_a_mesh_in_another_unit_is_said(tmp_path: Path) -> None:
 
 FAULTS = {
     "no such file": ("arm.inp", "leg.inp", "no such file"),
-    "no mesh": ('file = "arm.inp"', 'file = "mechanism.toml"', "a mesh of a kind that meshio reads"),
+    "no mesh": ('file = "arm.inp"', 'file = "mechanism.toml"', "a mesh of a kind that is read here"),
     "density in t/mm3": ("rho_kg_per_m3 = 2700", "rho_kg_per_m3 = 2.7e-9", "7.85e-9 t/mm3 is the same"),
     "modulus in MPa": ("E_Pa = 70e9", "E_Pa = 70e3", "2.1e5 MPa is the same"),
     "impossible nu": ("nu = 0.3,", "nu = 0.6,", "none that a material can have"),
@@ -256,7 +256,7 @@ def test_faults_are_named(tmp_path: Path, fault: str) -> None:
 
 
 BROKEN = {
-    "torn": (lambda text: text[: len(text) // 3], "a file that meshio does not understand"),
+    "torn": (lambda text: text[: len(text) // 3], "no solid elements"),
     "shells": (lambda text: text.replace("C3D4", "S3"), "*ELEMENT, TYPE=S3"),
     "unknown element": (lambda text: text.replace("C3D4", "C3D99"), "*ELEMENT, TYPE=C3D99"),
     "generated nodes": (lambda text: text + "*NGEN\n1, 5\n", "a card *NGEN"),
