@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import warnings
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -20,7 +21,7 @@ from crosscheck.lifting.rigid import join_bodies
 from crosscheck.linting.numbers import check_broken_lines
 from crosscheck.linting.parts import check_parts
 from crosscheck.linting.urdf import check_urdf
-from flexinv.errors import InputError
+from flexinv.errors import InputError, ModelWarning
 from flexinv.files.from_urdf import list_xml_repairs, read_xml
 from flexinv.model.mechanism import Joint
 from flexinv.validation import check_flag
@@ -85,10 +86,27 @@ def lint(source: Any, strict: bool = False, meshes: bool = True) -> LintReport:
         if not any(one.level == "error" for one in found):
             found += _check_readable(path)
         return LintReport(path.name, _join_findings(found), strict)
-    description = describe(source)
+    description, notes = _describe_with_notes(source)
     repaired = _check_xml(path) if path is not None and os.path.isfile(path) and is_xml(path) else []
-    found = [*repaired, *check_machine(description), *check_parts(description.mechanism)]
+    found = [*repaired, *notes, *check_machine(description), *check_parts(description.mechanism)]
     return LintReport(description.label, _join_findings(found), strict)
+
+
+def _describe_with_notes(source: Any) -> tuple[Description, list[Finding]]:
+    """The description, and what its readers warn of in files of meshes; other warnings are warned of again."""
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        description = describe(source)
+    found = []
+    files = {Path(link.part.source).name: link.name for link in description.mechanism.links if link.part is not None}
+    for one in caught:
+        name, _, words = str(one.message).partition(": ")
+        if issubclass(one.category, ModelWarning) and name in files:
+            why = "the mesh is read in another way than it is written"
+            found.append(make_warning("mesh file", f"link {files[name]}", f"{name}: {words}", why, "a file without it"))
+        else:
+            warnings.warn_explicit(one.message, one.category, one.filename, one.lineno)
+    return description, found
 
 
 def check_sources(
