@@ -64,14 +64,13 @@ def list_mesh_beam_differences(place: str, first: Link, second: Link) -> Iterato
     for key, (cause, unit) in (NAMES | STIFFNESS).items():
         one, two = (float(getattr(bar, key)) for bar in bars)
         size = abs(two / one - 1.0)
-        texts = (f"{value:.9g} {unit}" for value in (one, two))
+        shown = (f"{one:.9g} {unit}", f"{two:.9g} {unit}")
         hints = _describe_bound(size, bound) if key in STIFFNESS else ()
-        yield Difference(
-            "beam", f"{cause} of mesh and of beam", place, size, "of it", *texts, hints=hints, structural=True
-        )
+        words = f"{cause} of mesh and of beam"
+        yield Difference("beam", words, place, size, "of it", *shown, hints=hints, structural=True)
 
 
-def _describe_bound(size: float, bound: float) -> tuple[str]:
+def _describe_bound(size: float, bound: float) -> tuple[str, ...]:
     shown = f"{100 * bound:.2g} % ({END_FACES} of width over length), by which rigid end faces stiffen a full section"
     return (f"within {shown}",) if size <= bound else (f"beyond {shown}: another section, material or a coarse mesh",)
 
