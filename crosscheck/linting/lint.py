@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import warnings
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -21,7 +20,7 @@ from crosscheck.lifting.rigid import join_bodies
 from crosscheck.linting.numbers import check_broken_lines
 from crosscheck.linting.parts import check_parts
 from crosscheck.linting.urdf import check_urdf
-from flexinv.errors import InputError, ModelWarning
+from flexinv.errors import InputError
 from flexinv.files.from_urdf import list_xml_repairs, read_xml
 from flexinv.model.mechanism import Joint
 from flexinv.validation import check_flag
@@ -86,27 +85,10 @@ def lint(source: Any, strict: bool = False, meshes: bool = True) -> LintReport:
         if not any(one.level == "error" for one in found):
             found += _check_readable(path)
         return LintReport(path.name, _join_findings(found), strict)
-    description, notes = _describe_with_notes(source)
+    description = describe(source)
     repaired = _check_xml(path) if path is not None and os.path.isfile(path) and is_xml(path) else []
-    found = [*repaired, *notes, *check_machine(description), *check_parts(description.mechanism)]
+    found = [*repaired, *check_machine(description), *check_parts(description.mechanism)]
     return LintReport(description.label, _join_findings(found), strict)
-
-
-def _describe_with_notes(source: Any) -> tuple[Description, list[Finding]]:
-    """The description, and what its readers warn of in files of meshes; other warnings are warned of again."""
-    with warnings.catch_warnings(record=True) as caught:
-        warnings.simplefilter("always")
-        description = describe(source)
-    found = []
-    files = {Path(link.part.source).name: link.name for link in description.mechanism.links if link.part is not None}
-    for one in caught:
-        name, _, words = str(one.message).partition(": ")
-        if issubclass(one.category, ModelWarning) and name in files:
-            why = "the mesh is read in another way than it is written"
-            found.append(make_warning("mesh file", f"link {files[name]}", f"{name}: {words}", why, "a file without it"))
-        else:
-            warnings.warn_explicit(one.message, one.category, one.filename, one.lineno)
-    return description, found
 
 
 def check_sources(
@@ -211,12 +193,16 @@ def _check_shape_masses(description: Description) -> Iterator[Finding]:
 def _check_left_out(description: Description) -> Iterator[Finding]:
     """Yield laws that a mechanism does not have, and what was dropped of a file, where readers differ or shapes are lost."""
     label = description.label
+    files = {Path(link.part.source).name: link.name for link in description.mechanism.links if link.part is not None}
     for feature in description.features:
         if feature.name in LAWS:
             yield _make_doubt(label, f"{feature.name} of {feature.place}: {feature.words}")
     for words in description.dropped:
         if words.startswith("geometry"):
             yield make_warning("file", label, words, "shapes of it are not there", "the file where it is named")
+        if words.partition(": ")[0] in files:
+            why = "the mesh is read in another way than it is written"
+            yield make_warning("mesh file", f"link {files[words.partition(': ')[0]]}", words, why, "a file without it")
         if words.startswith(("equality", "mimic", "transmission")):
             yield _make_doubt(label, words)
 

@@ -11,16 +11,18 @@ FIELD_WIDTH = 8  # characters of a field in rows without commas; of cards with a
 
 
 def check_grids(path: Path, text: str) -> None:
-    """Raise InputError for a GRID in another coordinate system, and for one whose number was there before."""
+    """Raise InputError for a GRID in another coordinate system (GRDSET: all of them), and for a number that was there before."""
     known: dict[str, int] = {}
     for count, line in enumerate(text.splitlines(), start=1):
         name, number, axes = _split_fields(line)
-        if name not in ("GRID", "GRID*"):
+        if name not in ("GRID", "GRID*", "GRDSET"):
             continue
-        place = f"{path}, line {count}, GRID {number}"
+        place = f"{path}, line {count}, {name} {number}".rstrip()
         if axes not in ("", "0"):
             expected = "coordinates in the basic system: field 3 (CP) empty or 0"
             raise make_input_error(place, f"CP = {axes}", expected, "the export of nodes in the basic system")
+        if name == "GRDSET":
+            continue
         if number in known:
             given = f"number {number}, which line {known[number]} has already"
             raise make_input_error(place, given, "each node once", "another number, or one of both")
