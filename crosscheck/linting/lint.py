@@ -193,12 +193,16 @@ def _check_shape_masses(description: Description) -> Iterator[Finding]:
 def _check_left_out(description: Description) -> Iterator[Finding]:
     """Yield laws that a mechanism does not have, and what was dropped of a file, where readers differ or shapes are lost."""
     label = description.label
+    files = {Path(link.part.source).name: link.name for link in description.mechanism.links if link.part is not None}
     for feature in description.features:
         if feature.name in LAWS:
             yield _make_doubt(label, f"{feature.name} of {feature.place}: {feature.words}")
     for words in description.dropped:
         if words.startswith("geometry"):
             yield make_warning("file", label, words, "shapes of it are not there", "the file where it is named")
+        if words.partition(": ")[0] in files:
+            why = "the mesh is read in another way than it is written"
+            yield make_warning("mesh file", f"link {files[words.partition(': ')[0]]}", words, why, "a file without it")
         if words.startswith(("equality", "mimic", "transmission")):
             yield _make_doubt(label, words)
 

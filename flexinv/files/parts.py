@@ -363,13 +363,7 @@ def _read_interface(data: Any, name: str, mesh: FileMesh, points: Array, where: 
         expected = "exactly one of set, plane, cylinder, box"
         raise where.make_error("set", " and ".join(stated) or "nothing", expected, 'set = "HUB"')
     if table.set is not None:
-        known = {key.lower(): key for key in mesh.sets}
-        if table.set.lower() not in known:
-            names = list(mesh.sets)
-            write = f'set = "{find_nearest_word(table.set, names) or "HUB"}", or plane, cylinder or box'
-            expected = f"a set of the file: {', '.join(names[:20]) or 'it has none'}"
-            raise where.make_error("set", f'set = "{table.set}"', expected, write)
-        nodes = mesh.sets[known[table.set.lower()]]
+        nodes = _find_set(table.set, mesh, where)
     else:
         near = table.tolerance_m or ON_IT * float(np.ptp(points, axis=0).max())
         nodes = np.flatnonzero(_compute_distances(table, points, where) <= near)
@@ -382,6 +376,18 @@ def _read_interface(data: Any, name: str, mesh: FileMesh, points: Array, where: 
         raise where.make_error(stated[0], f"{len(nodes)} nodes are caught", expected, write)
     origin = points[nodes].mean(axis=0) if table.origin_m is None else np.array(table.origin_m, dtype=float)
     return PartInterface(name, nodes, origin, table.tie)
+
+
+def _find_set(stated: str, mesh: FileMesh, where: Location) -> Indices:
+    """The nodes of a set of the file, whose name is taken in any case."""
+    known = {key.lower(): key for key in mesh.sets}
+    if stated.lower() not in known:
+        names = list(mesh.sets)
+        near = find_nearest_word(stated, names) or next(iter(names), "")
+        write = f'set = "{near}", or plane, cylinder or box' if near else "a plane, cylinder or box"
+        expected = f"a set of the file: {', '.join(names[:20]) or 'it has none'}"
+        raise where.make_error("set", f'set = "{stated}"', expected, write)
+    return mesh.sets[known[stated.lower()]]
 
 
 def _compute_distances(table: InterfaceTable, points: Array, where: Location) -> Array:

@@ -200,7 +200,7 @@ def check_table(model: type[T], data: Any, where: Location) -> T:
     try:
         return model.model_validate(data)
     except ValidationError as error:
-        found = error.errors(include_url=False, include_context=False)
+        found = _join_branches(error.errors(include_url=False, include_context=False))
     if not isinstance(data, dict):
         raise where.make_error("", format_toml(data), "a table of keys", f"[{where.table}] and its keys below")
     complaints = [_describe_error(model, e, where) for e in found]
@@ -208,6 +208,18 @@ def check_table(model: type[T], data: Any, where: Location) -> T:
     said = [e["type"] == "missing" and ".".join(map(str, e["loc"])) in fixed for e in found]
     kept = [text for (text, _), twice in zip(complaints, said, strict=True) if not twice]
     raise InputError("\n".join(kept[:5] + ([f"... and {len(kept) - 5} more"] if len(kept) > 5 else [])))
+
+
+def _join_branches(found: list[Any]) -> list[Any]:
+    """Errors of keys that take a number or a list of them: those of what was written, without the names of both branches."""
+    out = []
+    for error in found:
+        branches = [part for part in error["loc"] if isinstance(part, str) and part.startswith(("list[", "function-"))]
+        of_list = any(part.startswith("list[") for part in branches)
+        if branches and (error["type"] == "list_type" if of_list else isinstance(error["input"], list)):
+            continue
+        out.append({**error, "loc": tuple(part for part in error["loc"] if part not in branches)})
+    return out
 
 
 def _describe_error(model: type[Table], error: Any, top: Location) -> tuple[str, str]:

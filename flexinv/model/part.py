@@ -80,7 +80,10 @@ class Material(Frozen):
         for (i, j), nu in zip(((0, 1), (0, 2), (1, 2)), poisson, strict=True):
             compliance[i, j] = compliance[j, i] = -nu / young[i]
         turn = _build_strain_turn(np.asarray(rotation))
-        stiffness = turn.T @ np.linalg.inv(compliance) @ turn
+        try:
+            stiffness = turn.T @ np.linalg.inv(compliance) @ turn
+        except np.linalg.LinAlgError:  # nu of one half: no volume can change
+            stiffness = np.zeros((6, 6))
         return cls((stiffness + stiffness.T) / 2.0, density)
 
 
@@ -299,7 +302,8 @@ class MeshedPart(Frozen):
             if matrix is not None and matrix.size != 3 * len(self.points):
                 said = f"{name} has {matrix.size} rows, the mesh {len(self.points)} nodes"
                 raise InputError(
-                    f"{where}{said}: expected {3 * len(self.points)} rows, three for each node, in their order"
+                    f"{where}{said}: expected {3 * len(self.points)} rows, three for each node, in their order; "
+                    "write matrices of all nodes of this mesh, without rotations"
                 )
 
     def _check_interface(self, one: PartInterface, where: str) -> None:
@@ -314,4 +318,5 @@ class MeshedPart(Frozen):
         extent = np.linalg.svd(at - at.mean(axis=0), compute_uv=False)
         if extent[1] <= ON_A_LINE * max(extent[0], float(np.abs(at).max()) * ON_A_LINE):
             expected = "three or more that span a plane: nothing holds the frame's turn about a line"
-            raise InputError(f"{name} has {len(one.nodes)} nodes on a line: expected {expected}")
+            write = "a set, plane or cylinder that has nodes beside the line"
+            raise InputError(f"{name} has {len(one.nodes)} nodes on a line: expected {expected}; write {write}")

@@ -33,6 +33,8 @@ FIRST_MODES = 16
 SOFTEST = 6
 # Modes that are found beside those that are kept, to say what is left out.
 BEYOND = 1
+# Of the largest omega^2 about: a motion below it is one without force. The slowest of a fine slender bar has 1e-10 and more.
+NO_FORCE = 1e-13
 
 
 @dataclass(frozen=True, eq=False)
@@ -118,12 +120,14 @@ def compute_reduction(part: MeshedPart) -> Reduction:
     held = _build_held_part(part, found)
     static = _find_static_shapes(part, found, held)
     squared, vibration = _find_modes(part, held)
+    _check_positive(part, found, squared)
     whole = np.zeros((len(static), vibration.shape[1]))
     whole[held.free] = vibration
     basis = np.hstack([static, whole])
     stiffness = basis.T @ (found.stiffness @ basis)
     mass = basis.T @ _apply_mass(found.mass, basis)
     root, vectors = scipy.linalg.eigh((stiffness + stiffness.T) / 2.0, (mass + mass.T) / 2.0)
+    _check_positive(part, found, root)
     shapes = (basis @ vectors).reshape(len(found.points), 3, -1)
     size = np.linalg.norm(shapes, axis=1).max(axis=0)
     vectors = vectors / size
@@ -136,6 +140,16 @@ def compute_reduction(part: MeshedPart) -> Reduction:
         found.points, found.used, found.mass, shapes / size, size**-2.0, root / size**2,
         frames[:, :3], frames[:, 3:], fixed[:kept], float(fixed[kept]) if len(fixed) > kept else np.inf, *curved,
     )  # fmt: skip
+
+
+def _check_positive(part: MeshedPart, found: PartMatrices, squared: Array) -> None:
+    """Raise InputError where a motion of the held part costs no energy, by its squared angular frequencies [1/s^2]."""
+    largest = float((found.stiffness.diagonal() / np.repeat(found.mass.diagonal(), 3)).max())
+    if squared.min(initial=largest) > NO_FORCE * largest:
+        return
+    given = f"{part.source or 'mesh'}: held at its interfaces the part moves without force, omega^2 = {squared.min():.4g} 1/s^2"
+    expected = "a positive stiffness, and cells that hang together by faces: a node or an edge is a hinge"
+    raise InputError(f"{given}; expected {expected}; write the mesh without hinges, and matrices of the part at rest")
 
 
 def _find_second_order(
@@ -304,6 +318,9 @@ def _find_modes(part: MeshedPart, held: _Held) -> tuple[Array, Array]:
         asked = wanted + BEYOND
         if asked > most:
             said = f"{part.source or 'mesh'}: modes = {wanted}"
+            if most < BEYOND:
+                given = f"{part.source or 'mesh'}: interfaces hold all nodes but {len(held.free) // 3}"
+                raise InputError(f"{given}; expected nodes between them that move; write smaller sets or tolerances")
             raise InputError(
                 f"{said}: expected at most {most - BEYOND}, the mesh has no more; write modes = {min(8, most - BEYOND)}"
             )

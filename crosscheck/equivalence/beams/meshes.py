@@ -26,9 +26,8 @@ from flexinv.typing import Array
 STATED = {"retardation": ("retardation of mesh", "s"), "drag": ("drag of mesh", "1/s")}
 
 
-def list_mesh_differences(link: str, first: MeshedPart, second: MeshedPart) -> Iterator[Difference]:
-    """Yield the differences of two parts [unit of each]; link : A's name of the link."""
-    place = f"link {link}"
+def list_mesh_differences(place: str, first: MeshedPart, second: MeshedPart) -> Iterator[Difference]:
+    """Yield the differences of two parts [unit of each]; place : of the link, by A's name."""
     yield from _list_stated_differences(place, first, second)
     modes = TIMES_MODES * max(first.modes, second.modes, 1)
     reduced = [_find_richer_basis(part, modes) for part in (first, second)]

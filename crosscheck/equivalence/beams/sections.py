@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from crosscheck.equivalence.alignment.member_alignment import SAME
+from crosscheck.equivalence.beams.mesh_beams import list_mesh_beam_differences
 from crosscheck.equivalence.beams.meshes import list_mesh_differences
 from crosscheck.equivalence.beams.sampled import SampledBeam, collect_stations, sample_beam
 from crosscheck.equivalence.difference import Difference
@@ -78,13 +79,7 @@ class MatchedBeams:
     def list_lone_beams(self) -> Iterator[Difference]:
         """Yield links that bend in one of both only (the other holds their shape), other meshes and other coupled sections."""
         for first, second in self.links.items():
-            links = self.first.link_of[first], self.second.link_of[second]
-            mine, other = map(_describe_kind, links)
-            if mine != other:
-                cause = _describe_lone_link(mine, other)
-                yield Difference("beam", cause, f"link {first}", 1.0, "-", mine, other, structural=True)
-            elif links[0].part is not None and links[1].part is not None:
-                yield from list_mesh_differences(first, links[0].part, links[1].part)
+            yield from _list_lone_link(f"link {first}", self.first.link_of[first], self.second.link_of[second])
         for first, _, a, b in self.both:
             if (a.section.is_coupled or b.section.is_coupled) and not _is_same_coupled_beam(a, b):
                 one, two = ("coupled" if beam.section.is_coupled else "not coupled" for beam in (a, b))
@@ -165,10 +160,16 @@ class MatchedBeams:
         yield BeamDifference(difference, lambda mechanism: replace(mechanism, modal_damping=_drop_damping_time(two)))
 
 
-def _describe_lone_link(mine: str, other: str) -> str:
-    if "rigid" in (mine, other):
-        return f"link that bends in {'A' if other == 'rigid' else 'B'} only"
-    return "beam in one, mesh in the other"
+def _list_lone_link(place: str, mine: Link, other: Link) -> Iterator[Difference]:
+    """Differences of two links that are no two beams: of their kinds, or of two meshes, or of a mesh and a beam."""
+    one, two = map(_describe_kind, (mine, other))
+    if "rigid" in (one, two) and one != two:
+        cause = f"link that bends in {'A' if two == 'rigid' else 'B'} only"
+        yield Difference("beam", cause, place, 1.0, "-", one, two, structural=True)
+    elif one != two:
+        yield from list_mesh_beam_differences(place, mine, other)
+    elif mine.part is not None and other.part is not None:
+        yield from list_mesh_differences(place, mine.part, other.part)
 
 
 def _describe_kind(link: Link) -> str:

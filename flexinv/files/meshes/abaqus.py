@@ -46,6 +46,8 @@ CARD_FACES = {
 }
 # Corners of the edges in the middle of which a quadratic solid has its other nodes, in their order.
 EDGE_CORNERS = {"tetra10": "01 12 20 03 13 23", "hexahedron20": "01 12 23 30 45 56 67 74 04 15 26 37"}
+# Numbers of a row of *NODE beyond its number and place, of which seven are a normal: coordinates with decimal commas.
+MORE_THAN_PLACE = (5, 6)
 GENERATED = ("NGEN", "ELGEN", "NFILL", "SYSTEM", "NCOPY", "ELCOPY", "NMAP")
 OWN_AXES = "nodes and elements as lists, in the part's own axes"
 DEEPEST_INCLUDE = 8  # files that include one another
@@ -152,16 +154,6 @@ def _split_by_block(elements: list[int], row_of: dict[int, tuple[int, int]], blo
     return [np.array(sorted(part), dtype=np.int64) for part in rows]
 
 
-def _split_by_block(elements: list[int], row_of: dict[int, tuple[int, int]], blocks: int) -> list[Indices]:
-    """Rows of a set of elements in each block of cells; elements of surfaces are in none."""
-    rows: list[list[int]] = [[] for _ in range(blocks)]
-    for element in dict.fromkeys(elements):
-        if element in row_of:
-            block, row = row_of[element]
-            rows[block].append(row)
-    return [np.array(sorted(part), dtype=np.int64) for part in rows]
-
-
 def _list_cards(path: Path, read: Callable[[Path], bytes], root: Path, depth: int) -> Iterator[InputCard]:
     """Yield the cards of a file and of what it includes, comments left out."""
     card: InputCard | None = None
@@ -223,6 +215,9 @@ def _read_nodes(card: InputCard, found: InputMesh) -> None:
     numbers = []
     for line, fields in card.rows:
         node = _read_number(card, line, fields[0], "the number of a node")
+        if sum(map(bool, fields)) in MORE_THAN_PLACE:
+            given = f"{len(fields)} numbers, {', '.join(fields)}"
+            raise card.make_error(given, "its number and three coordinates", "decimal points, and commas between", line)
         x, y, z = (*(_read_coordinate(card, line, part) for part in fields[1:4]), 0.0, 0.0, 0.0)[:3]
         if found.nodes.setdefault(node, (x, y, z)) != (x, y, z):
             given = f"node {node} at ({x:g}, {y:g}, {z:g}), which stands at {found.nodes[node]} already"

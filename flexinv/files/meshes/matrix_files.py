@@ -50,6 +50,8 @@ def _parse_entries(data: bytes) -> Any:
     """Matrix Market, or rows of Abaqus: row, column, value, or node, freedom, node, freedom, value; half of it or all."""
     if data.lstrip().startswith(b"%%MatrixMarket"):
         return scipy.io.mmread(io.BytesIO(data), spmatrix=False)
+    if not data.strip():
+        raise ValueError("it is empty")
     rows = np.loadtxt(io.StringIO(data.decode("utf-8").replace(",", " ")), ndmin=2)
     if rows.shape[1] not in (3, 5):
         raise ValueError(f"{rows.shape[1]} numbers in a row, expected 3 or 5")

@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 
 from flexinv.files.meshes.abaqus import read_abaqus
+from flexinv.files.meshes.nastran import check_grids
 from flexinv.files.regular_files import NotRegularFile, read_regular
 from flexinv.files.toml_tables import make_input_error
 from flexinv.model.part import CELL_KINDS
@@ -133,6 +134,8 @@ def _parse_mesh(path: Path, data: bytes, expected: str) -> Any:
 
     kind = FORMATS[path.suffix.lower()]
     source: Path | io.StringIO = path
+    if kind == "nastran":
+        check_grids(path, data.decode("utf-8", errors="replace"))
     if kind == "nastran" and BULK not in data.upper():  # bulk data alone, as gmsh writes and other files include
         source = io.StringIO(f"{BULK.decode()}\n{data.decode('utf-8', errors='replace')}")
     printed = io.StringIO()

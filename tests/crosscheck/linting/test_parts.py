@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import random
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 from part_examples import make_bar
 
+from campaigns.part_faults.draft import make_draft
+from crosscheck.linting.lint import lint
 from crosscheck.linting.parts import check_parts
 from flexinv.model.mechanism import Joint, Link, Mechanism
 from flexinv.model.part import MeshedPart
@@ -42,3 +46,12 @@ def test_a_good_mesh_is_silent() -> None:
 )
 def test_planted_faults_are_found(part: MeshedPart, found: tuple[str, str]) -> None:
     assert list_checks(part) == [found]
+
+
+def test_what_the_reader_of_a_mesh_says_is_a_finding(tmp_path: Path) -> None:
+    draft = make_draft(random.Random(1), "hexahedron")
+    draft.element = "C3D8I"
+    draft.write(tmp_path / "arm")
+    said = [one for one in lint(tmp_path / "arm").findings if one.check == "mesh file"]
+    assert [one.place for one in said] == ["link arm"]
+    assert "C3D8I has incompatible modes" in said[0].given

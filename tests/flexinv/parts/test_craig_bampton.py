@@ -227,3 +227,25 @@ def test_reductions_are_kept_by_what_they_are_made_of(tmp_path: object, monkeypa
         file.write_bytes(file.read_bytes()[:100])  # torn
     assert np.array_equal(reductions.find_reduction(make_stout(modes=3)).shapes, first.shapes)
     assert len(made) == 3
+
+
+def test_a_hinge_and_a_negative_energy_are_refused() -> None:
+    """Two bricks of one shared edge turn about it; a stiffness of which a motion of the free part is turned over gives energy."""
+    points, cells = make_block("hexahedron", (0.4, 0.1, 0.1), (2, 1, 1))
+    upper = np.flatnonzero((np.abs(points[:, 0] - 0.2) < 1e-9) & (points[:, 2] > 0.0))
+    own = {int(node): len(points) + k for k, node in enumerate(upper)}
+    cells[1] = [own.get(int(node), int(node)) for node in cells[1]]
+    hinged = make_part(np.vstack([points, points[upper]]), cells, "hexahedron", modes=1)
+    with pytest.raises(InputError, match=r"moves without force(?s:.*)hinge"):
+        compute_reduction(hinged)
+    part = make_bar("hexahedron", 0.4, 0.1, (3, 1, 1), modes=1)
+    found = build_part_matrices(part)
+    mass = np.kron(found.mass.toarray(), np.eye(3))
+    value, shapes = scipy.linalg.eigh(found.stiffness.toarray(), mass)
+    push = mass @ shapes[:, 6]
+    whole = [
+        scipy.sparse.coo_array(one) for one in (mass, found.stiffness.toarray() - 3 * value[6] * np.outer(push, push))
+    ]
+    given = [SparseMatrix(one.shape[0], *one.coords, one.data) for one in whole]
+    with pytest.raises(InputError, match=r"moves without force, omega\^2 = -"):
+        compute_reduction(replace(part, cells=(), mass=given[0], stiffness=given[1]))
