@@ -55,6 +55,14 @@ axes[1].set(xlabel="time [s]", ylabel="difference [N m]", title="what stiffening
 axes[0].legend()
 
 # %%
+# In motion
+# ---------
+#
+# The mesh as a coarse net, from blue to red by the same stress.
+
+whole.animate()
+
+# %%
 # Where the part is stressed most
 # -------------------------------
 #
@@ -88,11 +96,3 @@ view.set_axis_off()
 figure.colorbar(
     walls, cax=figure.add_axes((0.88, 0.15, 0.02, 0.7)), label="von Mises stress [MPa]"
 )
-
-# %%
-# In motion
-# ---------
-#
-# The mesh as a coarse net, from blue to red by the same stress.
-
-whole.animate()
