@@ -13,6 +13,7 @@ from crosscheck.causes.rows import conventions as convention_rows
 from crosscheck.causes.rows import friction as friction_rows
 from crosscheck.causes.rows import geometry as geometry_rows
 from crosscheck.causes.rows import joints as joint_rows
+from crosscheck.causes.rows import meshes as mesh_rows
 from crosscheck.causes.rows import mixups as mixup_rows
 from crosscheck.causes.rows import scales as scale_rows
 from crosscheck.causes.rows import sections as section_rows
@@ -34,6 +35,7 @@ TABLES = (
     spring_rows,
     beam_rows,
     section_rows,
+    mesh_rows,
 )
 DICTIONARY: dict[str, Cause] = {cause.name: cause for table in TABLES for cause in table.ROWS}
 

@@ -13,6 +13,7 @@ from crosscheck.causes.rows import bodies as body_rows
 from crosscheck.causes.rows import conventions as convention_rows
 from crosscheck.causes.rows import friction as friction_rows
 from crosscheck.causes.rows import joints as joint_rows
+from crosscheck.causes.rows import meshes as mesh_rows
 from crosscheck.causes.rows import mixups as mixup_rows
 from crosscheck.causes.rows import scales as scale_rows
 from crosscheck.causes.rows import signals as signal_rows
@@ -228,6 +229,7 @@ SLID = ("body along the beam",)
 OF_DAMPING = ("beam damping", "beam damping dropped")
 OF_SECTIONS = ("section stiffness", "shear factor", "rotary inertia of the section", "beam mass")
 OF_JOINTS = tuple(cause.name for cause in friction_rows.ROWS)
+OF_MESHES = tuple(cause.name for cause in mesh_rows.ROWS)
 OF_BODIES = tuple(cause.name for cause in mixup_rows.ROWS)
 OF_UNITS = tuple(cause.name for cause in scale_rows.ROWS)
 OF_SIGNALS = tuple(cause.name for cause in signal_rows.ROWS)
@@ -283,4 +285,5 @@ BENCHES = (
     Bench("flex_two_link", "cycloid", "exudyn-ge", FINE, ("initial curvature",), steps=8),
     Bench("flex_two_link", "cycloid", "exudyn-ancf", COARSE, steps=8, more=(*OF_MATERIAL, *OF_CLAMPS)),
     Bench("spatial_arm", "reach", "exudyn-ge", COARSE, more=(*OF_MATERIAL, *OF_CLAMPS)),
+    Bench("meshed_arm", "reach", "exudyn-ge", COARSE, OF_MESHES, steps=8),
 )
